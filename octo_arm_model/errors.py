@@ -1,0 +1,53 @@
+"""What can go wrong, one class per kind of failure, all under one base."""
+
+from __future__ import annotations
+
+
+class OctoArmError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class ArmDefinitionError(OctoArmError, ValueError):
+    """An arm cannot exist as described.
+
+    Attributes:
+        field: name of the offending field, as written in the configuration.
+        value: what was given.
+    """
+
+    def __init__(self, field: str, value: object, expected: str) -> None:
+        """Say which ``field`` holds which ``value`` and what was ``expected``."""
+        super().__init__(f'{field} is {value!r}, expected {expected}')
+        self.field = field
+        self.value = value
+        self.expected = expected
+
+
+class ConfigError(OctoArmError, ValueError):
+    """A configuration file cannot be read as an arm."""
+
+
+class TensionError(OctoArmError, ValueError):
+    """Tendon tensions have the wrong shape or an impossible value."""
+
+
+class SolveError(OctoArmError, ArithmeticError):
+    """The model has no trustworthy answer for these tensions, so none is returned."""
+
+
+class ConvergenceError(SolveError):
+    """The iteration did not reach its tolerance.
+
+    Attributes:
+        residual: last relative change of the iterate [-].
+        iterations: sweeps made.
+    """
+
+    def __init__(self, what: str, residual: float, iterations: int) -> None:
+        """Say ``what`` did not converge and how far it got."""
+        super().__init__(
+            f'{what} did not converge: relative change {residual:.2e} '
+            f'after {iterations} iterations'
+        )
+        self.residual = residual
+        self.iterations = iterations

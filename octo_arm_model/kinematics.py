@@ -1,0 +1,157 @@
+"""From strains to the backbone: equation (1) of the paper, on the group of rigid motions.
+
+The frame of the cross section moves along s with the body twist
+
+    angular (1 + q) (tau, xi, k)    linear (1 + q) (1, 0, 0)    in the axes (t, n, b),
+
+so each interval is one rigid motion, the exponential of a fourth-order Magnus expansion built
+from the twists X at its first, middle and last node (Blanes, Casas, Oteo and Ros 2009, sec. 5):
+
+    Omega = h/6 (X_first + 4 X_middle + X_last) + h^2/12 [X_first, X_last]
+
+(plus, where the reference has minus, because a body twist multiplies from the right).
+Frames stay orthonormal to rounding, however coarse the grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.errors import ConfigError
+from octo_arm_model.grid import StationGrid
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.rotation import Quaternions, cumulative_product
+from octo_arm_model.strains import Strains
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position [m] and orientation (quaternion x, y, z, w) in the base frame.
+
+    Raises:
+        ConfigError: if a component is not finite or the quaternion is not of unit length.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Validate, and make the quaternion unit to rounding."""
+        for name, size in (('position', 3), ('quaternion', 4)):
+            values = getattr(self, name)
+            try:
+                array = np.array(values, dtype=np.float64)
+            except (TypeError, ValueError):
+                array = np.array(np.nan)
+            if array.shape != (size,) or not np.isfinite(array).all():
+                raise ConfigError(f'base.{name} is {values!r}, expected {size} finite numbers')
+            if name == 'quaternion':
+                norm = float(np.linalg.norm(array))
+                if abs(norm - 1.0) > 1e-3:
+                    raise ConfigError(
+                        f'base.quaternion is {values!r} of length {norm:.6g}, '
+                        'expected x, y, z, w of length 1'
+                    )
+                array /= norm
+            object.__setattr__(self, name, tuple(array.tolist()))
+
+
+class Frame(NamedTuple):
+    """A pose ready for arithmetic."""
+
+    position: FloatArray
+    rotation: Quaternions
+
+
+def backbone_frames(
+    strains: Strains,
+    grid: StationGrid,
+    base: Frame,
+    position: FloatArray,
+    quaternion: FloatArray,
+) -> None:
+    """Integrate ``strains`` from the ``base`` pose to every station.
+
+    Fills ``position`` (batch, stations, 3) [m] and ``quaternion`` (batch, stations, 4), in the
+    order x, y, z, w: the local x axis is the tangent t, y is n and z is b.
+    """
+    screws = _magnus(strains, grid)
+    batch, count = screws.shape[1:]
+    # The base and then the motion of each interval, in the axes of its own first frame.
+    chain = Quaternions.empty(batch, count + 1)
+    chain.a[:, 0], chain.b[:, 0] = base.rotation
+    step = _exponential(screws, chain.part(slice(1, None)))
+    frames = cumulative_product(chain)
+    step = frames.part(slice(None, -1)).rotate(step)
+
+    position[:, 0] = base.position
+    interval = grid.station_node[1:] - 1
+    x, y, z = base.position
+    position[:, 1:, 0] = np.add.accumulate(step.a.imag, axis=1)[:, interval] + x
+    yz = np.add.accumulate(step.b, axis=1)[:, interval]
+    position[:, 1:, 1] = yz.real + y
+    position[:, 1:, 2] = yz.imag + z
+    frames.part(grid.station_node).write_xyzw(quaternion)
+
+
+def _magnus(strains: Strains, grid: StationGrid) -> FloatArray:
+    """Screw of each interval: rotation vector, then translation, (6, batch, intervals)."""
+    stretch = 1.0 + strains.q
+    twist = np.empty_like(strains.values)
+    np.multiply(strains.values[:3], stretch, out=twist[:3])
+    twist[3] = stretch
+    h = grid.step
+    first, last = twist[:, :, : h.size], twist[:, :, 1 : h.size + 1]
+    middle = twist[:, :, h.size + 1 :]
+    screw = np.zeros((6, *first.shape[1:]))
+    mean = np.multiply(4.0, middle, out=screw[:4])
+    mean += first
+    mean += last
+    mean *= h / 6.0
+    # [X_first, X_last] = (w x w', w x v' - w' x v) with v = (v, 0, 0).
+    commutator = h * h / 12.0
+    screw[:3] += commutator * _cross(first, last)
+    (_, n, b, v), (_, n_last, b_last, v_last) = first, last
+    screw[4] = commutator * (b * v_last - b_last * v)
+    screw[5] = commutator * (n_last * v - n * v_last)
+    return screw
+
+
+def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
+    """Exponential of screws (6, ...): fills ``rotation`` and returns the translation.
+
+    Rodrigues' formula for both. Written like this no term loses digits for small angles, so
+    that no series is needed; the tiny number only avoids 0 / 0.
+    """
+    w, v = screw[:3], screw[3:]
+    squares = w * w
+    squared = squares[0] + squares[1] + squares[2] + 1e-300
+    angle = np.sqrt(squared)
+    half = 0.5 * angle
+    half_sinc = np.sin(half) / angle
+    half_cosine = np.cos(half)
+    imaginary = half_sinc * w
+    rotation.a.real, rotation.a.imag = half_cosine, imaginary[0]
+    rotation.b.real, rotation.b.imag = imaginary[1], imaginary[2]
+    twice = 2.0 * half_sinc
+    sinc, versine = twice * half_cosine, twice * half_sinc  # versine is (1 - cos) / angle^2
+    products = w * v
+    along = (products[0] + products[1] + products[2]) * ((1.0 - sinc) / squared)
+    move = _cross(w, v)
+    move *= versine
+    move += sinc * v
+    move += along * w
+    return Quaternions.from_vector(*move)
+
+
+def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Cross product of vectors along the first axis, whose components are 0, 1 and 2."""
+    product = np.empty((3, *u.shape[1:]))
+    (x, y, z), (p, q, r) = u[:3], v[:3]
+    np.subtract(y * r, z * q, out=product[0])
+    np.subtract(z * p, x * r, out=product[1])
+    np.subtract(x * q, y * p, out=product[2])
+    return product
