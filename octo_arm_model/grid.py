@@ -1,8 +1,8 @@
 """Where the model is evaluated: stations a user sees and nodes the quadrature needs.
 
 Anchorages split the arm into *panels*. Inside a panel every quantity is smooth; across an
-anchorage the strains jump. Integration intervals are evaluated at both ends and in the middle. An anchorage
-is the end of two intervals, once for each side, with an interval of no length between.
+anchorage the strains jump. Integration intervals are evaluated at both ends and in the middle.
+An anchorage is the end of two intervals, once for each side, with one of no length between.
 """
 
 from __future__ import annotations
@@ -93,7 +93,9 @@ class StationGrid:
                 'for both ends of the arm and every anchorage'
             )
         counts = _share_intervals([panel.length for panel in panels], int(stations) - 1)
-        ends, end_section, stations_s, section, station_node = [], [], [], [], []
+        ends: list[FloatArray] = []
+        end_section: list[int] = []
+        stations_s, section, station_node = [], [], []
         for panel, count in zip(panels, counts, strict=True):
             panel_s = np.linspace(panel.start, panel.stop, count + 1)
             substeps = _substeps(arm, panel_s)

@@ -84,9 +84,7 @@ class Renda2012:
 
     def _imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> FloatArray:
         """Fill in p (3, batch, nodes), zero at first, where it is not zero."""
-        coefficients = _Coefficients(
-            self._point_weights.sums(tensions), self._point_stiffness
-        )
+        coefficients = _Coefficients(self._point_weights.sums(tensions), self._point_stiffness)
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
         last = COLLOCATION_POINTS - 1
@@ -140,7 +138,7 @@ class _Coefficients:
     def sweep(
         self, points: slice, start: FloatArray, integrate: FloatArray, section: int
     ) -> FloatArray:
-        """p (3, batch, points) in one panel, ``start`` (3, batch) at its tip end.
+        """Return p (3, batch, points) in one panel, ``start`` (3, batch) at its tip end.
 
         Each sweep takes the newest components (Gauss-Seidel), which halves their number.
         """

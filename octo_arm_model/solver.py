@@ -15,6 +15,7 @@ from octo_arm_model.errors import ConfigError, SolveError
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.kinematics import Frame, Pose, backbone_frames
+from octo_arm_model.parameters import DEFAULT_MODEL
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.strains import Strains
@@ -35,7 +36,6 @@ class Statics(Protocol):
 
 
 MODELS: dict[str, type[Statics]] = {'renda2012': Renda2012, 'closed_form': ClosedForm}
-DEFAULT_MODEL = 'renda2012'
 
 
 @dataclass(frozen=True)

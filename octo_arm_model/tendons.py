@@ -56,7 +56,9 @@ class TendonWeights:
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
         products = tensions @ self._matrix
-        return TendonSums(*products.reshape(len(tensions), len(TendonSums._fields), -1).swapaxes(0, 1))
+        return TendonSums(
+            *products.reshape(len(tensions), len(TendonSums._fields), -1).swapaxes(0, 1)
+        )
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:

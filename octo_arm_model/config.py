@@ -1,0 +1,172 @@
+"""An arm and how to solve it, from a ROS parameter file, without ROS."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from octo_arm_model.arm import Arm, Body, Material, Section
+from octo_arm_model.errors import ConfigError, OctoArmError
+from octo_arm_model.kinematics import Pose
+from octo_arm_model.parameters import PARAMETERS
+from octo_arm_model.solver import Solver
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a parameter file says.
+
+    Attributes:
+        arm: the arm.
+        base: pose of its base in ``base_frame``.
+        model: name of the model.
+        stations: number of stations along the backbone.
+        base_frame: name of the frame the backbone is expressed in.
+    """
+
+    arm: Arm
+    base: Pose
+    model: str
+    stations: int
+    base_frame: str
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Config:
+        """From a mapping of dotted parameter names to values, as ROS has them.
+
+        Raises:
+            ConfigError: if a parameter is missing, unknown or of the wrong type.
+            ArmDefinitionError: if the arm cannot exist.
+        """
+        _refuse_unknown(values)
+        given = {}
+        for parameter in PARAMETERS:
+            value = values.get(parameter.name, parameter.default)
+            if value is None:
+                raise ConfigError(
+                    f'{parameter.name} is missing, expected {parameter.type_name}: '
+                    f'{parameter.description}'
+                )
+            given[parameter.name] = parameter.convert(value)
+        if not given['base_frame']:
+            raise ConfigError("base_frame is '', expected the name of a frame")
+        arm = Arm(
+            Material(given['material.youngs_modulus'], given['material.poisson_ratio']),
+            Body(given['body.length'], given['body.radius_base'], given['body.radius_tip']),
+            _sections(given),
+            given['tendon_names'],
+        )
+        base = Pose(given['base.position'], given['base.quaternion'])
+        return cls(arm, base, given['model'], given['stations'], given['base_frame'])
+
+    def solver(self, model: str | None = None, stations: int | None = None) -> Solver:
+        """Solver of this arm, with another ``model`` or number of ``stations`` if given.
+
+        Raises:
+            ConfigError: if there is no such model or the stations are too few.
+        """
+        return Solver(
+            self.arm,
+            self.model if model is None else model,
+            self.stations if stations is None else stations,
+            self.base,
+        )
+
+
+def load_config(path: str | Path) -> Config:
+    """Read a ROS parameter file: one node name or wildcard, then ``ros__parameters``.
+
+    Raises:
+        ConfigError: if the file cannot be read or does not describe an arm; the message names
+            the file.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+        return Config.from_parameters(_flatten(_ros_parameters(yaml.load(text, _Loader))))
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f'{path}: not a text file') from error
+    except yaml.YAMLError as error:
+        line = getattr(error, 'problem_mark', None)
+        where = f', line {line.line + 1}' if line else ''
+        problem = getattr(error, 'problem', None) or error
+        raise ConfigError(f'{path}{where}: not valid YAML, {problem}') from error
+    except OctoArmError as error:
+        raise ConfigError(f'{path}: {error}') from error
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that reads 1e5 as the number it is, like ROS, and refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            keys = [key.value for key, _ in node.value]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise yaml.MarkedYAMLError(
+                problem=f'{twice!r} is given twice', problem_mark=node.start_mark
+            )
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
+    list('-+.0123456789'),
+)
+
+
+def _ros_parameters(document: object) -> Mapping[str, Any]:
+    if not isinstance(document, dict):
+        raise ConfigError("no node name at the top, expected '/**:' and ros__parameters below it")
+    nodes = [
+        name
+        for name, content in document.items()
+        if isinstance(content, dict) and 'ros__parameters' in content
+    ]
+    if len(nodes) != 1:
+        raise ConfigError(
+            f'ros__parameters found below {nodes or "no node name"}, '
+            "expected exactly one, best below '/**:'"
+        )
+    parameters = document[nodes[0]]['ros__parameters']
+    if not isinstance(parameters, dict):
+        raise ConfigError(f'ros__parameters is {parameters!r}, expected parameters')
+    return parameters
+
+
+def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
+    """Nested mappings to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in parameters.items():
+        name = f'{prefix}{key}'
+        flat.update(_flatten(value, name + '.') if isinstance(value, dict) else {name: value})
+    return flat
+
+
+def _refuse_unknown(values: Mapping[str, Any]) -> None:
+    known = [parameter.name for parameter in PARAMETERS]
+    for name in values:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=1)
+            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+            raise ConfigError(f'{name} is no parameter of the arm; {hint}')
+
+
+def _sections(given: Mapping[str, Any]) -> tuple[Section, ...]:
+    names = ('anchorage', 'offset_base', 'offset_anchorage')
+    columns = [given[f'sections.{name}'] for name in names]
+    for name, column in zip(names, columns):
+        if len(column) != len(columns[0]):
+            raise ConfigError(
+                f'sections.{name} has {len(column)} values, expected {len(columns[0])} '
+                'like sections.anchorage, one per section'
+            )
+    return tuple(Section(*row) for row in zip(*columns))
