@@ -111,12 +111,17 @@ def _magnus(strains: Strains, grid: StationGrid) -> FloatArray:
     mean += first
     mean += last
     mean *= h / 6.0
-    # [X_first, X_last] = (w x w', w x v' - w' x v) with v = (v, 0, 0).
+    # [X_first, X_last] = (w x w', w x v' - w' x v) with v = (v, 0, 0), its n and b components
+    # from those of the strains side by side.
     commutator = h * h / 12.0
-    screw[:3] += commutator * _cross(first, last)
-    (_, n, b, v), (_, n_last, b_last, v_last) = first, last
-    screw[4] = commutator * (b * v_last - b_last * v)
-    screw[5] = commutator * (n_last * v - n * v_last)
+    (t, n, b, v), (t_last, n_last, b_last, v_last) = first, last
+    screw[0] += commutator * (n * b_last - b * n_last)
+    turn = commutator * (t * last[1:3] - t_last * first[1:3])
+    screw[1] -= turn[1]
+    screw[2] += turn[0]
+    move = commutator * (v_last * first[1:3] - v * last[1:3])
+    screw[4] = move[1]
+    np.negative(move[0], out=screw[5])
     return screw
 
 
@@ -140,18 +145,10 @@ def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
     sinc, versine = twice * half_cosine, twice * half_sinc  # versine is (1 - cos) / angle^2
     products = w * v
     along = (products[0] + products[1] + products[2]) * ((1.0 - sinc) / squared)
-    move = _cross(w, v)
-    move *= versine
-    move += sinc * v
+    (x, y, z), (p, q, r) = w, v
+    move = sinc * v
+    move[0] += versine * (y * r - z * q)
+    move[1] += versine * (z * p - x * r)
+    move[2] += versine * (x * q - y * p)
     move += along * w
     return Quaternions.from_vector(*move)
-
-
-def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Cross product of vectors along the first axis, whose components are 0, 1 and 2."""
-    product = np.empty((3, *u.shape[1:]))
-    (x, y, z), (p, q, r) = u[:3], v[:3]
-    np.subtract(y * r, z * q, out=product[0])
-    np.subtract(z * p, x * r, out=product[1])
-    np.subtract(x * q, y * p, out=product[2])
-    return product

@@ -71,8 +71,13 @@ def cumulative_product(factors: Quaternions) -> Quaternions:
         a, b = factors.a.copy(), factors.b.copy()
         shift = 1
         while shift < count:
-            outer = Quaternions(a[..., :-shift], b[..., :-shift])
-            a[..., shift:], b[..., shift:] = outer.times((a[..., shift:], b[..., shift:]))
+            # `times`, written into place once all four products are there.
+            outer_a, outer_b = a[..., :-shift], b[..., :-shift]
+            inner_a, inner_b = a[..., shift:], b[..., shift:]
+            aa, bb = outer_a * inner_a, outer_b * inner_b.conj()
+            ab, ba = outer_a * inner_b, outer_b * inner_a.conj()
+            np.subtract(aa, bb, out=inner_a)
+            np.add(ab, ba, out=inner_b)
             shift *= 2
         return Quaternions(a, b)
     # Blelloch 1990: products of neighbours, then those between: 2 n products in all.

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.closed_form import ClosedForm
+from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.errors import ConfigError, SolveError
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray, IntArray
@@ -106,6 +107,8 @@ class Solver:
         self.base = base
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         self.grid = StationGrid.build(arm, stations)
+        # The axial force is a difference of terms of this size; further up it is all rounding.
+        self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
         self._statics = MODELS[model](arm, self.grid.nodes, self.grid.node_section)
 
     def solve(self, tensions: ArrayLike) -> Backbone:
@@ -116,6 +119,11 @@ class Solver:
             SolveError: if the model has no trustworthy answer; never a guess in its place.
         """
         checked = check_tensions(self.arm, tensions)
+        if checked.max(initial=0.0) > self._largest_tension:
+            raise SolveError(
+                f'tension of {checked.max():.4g} N is beyond {self._largest_tension:.4g} N, a '
+                'million times what would compress the thinnest cross section to nothing'
+            )
         lead = checked.shape[:-2]
         flat = checked.reshape(-1, len(self.arm.tendon_names))
         batch, count = len(flat), self.grid.s.size
@@ -140,9 +148,9 @@ class Solver:
 
     def _solve_statics(self, tensions: FloatArray, number: int) -> Strains:
         """Strains of one part of the batch, whose first set is ``number``."""
-        with np.errstate(over='ignore', invalid='ignore'):
+        with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             strains = self._statics.strains(tensions)
-        # The weakest section decides; NaN, from numbers beyond the range of floats, fails too.
+        # The weakest section decides; NaN fails too.
         if not strains.q.min(initial=0.0) > -1.0:
             arm_in_batch, node = np.unravel_index(np.argmin(strains.q), strains.q.shape)
             raise SolveError(

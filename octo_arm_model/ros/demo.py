@@ -34,7 +34,7 @@ HOLD_TIME = 1.0  # [s] in each posture
 
 def postures_of(arm: Arm) -> list[tuple[str, FloatArray]]:
     """Names and tensions [N] of the postures to move through."""
-    rest = ('at rest', np.zeros(arm.tension_shape))
+    rest = ('coming to rest', np.zeros(arm.tension_shape))
     if arm.tension_shape == np.shape(FETCHING_IN_PLANE):
         return [
             rest,
@@ -126,10 +126,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OctoArmError as error:
         print(f'octo_arm_demo: error: {error}', file=sys.stderr)
         return 2
-    node = subprocess.Popen([
-        sys.executable, '-m', 'octo_arm_model.ros.node',
-        '--ros-args', '--params-file', options.config,
-    ])  # fmt: skip
+    command = (sys.executable, '-m', 'octo_arm_model.ros.node')
+    # A session of its own, so that Ctrl-C reaches the node once, from here.
+    node = subprocess.Popen(
+        [*command, '--ros-args', '--params-file', options.config], start_new_session=True
+    )
     # Ended from outside means ended like by Ctrl-C, so that the node is not left behind.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

@@ -43,6 +43,8 @@ _ROS_TYPES = {
     'string': RosParameter.Type.STRING,
     'string[]': RosParameter.Type.STRING_ARRAY,
 }
+# What every rclpy node declares for itself.
+_RCLPY_PARAMETERS = ('start_type_description_service', 'use_sim_time')
 
 
 class OctoArmNode(Node):
@@ -112,7 +114,7 @@ def read_parameters(node: Node) -> dict[str, Any]:
     given = {
         name: node.get_parameter(name).value
         for name in node.get_parameters_by_prefix('')
-        if name != 'use_sim_time' and not name.startswith('qos_overrides.')
+        if name not in _RCLPY_PARAMETERS and not name.startswith('qos_overrides.')
     }
     for parameter in PARAMETERS:
         descriptor = ParameterDescriptor(
@@ -150,24 +152,29 @@ def _explain_integers(parameter: Parameter, value: Any) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is told to stop; returns the exit status."""
-    node = None
     try:
         rclpy.init(args=arguments)
+    except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
+        reason = str(error).split(', at /')[0]
+        return _fail(f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1')
+    node = None
+    try:
         node = OctoArmNode()
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except OctoArmError as error:
-        print(
-            f'octo_arm_node: error: {error} (parameters come from --ros-args --params-file FILE)',
-            file=sys.stderr,
-        )
-        return 1
+        return _fail(f'{error} (parameters come from --ros-args --params-file FILE)')
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _fail(problem: str) -> int:
+    print(f'octo_arm_node: error: {problem}', file=sys.stderr)
+    return 1
 
 
 if __name__ == '__main__':

@@ -1,0 +1,161 @@
+"""How much quicker, and how much closer, than the way the paper solved its own model.
+
+The paper's way: equations (10) to (12) with `solve_ivp`, RK23 at its default tolerances, then
+the kinematics (1) likewise, read out at 101 stations. Everything is timed in this one run and
+reported as ratios; the errors are against the same equations at tight tolerances.
+
+    python benchmarks/solvers.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from octo_arm_model import Arm, Solver, load_config
+from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+
+STATIONS = 101
+BATCH = 10_000
+
+
+class PaperWay:
+    """Equations (10) to (12) and (1) of the paper, written as they are printed and marched."""
+
+    def __init__(self, arm: Arm, **integrator: Any) -> None:
+        """Solve ``arm`` with `solve_ivp` options ``integrator``."""
+        self._arm = arm
+        self._options = integrator
+        parts = arm.sections
+        self._l = [part.anchorage for part in parts]
+        self._a = np.array([part.offset_base for part in parts])
+        self._b = np.array([part.offset_anchorage for part in parts])
+        self._slope = (self._b - self._a) / np.array(self._l)
+        body = arm.body
+        self._taper = (body.radius_tip - body.radius_base) / body.length
+
+    def tip(self, tensions: Any) -> np.ndarray:
+        """Tip position [m], base at the origin with t, n, b along x, y, z."""
+        tensions = np.asarray(tensions, dtype=float)
+        state = np.concatenate([np.zeros(3), np.eye(3).ravel()])
+        for i, strains in reversed(list(enumerate(self._strains(tensions)))):
+            state = self._frames(tensions, i, strains, state)
+        return state[:3]
+
+    def _start(self, i: int) -> float:
+        return self._l[i + 1] if i + 1 < len(self._l) else 0.0
+
+    def _strains(self, tensions: np.ndarray) -> list[Callable[[float], np.ndarray]]:
+        young, shear = self._arm.material.youngs_modulus, self._arm.material.shear_modulus
+        omega = np.zeros(3)
+        solutions = []
+        for i, stop in enumerate(self._l):
+            t1, t2, t3, t4 = tensions[: i + 1].T
+            a, slope, b = self._a[: i + 1], self._slope[: i + 1], self._b[i]
+            second = 0.25 * np.pi * self._radius(stop) ** 4
+            omega = omega + (
+                0.0,
+                b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second),
+                b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second),
+            )
+
+            def slope_of(s_tilde: float, omega: np.ndarray) -> np.ndarray:
+                tau, xi, k = omega
+                radius = self._radius(-s_tilde)
+                j = 0.25 * np.pi * radius**4
+                dj = np.pi * radius**3 * self._taper
+                y = a - slope * s_tilde
+                a1, b1 = y * y @ (t1 + t3), y * y @ (t2 + t4)
+                da1, db1 = 2 * y * slope @ (t1 + t3), 2 * y * slope @ (t2 + t4)
+                alpha, beta = y @ (t1 - t3), y @ (t4 - t2)
+                tau_s = -tau * (2 * shear * dj + da1 + db1) - k * xi * (a1 - b1)
+                xi_s = -xi * (young * dj + db1) - tau * k * b1 - tau * alpha + slope @ (t4 - t2)
+                k_s = -k * (young * dj + da1) + tau * xi * a1 + tau * beta + slope @ (t1 - t3)
+                return -np.array([
+                    (tau_s - k * beta + xi * alpha) / (2 * shear * j + a1 + b1),
+                    xi_s / (young * j + b1),
+                    k_s / (young * j + a1),
+                ])  # fmt: skip
+
+            solution = solve_ivp(
+                slope_of, (-stop, -self._start(i)), omega, dense_output=True, **self._options
+            )
+            omega = solution.y[:, -1]
+            solutions.append(solution.sol)
+        return solutions
+
+    def _frames(
+        self, tensions: np.ndarray, i: int, omega: Callable[[float], np.ndarray], state: np.ndarray
+    ) -> np.ndarray:
+        t1, t2, t3, t4 = tensions[: i + 1].T
+        total = tensions[: i + 1].sum()
+        a, slope = self._a[: i + 1], self._slope[: i + 1]
+        young = self._arm.material.youngs_modulus
+
+        def slope_of(s: float, state: np.ndarray) -> np.ndarray:
+            tau, xi, k = omega(-s)
+            y = a + slope * s
+            force = k * (y @ (t1 - t3)) + xi * (y @ (t4 - t2)) - total
+            q = force / (young * np.pi * self._radius(s) ** 2)
+            t, n, b = state[3:6], state[6:9], state[9:]
+            return (1 + q) * np.concatenate(
+                [t, k * n - xi * b, -k * t + tau * b, xi * t - tau * n]
+            )
+
+        stations = np.linspace(self._start(i), self._l[i], 1 + STATIONS // len(self._l))
+        span = (stations[0], stations[-1])
+        return solve_ivp(slope_of, span, state, t_eval=stations, **self._options).y[:, -1]
+
+    def _radius(self, s: float) -> float:
+        return self._arm.body.radius_base + self._taper * s
+
+
+def seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median time of ``work`` [s]."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def main() -> None:
+    """Print the tables."""
+    arm = load_config(preset_path('renda2012_table4')).arm
+    solvers = {model: Solver(arm, model, STATIONS) for model in ('renda2012', 'closed_form')}
+    paper = PaperWay(arm, method='RK23')
+    exact = PaperWay(arm, method='DOP853', rtol=1e-11, atol=1e-12)
+
+    print(f"One solve at {STATIONS} stations, arm of Table 4; the paper's way is 1")
+    print(f'{"":24}{"way":14}{"ms":>8}{"quicker":>9}{"tip error / L":>15}')
+    for name, tensions in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
+        reference = exact.tip(tensions)
+        slow = seconds(lambda: paper.tip(tensions), 15)
+        error = np.linalg.norm(paper.tip(tensions) - reference) / arm.length
+        print(f'{name:24}{"paper, RK23":14}{slow * 1e3:8.3f}{1.0:9.1f}{error:15.1e}')
+        for model, solver in solvers.items():
+            quick = seconds(lambda: solver.solve(tensions), 400)
+            if model == 'closed_form':  # the same physics without (11): its own reference
+                fine = Solver(arm, model, 20 * STATIONS).solve(tensions).tip
+            else:
+                fine = reference
+            error = np.linalg.norm(solver.solve(tensions).tip - fine) / arm.length
+            print(f'{"":24}{model:14}{quick * 1e3:8.3f}{slow / quick:9.1f}{error:15.1e}')
+
+    scale = np.array([[0.2], [1.5], [3.0]])
+    sets = np.random.default_rng(2012).uniform(0.0, 1.0, (BATCH, *arm.tension_shape)) * scale
+    print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
+    print(f'{"model":14}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
+    for model, solver in solvers.items():
+        single = seconds(lambda: [solver.solve(x) for x in sets[:500]], 3) / 500
+        batch = seconds(lambda: solver.solve(sets), 3) / BATCH
+        print(f'{model:14}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,51 @@
+"""Settings and fixtures of the core's tests; nothing of ROS."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from octo_arm_model import MODELS, Config, load_config
+from octo_arm_model.paper import preset_path
+
+settings.register_profile(
+    'octo_arm_model',
+    derandomize=True,
+    deadline=None,
+    database=None,
+    max_examples=60,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile('octo_arm_model')
+
+PRESETS = ('renda2012_fem', 'renda2012_prototype', 'renda2012_table2', 'renda2012_table4')
+
+
+@pytest.fixture(params=PRESETS)
+def preset(request: pytest.FixtureRequest) -> Config:
+    """Every arm of the paper."""
+    return load_config(preset_path(request.param))
+
+
+@pytest.fixture(params=sorted(MODELS))
+def model(request: pytest.FixtureRequest) -> str:
+    """Every model."""
+    return request.param
+
+
+@pytest.fixture(scope='session')
+def table2() -> Config:
+    """Arm of the bending simulations, three sections."""
+    return load_config(preset_path('renda2012_table2'))
+
+
+@pytest.fixture(scope='session')
+def table4() -> Config:
+    """Arm of the fetching simulations, three sections."""
+    return load_config(preset_path('renda2012_table4'))
+
+
+@pytest.fixture(scope='session')
+def prototype() -> Config:
+    """Arm of the tank, one section."""
+    return load_config(preset_path('renda2012_prototype'))

@@ -1,0 +1,60 @@
+"""Hypothesis strategies for arms that can exist and tensions they can bear."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+
+from octo_arm_model import Arm, Body, Material, Section
+
+MODEL_NAMES = ('renda2012', 'closed_form')
+
+
+def fractions(low: float = 0.0, high: float = 1.0) -> st.SearchStrategy[float]:
+    """Plain numbers from ``low`` to ``high``."""
+    return st.floats(low, high, allow_subnormal=False)
+
+
+@st.composite
+def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
+    """Arms of 0.1 to 1 m, slender like the paper's, their tendons anywhere inside the body."""
+    length = draw(fractions(0.1, 1.0))
+    radius_base = length * draw(fractions(0.03, 0.08))
+    body = Body(length, radius_base, radius_base * draw(fractions(0.12, 1.0)))
+    count = draw(st.integers(1, max_sections))
+    # Gaps between anchorages; the first, beyond the last anchorage, may be nothing.
+    gaps = [draw(fractions(0.0, 0.5)) * draw(st.integers(0, 1))]
+    gaps += [draw(fractions(0.2, 1.0)) for _ in range(count)]
+    anchorages = length * (1.0 - np.cumsum(gaps)[:-1] / np.sum(gaps))
+    sections = tuple(
+        Section(
+            float(anchorage),
+            radius_base * draw(fractions(0.05, 0.9)),
+            float(body.radius(anchorage)) * draw(fractions(0.05, 0.9)),
+        )
+        for anchorage in anchorages
+    )
+    young, ratio = draw(fractions(1e4, 1e6)), draw(fractions(0.0, 0.5))
+    return Arm(Material(young, ratio), body, sections)
+
+
+@st.composite
+def tensions_for(draw: st.DrawFn, arm: Arm, load: float = 0.35) -> np.ndarray:
+    """Tensions that alone compress a section by at most ``load`` at its own anchorage.
+
+    The paper's are of this size: 36 % in section 1 of Figure 15, 31 % in section 3.
+    """
+    rows = []
+    for section in arm.sections:
+        radius = float(arm.body.radius(section.anchorage))
+        largest = load * arm.material.youngs_modulus * np.pi * radius**2
+        pulls = np.array([draw(st.just(0.0) | fractions()) for _ in range(4)])
+        rows.append(largest * pulls / max(1.0, pulls.sum()))
+    return np.array(rows)
+
+
+@st.composite
+def loaded_arms(draw: st.DrawFn, max_sections: int = 4) -> tuple[Arm, np.ndarray]:
+    """An arm and tensions for it."""
+    arm = draw(arms(max_sections))
+    return arm, draw(tensions_for(arm))

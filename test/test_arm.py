@@ -1,0 +1,152 @@
+"""The arm: what it computes from its numbers and which numbers it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import arms
+
+from octo_arm_model import Arm, ArmDefinitionError, Body, Material, OctoArmError, Section
+
+MATERIAL = Material(1.1e5)
+BODY = Body(0.4, 0.02, 0.01)
+
+
+def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -> Arm:
+    return Arm(MATERIAL, BODY, tuple(Section(*section) for section in sections), names)
+
+
+def test_shear_modulus_follows_from_young_and_poisson() -> None:
+    assert Material(3e5, 0.5).shear_modulus == pytest.approx(1e5)
+    assert Material(3e5, 0.0).shear_modulus == pytest.approx(1.5e5)
+
+
+def test_body_tapers_linearly_from_base_to_tip() -> None:
+    np.testing.assert_allclose(BODY.radius([0.0, 0.1, 0.4]), [0.02, 0.0175, 0.01])
+
+
+def test_tendons_run_straight_from_base_to_anchorage() -> None:
+    section = Section(0.2, 0.008, 0.002)
+    np.testing.assert_allclose(section.offset([0.0, 0.05, 0.2]), [0.008, 0.0065, 0.002])
+    assert section.offset_slope == pytest.approx(-0.03)
+
+
+def test_tendons_one_to_four_lie_along_n_b_minus_n_minus_b() -> None:
+    along_n, along_b = arm_of((0.4, 0.004, 0.004)).tendon_offsets(np.array([0.0, 0.3]))
+    np.testing.assert_allclose(along_n[:, 1], [0.004, 0.0, -0.004, 0.0])
+    np.testing.assert_allclose(along_b[:, 1], [0.0, 0.004, 0.0, -0.004])
+
+
+@given(arms())
+def test_no_tendon_of_a_valid_arm_leaves_the_body(arm: Arm) -> None:
+    s = np.linspace(0.0, arm.length, 50)
+    for section in arm.sections:
+        inside = s <= section.anchorage
+        slack = arm.body.radius(s) - section.offset(s)
+        assert (slack[inside] >= -1e-12).all()
+
+
+def test_tendons_are_named_by_section_and_number_unless_named() -> None:
+    assert arm_of((0.4, 0.0, 0.0), (0.2, 0.0, 0.0)).tendon_names[3:5] == (
+        'tendon_1_4',
+        'tendon_2_1',
+    )
+    assert arm_of((0.4, 0.0, 0.0), names=tuple('ABCD')).tendon_names == ('A', 'B', 'C', 'D')
+
+
+def test_arms_are_values_immutable_equal_and_hashable() -> None:
+    arm = arm_of((0.4, 0.004, 0.004))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        arm.body = BODY  # type: ignore[misc]
+    assert arm == arm_of((0.4, 0.004, 0.004))
+    assert hash(arm) == hash(arm_of((0.4, 0.004, 0.004)))
+
+
+def test_sections_may_be_any_sequence_and_numbers_integers_or_numpys() -> None:
+    arm = Arm(Material(np.float32(1e5), 0), Body(1, 1, 1), [Section(1, 0, np.int64(1))])
+    assert arm.sections == (Section(1.0, 0.0, 1.0),)
+    assert isinstance(arm.body.length, float)
+
+
+def test_a_tendon_may_lie_on_the_surface() -> None:
+    assert arm_of((0.4, 0.02, 0.01)).sections[0].offset_anchorage == 0.01
+
+
+@pytest.mark.parametrize('bad', [0.0, -1.0, math.nan, math.inf, -math.inf, '1', None, True, [1.0]])
+@pytest.mark.parametrize(
+    ('field', 'build'),
+    [
+        ('material.youngs_modulus', lambda bad: Material(bad)),
+        ('body.length', lambda bad: Body(bad, 0.1, 0.1)),
+        ('body.radius_base', lambda bad: Body(1.0, bad, 0.1)),
+        ('body.radius_tip', lambda bad: Body(1.0, 0.1, bad)),
+        ('section.anchorage', lambda bad: Section(bad, 0.1, 0.1)),
+    ],
+)
+def test_what_must_be_positive_is_refused_otherwise(
+    field: str, build: Callable[[object], object], bad: object
+) -> None:
+    with pytest.raises(ArmDefinitionError) as refusal:
+        build(bad)
+    assert str(refusal.value).startswith(f'{field} is {bad!r}, expected a finite number > 0 [')
+    assert (refusal.value.field, refusal.value.value) == (field, bad) or bad is math.nan
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: Material(1e5, 0.51), 'material.poisson_ratio is 0.51, expected a number in'),
+        (lambda: Material(1e5, -1.0), 'material.poisson_ratio is -1.0, expected a number in'),
+        (lambda: Material(1e5, math.nan), 'material.poisson_ratio is nan, expected'),
+        (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
+        (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
+        (lambda: arm_of(), 'sections is (), expected at least one section'),
+        (
+            lambda: arm_of((0.41, 0.0, 0.0)),
+            'sections[1].anchorage is 0.41, expected at most the length of the arm, 0.4 [m]',
+        ),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
+            'sections[2].anchorage is 0.4, expected less than that of the section before it, '
+            '0.2 [m]: sections are listed from the tip to the base',
+        ),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0), (0.2, 0.0, 0.0)),
+            'sections[2].anchorage is 0.2, expected less than',
+        ),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
+            'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
+            's = 0.0 m, 0.02 [m]',
+        ),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0151)),
+            'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
+            's = 0.2 m, 0.015 [m]',
+        ),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B')),
+            "tendon_names is ['A', 'B'], expected 4 names, one per tendon",
+        ),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B', 'C', 'A')),
+            "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-empty names",
+        ),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B', 'C', '')),
+            "tendon_names is ['A', 'B', 'C', ''], expected distinct, non-empty names",
+        ),
+    ],
+)
+def test_refusals_name_field_value_and_expectation(
+    build: Callable[[], object], message: str
+) -> None:
+    with pytest.raises(ArmDefinitionError) as refusal:
+        build()
+    assert str(refusal.value).startswith(message)
+    assert isinstance(refusal.value, (OctoArmError, ValueError))

@@ -1,0 +1,153 @@
+"""The command line: what it prints, and how it fails."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Config
+from octo_arm_model.cli import main
+from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
+
+TENSIONS = json.dumps(FETCHING_IN_SPACE)
+SOLVE = ('solve', 'renda2012_table4', '--tensions')
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    status = main(arguments)
+    return status, *capsys.readouterr()
+
+
+def test_the_summary_says_where_the_tip_is_in_millimetres(
+    capsys: pytest.CaptureFixture[str], table4: Config
+) -> None:
+    status, out, err = run(capsys, *SOLVE, TENSIONS)
+    x, y, z = table4.solver().solve(FETCHING_IN_SPACE).tip * 1e3
+    assert (status, err) == (0, '')
+    assert f'({x:.2f}, {y:.2f}, {z:.2f}) mm, {np.linalg.norm([x, y, z]):.2f} mm from' in out
+    assert 'renda2012, 101 stations' in out
+
+
+def test_the_summary_lists_base_anchorages_and_tip(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, *SOLVE, TENSIONS)
+    rows = re.findall(r'^ +(\d+) +([\d.]+) ', out, re.MULTILINE)
+    assert rows == [('3', '0.00'), ('3', '135.00'), ('2', '315.00'), ('1', '450.00')]
+
+
+def test_json_holds_the_whole_shape_in_si_units(
+    capsys: pytest.CaptureFixture[str], table4: Config, model: str
+) -> None:
+    status, out, _ = run(capsys, *SOLVE, TENSIONS, '--json', '--model', model, '--stations', '41')
+    assert (status, out.count('\n')) == (0, 1)
+    shape = json.loads(out)
+    expected = table4.solver(model, 41).solve(FETCHING_IN_SPACE)
+    assert list(shape) == [
+        'model',
+        's',
+        'section',
+        'position',
+        'quaternion',
+        'tau',
+        'xi',
+        'k',
+        'q',
+    ]
+    assert shape.pop('model') == model
+    for name, values in shape.items():
+        np.testing.assert_array_equal(values, getattr(expected, name), err_msg=name)
+    assert all(isinstance(number, int) for number in shape['section'])
+
+
+def test_a_file_is_read_where_the_name_looks_like_a_path(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / 'my_arm.yaml'
+    path.write_text(preset_path('renda2012_prototype').read_text())
+    status, out, _ = run(capsys, 'solve', str(path), '--tensions', '[[3, 0, 0, 0]]')
+    assert status == 0
+    assert out == run(capsys, 'solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]')[1]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ((*SOLVE, 'much'), "--tensions is not JSON at character 1, expected rows of numbers"),
+        ((*SOLVE, '[[0,0'), '--tensions is not JSON at character 6, expected rows of numbers'),
+        ((*SOLVE, '[[1,2,3,4]]'), 'tensions have shape (1, 4), expected (..., 3, 4)'),
+        ((*SOLVE, '[[1,2],[3]]'), 'tensions must be numbers in rows of equal length'),
+        ((*SOLVE, '{"a": 1}'), 'tensions must be numbers in rows of equal length'),
+        ((*SOLVE, f'[{TENSIONS}]'), '--tensions holds several sets, expected one row for each'),
+        ((*SOLVE, '[[0,0,-1,0],[0,0,0,0],[0,0,0,0]]'), 'tension of tendon_1_3 is -1.0 N, expect'),
+        ((*SOLVE, '[[0,0,0,NaN],[0,0,0,0],[0,0,0,0]]'), 'tension of tendon_1_4 is nan N, expect'),
+        ((*SOLVE, '[[0,0,0,0],[1e999,0,0,0],[0,0,0,0]]'), 'tension of tendon_2_1 is inf N, exp'),
+        ((*SOLVE, TENSIONS, '--stations', '3'), 'stations is 3, expected at least 4'),
+        (('solve', 'nothing', '--tensions', '[]'), "no preset arm 'nothing', expected one of "),
+        (('solve', 'nowhere.yaml', '--tensions', '[]'), 'nowhere.yaml: No such file or directory'),
+        (('solve', '.', '--tensions', '[]'), '.: Is a directory'),
+        (('figures', __file__), '[Errno 17] File exists:'),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_on_stderr_and_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+) -> None:
+    status, out, err = run(capsys, *arguments)
+    assert (status, out) == (2, '')
+    assert err.startswith(f'octo-arm: error: {message}')
+    assert err.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('figures',),
+        (*SOLVE, TENSIONS, '--model', 'exact'), (*SOLVE, TENSIONS, '--stations', 'many'),
+    ],
+)  # fmt: skip
+def test_wrong_usage_is_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit) as leave:
+        main(arguments)
+    assert leave.value.code == 2
+    assert 'error: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('tension', ['1e3', '1e300'])
+def test_no_trustworthy_answer_is_one_line_on_stderr_and_status_1(
+    capsys: pytest.CaptureFixture[str], tension: str
+) -> None:
+    status, out, err = run(capsys, *SOLVE, f'[[{tension},0,0,0],[0,0,0,0],[0,0,0,0]]')
+    assert (status, out) == (1, '')
+    assert err.startswith('octo-arm: error: tensions compress the arm to nothing at s = ')
+    assert err.count('\n') == 1
+
+
+def test_it_runs_as_a_module_of_its_own(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'octo_arm_model.cli', *SOLVE, '[[0]]'],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert done.stderr.splitlines() == [
+        'octo-arm: error: tensions have shape (1, 1), expected (..., 3, 4): '
+        '3 section(s) from the tip, 4 tendons each'
+    ]
+
+
+def test_figures_without_matplotlib_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith('matplotlib')]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, 'octo_arm_model.figures', raising=False)
+    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    status, _, err = run(capsys, 'figures', str(tmp_path))
+    assert status == 2
+    assert re.fullmatch(r'octo-arm: error: needs matplotlib.*; install it with: .*\n', err)
