@@ -1,0 +1,39 @@
+# make run        the node on an arm, its tendons pulled, shown live in the terminal
+# make test       all tests; ARGS='-k name' passes options to pytest,
+#                 NUMPY=1.26 SCIPY=1.11 tests on those versions
+# make lint       style and types
+# make bench      speed, as ratios
+# make prepare    only what run and test need
+# make clean      forget all that was prepared
+PYTHON ?= python3
+ARM ?= config/renda2012_table4.yaml
+export PYTHON
+export OCTO_ARM_NUMPY := $(NUMPY)
+export OCTO_ARM_SCIPY := $(SCIPY)
+
+.PHONY: help run test lint bench prepare clean
+
+help:
+	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
+
+run: prepare
+	@tools/with_ros octo_arm_demo $(ARM)
+
+test: prepare
+	@tools/with_ros python -m pytest $(ARGS)
+
+lint: prepare
+	@tools/with_ros ruff check
+	@tools/with_ros ruff format --check
+	@tools/with_ros mypy octo_arm_model tools/prepare.py
+
+bench: prepare
+	@tools/with_ros python benchmarks/solvers.py
+
+prepare:
+	@command -v $(PYTHON) >/dev/null || \
+	  { echo "make: $(PYTHON) is missing: install python3 (3.10 to 3.13)" >&2; exit 1; }
+	@$(PYTHON) tools/prepare.py
+
+clean:
+	rm -rf .ros

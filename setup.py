@@ -1,0 +1,34 @@
+"""Installs the Python package; ROS finds it through the ament index."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'octo_arm_model'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Shape of a tendon-driven soft arm from the tensions of its tendons.',
+    license='Apache-2.0',
+    maintainer='octo_arm_model maintainers',
+    maintainer_email='maintainers@octo-arm-model.example.org',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],
+    extras_require={'figures': ['matplotlib'], 'test': ['hypothesis', 'matplotlib', 'pytest']},
+    zip_safe=False,
+    entry_points={
+        'console_scripts': [
+            'octo-arm = octo_arm_model.cli:main',
+            'octo_arm_demo = octo_arm_model.ros.demo:main',
+            'octo_arm_node = octo_arm_model.ros.node:main',
+        ],
+    },
+)

