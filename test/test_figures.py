@@ -37,8 +37,8 @@ def test_a_figure_is_a_picture_of_some_size_with_something_on_it(folder: Path, n
     assert 0.005 < ink < 0.6
     # Drawn all over, not in one corner, and in colour.
     rows, columns = np.nonzero(picture.min(axis=-1) < 0.9)
-    assert np.ptp(rows) > 0.7 * height
-    assert np.ptp(columns) > 0.7 * width
+    assert np.ptp(rows) > 0.5 * height
+    assert np.ptp(columns) > 0.5 * width
     assert (np.ptp(picture, axis=-1) > 0.3).any()
 
 

@@ -105,8 +105,8 @@ class Steps:
                         break
                     except subprocess.TimeoutExpired:
                         if live:
-                            elapsed = time.monotonic() - start
-                            print(f'\r{self._title} {sign} {elapsed:.0f} s ', end='', flush=True)
+                            so_far = f'{time.monotonic() - start:.0f} s'
+                            print(f'\r{self._title} {sign} {so_far} ', end='', flush=True)
             except BaseException:
                 process.terminate()
                 process.wait()
