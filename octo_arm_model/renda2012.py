@@ -17,10 +17,13 @@ cancels, and what is left is
 So p stays zero from the tip to the first anchorage where the jump makes it otherwise. It is
 smooth between anchorages, so each panel is collocated at Chebyshev points and swept until it
 settles, all points at once (Picard iteration with spectral quadrature, Clenshaw and Norton
-1963), instead of marching.
+1963), instead of marching in small steps.
 """
 
 from __future__ import annotations
+
+import functools
+import itertools
 
 import numpy as np
 
@@ -30,17 +33,14 @@ from octo_arm_model.cross_section import Stiffness, longitudinal_strain
 from octo_arm_model.errors import ConvergenceError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.imbalance import COLLOCATION_POINTS, Coefficients, Piece
 from octo_arm_model.strains import Strains
-from octo_arm_model.tendons import TendonSums, TendonWeights
+from octo_arm_model.tendons import TendonWeights
 
-COLLOCATION_POINTS = 20
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
-# Sweeps stop when p changes by less than this part of the largest moment in the arm, which
-# leaves an error ten times smaller as each sweep gains more than one digit by then. Looking
-# costs as much as sweeping, so it is done after every few sweeps.
-TOLERANCE = 5e-8
-MAX_SWEEPS = 200
-_SWEEPS_BETWEEN_CHECKS = 2
+# Sweeping a whole panel at once is quickest, but where the arm turns far within one it diverges.
+# Then each panel is cut into more pieces, one after the other.
+PIECES = (1, 4, 16)
 
 
 class Renda2012:
@@ -50,20 +50,8 @@ class Renda2012:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
         self._weights = TendonWeights(arm, nodes, section)
         self._stiffness = Stiffness.at(arm, nodes)
-        # From the tip; where no tendon acts there is no moment and nothing to integrate.
-        panels = [panel for panel in reversed(panels_of(arm)) if panel.section > 0]
-        s = np.concatenate([panel.stop - panel.length * _POINTS for panel in panels])
-        numbers = np.repeat([panel.section for panel in panels], COLLOCATION_POINTS)
-        self._point_weights = TendonWeights(arm, s, numbers)
-        self._point_stiffness = Stiffness.at(arm, s)
-        self._offset = np.array([part.offset_anchorage for part in arm.sections])
-        self._panels = []
-        for panel in panels[1:]:
-            at_nodes = np.flatnonzero(section == panel.section)
-            to_nodes = barycentric_matrix(_POINTS, (panel.stop - nodes[at_nodes]) / panel.length)
-            # Integration runs towards the base, against s; the last row adds the initial value.
-            integrate = np.vstack([-panel.length * _INTEGRALS, np.ones(COLLOCATION_POINTS)])
-            self._panels.append((panel.section, integrate, at_nodes, to_nodes.T))
+        self._march = functools.lru_cache(lambda pieces: _March(arm, nodes, section, pieces))
+        self._march(PIECES[0])
 
     def strains(self, tensions: FloatArray) -> Strains:
         """Strains (batch, nodes) under ``tensions`` (batch, tendons) [N].
@@ -84,96 +72,77 @@ class Renda2012:
 
     def _imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> FloatArray:
         """Fill in p (3, batch, nodes), zero at first, where it is not zero."""
-        coefficients = _Coefficients(self._point_weights.sums(tensions), self._point_stiffness)
+        for pieces in PIECES[:-1]:
+            try:
+                return self._march(pieces).imbalance(tensions, imbalance)
+            except ConvergenceError:
+                continue
+        return self._march(PIECES[-1]).imbalance(tensions, imbalance)
+
+
+class _March:
+    """Goes from the tip to the base, piece by piece."""
+
+    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, pieces: int) -> None:
+        """Cut every panel into ``pieces`` and tabulate them."""
+        # From the tip; where no tendon acts there is no moment and nothing to integrate.
+        panels = [panel for panel in reversed(panels_of(arm)) if panel.section > 0]
+        first_panel, *others = panels
+        s = [np.array([first_panel.stop, first_panel.start])]
+        numbers = [1, 1]
+        self._pieces = []
+        for panel in others:
+            edges = np.linspace(panel.stop, panel.start, pieces + 1)
+            for stop, start in itertools.pairwise(edges):
+                length = stop - start
+                is_base = start == panel.start
+                inside = (section == panel.section) & (nodes <= stop)
+                inside &= (nodes >= start) if is_base else (nodes > start)
+                at_nodes = np.flatnonzero(inside)
+                to_nodes = barycentric_matrix(_POINTS, (stop - nodes[at_nodes]) / length)
+                # Integration runs towards the base, against s; the last row adds the start.
+                integrate = np.vstack([-length * _INTEGRALS, np.ones(COLLOCATION_POINTS)])
+                points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
+                is_anchorage = stop == panel.stop
+                self._pieces.append(
+                    Piece(panel.section, is_anchorage, points, integrate, at_nodes, to_nodes.T)
+                )
+                s.append(stop - length * _POINTS)
+                numbers += [panel.section] * COLLOCATION_POINTS
+        self._weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
+        self._stiffness = Stiffness.at(arm, np.concatenate(s))
+        self._offset = np.array([part.offset_anchorage for part in arm.sections])
+        self._bending = Stiffness.at(
+            arm, np.array([part.anchorage for part in arm.sections])
+        ).bending
+
+    def imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> FloatArray:
+        """Fill in p (3, batch, nodes) below the first anchorage.
+
+        Raises:
+            ConvergenceError: if the sweeps of a piece do not settle.
+        """
+        coefficients = Coefficients(self._weights.sums(tensions), self._stiffness)
+        force, compliance = coefficients.force, coefficients.compliance
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
-        last = COLLOCATION_POINTS - 1
-        omega = coefficients.compliance[..., last] * coefficients.force[..., last]
-        for section, integrate, at_nodes, to_nodes in self._panels:
-            first, last = last + 1, last + COLLOCATION_POINTS
-            omega += added[..., section - 1]
-            start = omega / coefficients.compliance[..., first] - coefficients.force[..., first]
-            p = coefficients.sweep(slice(first, last + 1), start, integrate, section)
-            imbalance[..., at_nodes] = p @ to_nodes
-            total = coefficients.force[..., last] + p[..., -1]
-            omega = coefficients.compliance[..., last] * total
+        omega = compliance[..., 1] * force[..., 1]
+        for piece in self._pieces:
+            first, last = piece.points.start, piece.points.stop - 1
+            if piece.jump:
+                omega += added[..., piece.section - 1]
+            start = omega / compliance[..., first] - force[..., first]
+            p = coefficients.sweep(piece, start)
+            imbalance[..., piece.at_nodes] = p @ piece.to_nodes
+            omega = compliance[..., last] * (force[..., last] + p[..., -1])
         return imbalance
 
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
         """What (11) adds to omega at each anchorage, (3, batch, sections) [1/m]."""
-        offset, bending = self._offset, self._point_stiffness.bending[::COLLOCATION_POINTS]
+        offset, bending = self._offset, self._bending
         by_section = tensions.reshape(len(tensions), -1, TENDONS_PER_SECTION)
         t1, t2, t3, t4 = (by_section[..., j] for j in range(TENDONS_PER_SECTION))
         added = np.zeros((3, *t1.shape))
         added[1] = offset * (t4 - t2) / (offset**2 * (t4 + t2) + bending)
         added[2] = offset * (t1 - t3) / (offset**2 * (t1 + t3) + bending)
         return added
-
-
-class _Coefficients:
-    """Everything in the equations of p but p itself, at the collocation points of all panels."""
-
-    def __init__(self, sums: TendonSums, stiffness: Stiffness) -> None:
-        """Prepare for ``sums`` (batch, points) and ``stiffness`` (points,)."""
-        a1, b1 = sums.second_n, sums.second_b
-        polar = a1 + b1
-        self.force = np.zeros((3, *a1.shape))
-        np.negative(sums.first_b, out=self.force[1])
-        self.force[2] = sums.first_n
-        self.compliance = np.empty_like(self.force)
-        np.divide(1.0, stiffness.torsion + polar, out=self.compliance[0])
-        np.divide(1.0, stiffness.bending + b1, out=self.compliance[1])
-        np.divide(1.0, stiffness.bending + a1, out=self.compliance[2])
-        c_t, c_n, c_b = self.compliance
-        _, self._xi_0, self._k_0 = self.compliance * self.force
-        lift = (stiffness.bending + polar) * c_t
-        # The two bending components side by side: p_nb' = p_t (linear + product * p_bn).
-        self._linear, self._product = np.empty((2, 2, *a1.shape))
-        np.multiply(-lift, self._k_0, out=self._linear[0])
-        np.multiply(lift, self._xi_0, out=self._linear[1])
-        np.multiply(-b1 * c_t, c_b, out=self._product[0])
-        np.multiply(a1 * c_t, c_n, out=self._product[1])
-        self._product_t = (b1 - a1) * c_n * c_b
-        self._tolerance = TOLERANCE * np.abs(self.force).max(axis=(0, 2))[:, np.newaxis]
-
-    def sweep(
-        self, points: slice, start: FloatArray, integrate: FloatArray, section: int
-    ) -> FloatArray:
-        """Return p (3, batch, points) in one panel, ``start`` (3, batch) at its tip end.
-
-        Each sweep takes the newest components (Gauss-Seidel), which halves their number.
-        """
-        xi_0, k_0 = self._xi_0[:, points], self._k_0[:, points]
-        linear, product = self._linear[..., points], self._product[..., points]
-        product_t = self._product_t[:, points]
-        # Slopes carry the initial value in one more column, for the last row of the matrix.
-        slope = np.empty((*start.shape, COLLOCATION_POINTS + 1))
-        slope[..., -1] = start
-        slope_t, slope_nb = slope[0, :, :-1], slope[1:, :, :-1]
-        p = np.empty((*start.shape, COLLOCATION_POINTS))
-        p[:] = start[..., np.newaxis]
-        p_t, p_n, p_b = p
-        p_nb, p_bn = p[1:], p[:0:-1]
-        previous = np.empty_like(p)
-        sweeps = 0
-        while True:
-            for left in range(_SWEEPS_BETWEEN_CHECKS, 0, -1):
-                if left == 1:
-                    previous[:] = p
-                np.multiply(product_t, p_b, out=slope_t)
-                slope_t += k_0
-                slope_t *= p_n
-                slope_t -= xi_0 * p_b
-                np.matmul(slope[0], integrate, out=p_t)
-                np.multiply(product, p_bn, out=slope_nb)
-                slope_nb += linear
-                slope_nb *= p_t
-                np.matmul(slope[1:], integrate, out=p_nb)
-            sweeps += _SWEEPS_BETWEEN_CHECKS
-            change = np.abs(p - previous)
-            # Counted rather than `all`, which takes five times as long; NaN does not count.
-            if np.count_nonzero(change <= self._tolerance) == change.size:
-                return p
-            if sweeps >= MAX_SWEEPS:
-                worst = float((change / self._tolerance).max() * TOLERANCE)
-                raise ConvergenceError(f'equation (10) in section {section}', worst, sweeps)

@@ -129,7 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = (sys.executable, '-m', 'octo_arm_model.ros.node')
     # A session of its own, so that Ctrl-C reaches the node once, from here.
     node = subprocess.Popen(
-        [*command, '--ros-args', '--params-file', options.config], start_new_session=True
+        [*command, '--ros-args', '--params-file', options.config, '--log-level', 'warn'],
+        start_new_session=True,
     )
     # Ended from outside means ended like by Ctrl-C, so that the node is not left behind.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
