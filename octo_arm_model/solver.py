@@ -22,8 +22,11 @@ from octo_arm_model.rotation import Quaternions
 from octo_arm_model.strains import Strains
 from octo_arm_model.tendons import check_tensions
 
-# Arms solved side by side: enough to hide the cost of a NumPy call, few enough to stay in cache.
-_BATCH = 96
+# Arms are solved side by side: enough to hide the cost of a NumPy call, few enough to stay in
+# cache and for BLAS not to share a product among threads, which on a busy machine wait for each
+# other far longer than they work.
+_LARGEST_BATCH = 128
+_LARGEST_PRODUCT = 250_000  # multiplications
 
 
 class Statics(Protocol):
@@ -107,6 +110,8 @@ class Solver:
         self.base = base
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         self.grid = StationGrid.build(arm, stations)
+        product = self.grid.nodes.size * len(arm.tendon_names)
+        self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
         # The axial force is a difference of terms of this size; further up it is all rounding.
         self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
         self._statics = MODELS[model](arm, self.grid.nodes, self.grid.node_section)
@@ -130,8 +135,8 @@ class Solver:
         position = np.empty((batch, count, 3))
         quaternion = np.empty((batch, count, 4))
         strains = np.empty((4, batch, count))
-        for start in range(0, batch, _BATCH):
-            part = slice(start, start + _BATCH)
+        for start in range(0, batch, self._batch):
+            part = slice(start, start + self._batch)
             at_nodes = self._solve_statics(flat[part], start)
             backbone_frames(at_nodes, self.grid, self._base, position[part], quaternion[part])
             strains[:, part] = at_nodes.values[..., self.grid.station_node]

@@ -51,14 +51,11 @@ class TendonWeights:
         of_section = np.repeat(np.arange(1, len(arm.sections) + 1), arm.tension_shape[1])
         acts = (of_section[:, np.newaxis] <= section).astype(np.float64)
         powers = (acts, acts * offset_n, acts * offset_b, acts * offset_n**2, acts * offset_b**2)
-        self._matrix = np.concatenate(powers, axis=1)
+        self._matrices = np.stack(powers)
 
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
-        products = tensions @ self._matrix
-        return TendonSums(
-            *products.reshape(len(tensions), len(TendonSums._fields), -1).swapaxes(0, 1)
-        )
+        return TendonSums(*(tensions @ self._matrices))
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
