@@ -44,6 +44,17 @@ def test_default_stations_put_the_tip_within_a_millionth_of_the_length(
     assert np.linalg.norm(backbone.tip - fine.tip) < 1e-6 * arm.length
 
 
+@given(LOADED, MODEL)
+def test_few_stations_put_the_tip_where_many_do(case: tuple[Arm, np.ndarray], model: str) -> None:
+    arm, tensions = case
+    try:
+        few = Solver(arm, model, len(arm.sections) + 2).solve(tensions)
+    except SolveError:
+        reject()
+    fine = solve_finely(arm, tensions, model)
+    assert np.linalg.norm(few.tip - fine.tip) < 1e-6 * arm.length
+
+
 @given(arms(), MODEL, st.integers(-12, 307), st.integers(0, 2**32 - 1))
 def test_any_tensions_give_a_finite_shape_or_an_error(
     arm: Arm, model: str, exponent: int, seed: int
