@@ -1,6 +1,6 @@
 """Shape of a tendon-driven, octopus-inspired soft arm from the tensions of its tendons.
 
-The core: an `Arm`, `solve` or a `Solver`, and the `Backbone` they return. It needs NumPy, SciPy
+The core: an `Arm`, `solve` or a `Solver`, and the `Backbone` they return. It needs NumPy
 and YAML, and nothing of ROS.
 """
 

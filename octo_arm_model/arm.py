@@ -8,7 +8,6 @@ section (Fig. 4), straight in the reference configuration (eq. 5).
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -27,7 +26,10 @@ _DIRECTION_B = np.array([0.0, 1.0, 0.0, -1.0])
 def _finite(name: str, value: object, expected: str = 'a finite number') -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond the range of floats
+        number = math.inf
     if not math.isfinite(number):
         raise ArmDefinitionError(name, value, expected)
     return number
@@ -207,8 +209,11 @@ class Arm:
         )
         if len(names) != count:
             raise ArmDefinitionError('tendon_names', list(names), f'{count} names, one per tendon')
-        repeated = [name for name, times in Counter(names).items() if times > 1]
-        if repeated or not all(isinstance(name, str) and name for name in names):
+        if (
+            isinstance(given, str)
+            or not all(isinstance(name, str) and name for name in names)
+            or len(set(names)) < count
+        ):
             raise ArmDefinitionError('tendon_names', list(names), 'distinct, non-empty names')
         object.__setattr__(self, 'tendon_names', names)
 

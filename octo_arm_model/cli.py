@@ -103,22 +103,24 @@ def _solve(options: argparse.Namespace) -> None:
     solver = find_config(options.config).solver(options.model, options.stations)
     try:
         tensions = json.loads(options.tensions)
-    except json.JSONDecodeError as error:
+    except (RecursionError, ValueError) as error:
+        where = f' at character {error.pos + 1}' if isinstance(error, json.JSONDecodeError) else ''
         raise TensionError(
-            f'--tensions is not JSON at character {error.pos + 1}, '
-            "expected rows of numbers such as '[[0,0,0.5,0]]'"
+            f"--tensions is not JSON{where}, expected rows of numbers such as '[[0,0,0.5,0]]'"
         ) from error
-    if np.ndim(_as_rows(tensions)) != 2:
+    if _depth(tensions) > 2:
         raise TensionError('--tensions holds several sets, expected one row for each section')
     backbone = solver.solve(tensions)
     print(json.dumps(as_dict(backbone)) if options.json else _summary(backbone))
 
 
-def _as_rows(tensions: object) -> np.ndarray:
-    try:
-        return np.asarray(tensions, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.zeros((0, 0))  # The solver says what is wrong with them.
+def _depth(rows: object) -> int:
+    """How deep lists are nested in the first entries."""
+    depth = 0
+    while isinstance(rows, list):
+        depth += 1
+        rows = rows[0] if rows else None
+    return depth
 
 
 def as_dict(backbone: Backbone) -> dict[str, object]:
@@ -129,17 +131,12 @@ def as_dict(backbone: Backbone) -> dict[str, object]:
 
 def _summary(backbone: Backbone) -> str:
     """Shape at the base, the anchorages and the tip, for people: millimetres and degrees."""
-    length = float(backbone.s[-1])
-    moved = np.diff(backbone.position, axis=0)
-    deformed = float(np.linalg.norm(moved, axis=1).sum())
     distance = float(np.linalg.norm(backbone.tip - backbone.position[0]))
     is_end = np.append(np.diff(backbone.section) != 0, True)
     rows = np.flatnonzero(is_end | (np.arange(is_end.size) == 0))
     lines = [
         f'model     {backbone.model}, {backbone.s.size} stations',
         f'tip       {_millimetres(backbone.tip)} mm, {distance * 1e3:.2f} mm from the base',
-        f'length    {deformed * 1e3:.2f} mm, {deformed / length - 1.0:+.1%} of its '
-        f'{length * 1e3:g} mm at rest',
         '',
         'section     s [mm]        x        y        z [mm]'
         '    tau       xi        k [1/m]   q [%]',

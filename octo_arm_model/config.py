@@ -96,10 +96,13 @@ def load_config(path: str | Path) -> Config:
     except yaml.YAMLError as error:
         line = getattr(error, 'problem_mark', None)
         where = f', line {line.line + 1}' if line else ''
-        problem = getattr(error, 'problem', None) or error
+        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
         raise ConfigError(f'{path}{where}: not valid YAML, {problem}') from error
     except OctoArmError as error:
         raise ConfigError(f'{path}: {error}') from error
+    except (AttributeError, KeyError, RecursionError, ValueError) as error:
+        # What the YAML library raises for tags, dates and nesting that make no sense.
+        raise ConfigError(f'{path}: not valid YAML, {error}') from error
 
 
 class _Loader(yaml.SafeLoader):
@@ -147,7 +150,10 @@ def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in parameters.items():
         name = f'{prefix}{key}'
-        flat.update(_flatten(value, name + '.') if isinstance(value, dict) else {name: value})
+        found = _flatten(value, name + '.') if isinstance(value, dict) else {name: value}
+        for twice in flat.keys() & found.keys():
+            raise ConfigError(f'{twice} is given twice, nested and with a dot')
+        flat.update(found)
     return flat
 
 

@@ -44,7 +44,7 @@ class Pose:
             values = getattr(self, name)
             try:
                 array = np.array(values, dtype=np.float64)
-            except (TypeError, ValueError):
+            except (OverflowError, TypeError, ValueError):
                 array = np.array(np.nan)
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise ConfigError(f'base.{name} is {values!r}, expected {size} finite numbers')

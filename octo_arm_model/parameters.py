@@ -51,7 +51,10 @@ class Parameter:
 
     def _convert_one(self, element: object, value: object) -> Any:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
-            return float(element)
+            try:
+                return float(element)
+            except OverflowError:
+                return self._refuse(value)
         if isinstance(element, self.kind) and not isinstance(element, bool):
             return element
         return self._refuse(value)

@@ -66,12 +66,15 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
             finite; the message names the tendon.
     """
     try:
-        array = np.asarray(tensions, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.asarray(tensions)
+    except ValueError:  # rows of different length
+        array = np.asarray(None)
+    if array.dtype.kind not in 'fiu':
         raise TensionError(
             f'tensions must be numbers in rows of equal length, expected shape '
             f'(..., {arm.tension_shape[0]}, {arm.tension_shape[1]})'
-        ) from error
+        )
+    array = array.astype(np.float64, copy=False)
     if array.shape[-2:] != arm.tension_shape:
         rows, columns = arm.tension_shape
         raise TensionError(

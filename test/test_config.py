@@ -305,3 +305,33 @@ def test_a_solver_refuses_an_unknown_model_or_too_few_stations(
 )  # fmt: skip
 def test_types_are_named_in_the_words_of_ros(name: str, word: str) -> None:
     assert next(p for p in PARAMETERS if p.name == name).type_name == word
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'length: 2001-99-99',
+        'length: !!int x',
+        'length: !!bool x',
+        'length: !!timestamp x',
+        'length: ' + '[' * 3000,
+        'length: ' + '9' * 400,
+        'length: &a [*a]',
+        'length: "\0"',
+    ],
+    ids=lambda text: text[:24],
+)
+def test_nonsense_in_the_file_is_one_line_that_names_it(tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'nonsense.yaml'
+    path.write_text(changed('length: 0.45', text))
+    with pytest.raises(ConfigError) as error:
+        load_config(path)
+    assert str(error.value).startswith(str(path))
+    assert '\n' not in str(error.value)
+
+
+def test_a_name_given_nested_and_dotted_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'twice.yaml'
+    path.write_text(changed('    body:', '    body.length: 0.9\n    body:'))
+    with pytest.raises(ConfigError, match=r'body\.length is given twice'):
+        load_config(path)

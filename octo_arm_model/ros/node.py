@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -35,6 +35,7 @@ from octo_arm_model.ros.messages import (
 INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
+LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 
 _ROS_TYPES = {
     'double': RosParameter.Type.DOUBLE,
@@ -160,9 +161,18 @@ def main(arguments: list[str] | None = None) -> int:
     node = None
     try:
         node = OctoArmNode()
-        rclpy.spin(node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        # Not `spin`: a signal that arrives just before the executor waits does not wake it, and
+        # it would wait for ever.
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=LONGEST_WAIT)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        # A signal may end the context while the executor builds its wait set on it.
+        if rclpy.ok():
+            raise
     except OctoArmError as error:
         return _fail(f'{error} (parameters come from --ros-args --params-file FILE)')
     finally:
