@@ -135,9 +135,13 @@ def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
     squares = w * w
     squared = squares[0] + squares[1] + squares[2] + 1e-300
     angle = np.sqrt(squared)
-    half = 0.5 * angle
-    half_sinc = np.sin(half) / angle
-    half_cosine = np.cos(half)
+    # Sine and cosine of half the angle from the tangent of a quarter: one function instead of
+    # two, one that NumPy vectorises, and their squares sum to one whatever it rounds.
+    tangent = np.tan(0.25 * angle)
+    square = tangent * tangent
+    secant = 1.0 + square
+    half_sinc = 2.0 * tangent / (secant * angle)
+    half_cosine = (1.0 - square) / secant
     imaginary = half_sinc * w
     rotation.a.real, rotation.a.imag = half_cosine, imaginary[0]
     rotation.b.real, rotation.b.imag = imaginary[1], imaginary[2]
