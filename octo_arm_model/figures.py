@@ -151,7 +151,9 @@ def _figure_15(solver: Solver) -> Figure:
     backbone = solver.solve(FETCHING_IN_SPACE)
     figure = Figure(figsize=(11.0, 9.0), layout='constrained')
     figure.suptitle(f'Figure 15: fetching in three dimensions, {_distance(backbone)}')
-    _draw_in_space(figure.add_subplot(2, 2, 1, projection='3d'), backbone, 'in space')
+    _draw_in_space(
+        figure.add_subplot(2, 2, 1, projection='3d'), backbone, 'in space', (50.0, -40.0)
+    )
     names = 'xyz'
     for place, (across, up) in enumerate(((0, 1), (0, 2), (1, 2)), start=2):
         axes = figure.add_subplot(2, 2, place)
@@ -178,8 +180,10 @@ def _mark_ends(axes: Any, backbone: Backbone, components: tuple[int, ...]) -> No
         axes.plot(*([point[i] * 1e3] for i in components), marker, color='black')
 
 
-def _draw_in_space(axes: Any, backbone: Backbone, title: str) -> None:
-    """Backbone in space, its axes to one scale."""
+def _draw_in_space(
+    axes: Any, backbone: Backbone, title: str, view: tuple[float, float] = (22.0, -75.0)
+) -> None:
+    """Backbone in space, its axes to one scale, seen from elevation and azimuth [deg]."""
     for section, points in _by_section(backbone):
         axes.plot(*points.T, color=_SECTION_COLOURS[section], lw=2.5)
     _mark_ends(axes, backbone, (0, 1, 2))
@@ -190,7 +194,7 @@ def _draw_in_space(axes: Any, backbone: Backbone, title: str) -> None:
             **{f'{name}lim': (middle - reach, middle + reach), f'{name}label': f'{name} [mm]'}
         )
     axes.set_box_aspect((1, 1, 1), zoom=0.85)
-    axes.view_init(elev=22.0, azim=-75.0)
+    axes.view_init(*view)
     axes.locator_params(nbins=4)
     axes.set_title(title)
 
