@@ -26,8 +26,11 @@ class Quaternions(NamedTuple):
 
     @classmethod
     def empty(cls, *shape: int) -> Quaternions:
-        """Room for quaternions of ``shape``."""
-        return cls(np.empty(shape, np.complex128), np.empty(shape, np.complex128))
+        """Room for quaternions of ``shape``, batch first.
+
+        Kept batch last in memory: what is done along an arm is done to all arms side by side.
+        """
+        return cls(np.empty(shape, np.complex128, 'F'), np.empty(shape, np.complex128, 'F'))
 
     @classmethod
     def from_xyzw(cls, xyzw: ArrayLike) -> Quaternions:
