@@ -17,6 +17,7 @@ import itertools
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -246,22 +247,29 @@ def prepare() -> None:
     folder = home()
     stamp = folder / 'prepared'
     wanted = fingerprint()
-    if stamp.is_file() and stamp.read_text() == wanted:
+    venv = folder / 'venv'
+    python = venv / 'bin' / 'python'
+    # A link to a Python that is gone does not exist.
+    if python.exists() and stamp.is_file() and stamp.read_text() == wanted:
         return
     check_machine()
     folder.mkdir(parents=True, exist_ok=True)
     (folder.parent / 'COLCON_IGNORE').touch()
     stamp.unlink(missing_ok=True)
     (folder / 'prepare.log').unlink(missing_ok=True)
-    # The environment outlives a change of the sources, not one of the requirements.
-    venv = folder / 'venv'
+    # The environment outlives a change of the sources, not one of the requirements, and not a
+    # move of the checkout: its scripts and CMake's cache hold the old path.
     installed = folder / 'installed'
     files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
-    requirements = sys.version + ''.join(path.read_text() for path in files)
-    is_installed = installed.is_file() and installed.read_text() == requirements
+    requirements = f'{sys.version} {ROOT} ' + ''.join(path.read_text() for path in files)
+    is_installed = (
+        python.exists() and installed.is_file() and installed.read_text() == requirements
+    )
     steps = Steps(folder, 1 if is_installed else 3 if has_sourced_jazzy() else 4)
     if not is_installed:
         installed.unlink(missing_ok=True)
+        for stale in ('build', 'install'):
+            shutil.rmtree(folder / stale, ignore_errors=True)
         install(steps, venv)
         installed.write_text(requirements)
     build(steps, folder, venv)
@@ -273,6 +281,8 @@ def main() -> int:
     if sys.argv[1:] == ['--where']:
         print(home())
         return 0
+    # Ended from outside, it ends the running step too, like by Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         prepare()
     except CannotPrepare as problem:

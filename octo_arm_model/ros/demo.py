@@ -132,8 +132,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         [*command, '--ros-args', '--params-file', options.config, '--log-level', 'warn'],
         start_new_session=True,
     )
-    # Ended from outside means ended like by Ctrl-C, so that the node is not left behind.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # However it is ended, it ends like by Ctrl-C, so that the node is not left behind. A shell
+    # starts background jobs with SIGINT ignored, which is why that one is set as well.
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, signal.default_int_handler)
     try:
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
         player = Player(arm)
