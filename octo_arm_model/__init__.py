@@ -6,18 +6,25 @@ and YAML, and nothing of ROS.
 
 from __future__ import annotations
 
-from octo_arm_model.arm import Arm, Body, Material, Section
+from octo_arm_model.arm import Arm
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.body import Body, ProfiledBody
 from octo_arm_model.config import Config, load_config
 from octo_arm_model.errors import (
     ArmDefinitionError,
     ConfigError,
     ConvergenceError,
+    LoadError,
     OctoArmError,
     SolveError,
     TensionError,
 )
 from octo_arm_model.kinematics import Pose
-from octo_arm_model.solver import MODELS, Backbone, Solver, solve
+from octo_arm_model.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.material import Material
+from octo_arm_model.profiles import Constant, Function, Linear, Profile, Table
+from octo_arm_model.solver import MODELS, Solver, solve
+from octo_arm_model.tendon import RoutedSection, Section, Tendon
 
 __version__ = '0.1.0'
 
@@ -29,13 +36,25 @@ __all__ = [
     'Body',
     'Config',
     'ConfigError',
+    'Constant',
     'ConvergenceError',
+    'DistributedLoad',
+    'Function',
+    'Linear',
+    'LoadError',
+    'Loads',
     'Material',
     'OctoArmError',
+    'PointLoad',
     'Pose',
+    'Profile',
+    'ProfiledBody',
+    'RoutedSection',
     'Section',
     'SolveError',
     'Solver',
+    'Table',
+    'Tendon',
     'TensionError',
     'load_config',
     'solve',

@@ -1,144 +1,27 @@
-"""The arm: its material, its tapered body and its tendons.
+"""The arm: its material, its body and its tendons.
 
 Sections are numbered from the tip, as in Renda et al. 2012: section 1 ends at the anchorage
-farthest from the base. The four tendons of a section run along +n, +b, -n and -b of the cross
-section (Fig. 4), straight in the reference configuration (eq. 5).
+farthest from the base. Offsets are in the axes n and b of the cross section (Fig. 4).
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from octo_arm_model.body import Body, ProfiledBody
 from octo_arm_model.errors import ArmDefinitionError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.material import Material
+from octo_arm_model.profiles import as_profile
+from octo_arm_model.tendon import RoutedSection, Section, Tendon
 
-TENDONS_PER_SECTION = 4
-# Direction of tendon j = 1..4 from the midline, as (n, b) components (eq. 6).
-_DIRECTION_N = np.array([1.0, 0.0, -1.0, 0.0])
-_DIRECTION_B = np.array([0.0, 1.0, 0.0, -1.0])
-
-
-def _finite(name: str, value: object, expected: str = 'a finite number') -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise ArmDefinitionError(name, value, expected)
-    try:
-        number = float(value)
-    except OverflowError:  # an integer beyond the range of floats
-        number = math.inf
-    if not math.isfinite(number):
-        raise ArmDefinitionError(name, value, expected)
-    return number
-
-
-def _positive(name: str, value: object, unit: str) -> float:
-    expected = f'a finite number > 0 [{unit}]'
-    number = _finite(name, value, expected)
-    if number <= 0.0:
-        raise ArmDefinitionError(name, value, expected)
-    return number
-
-
-@dataclass(frozen=True)
-class Material:
-    """Linear elastic, isotropic material (eq. 3).
-
-    Attributes:
-        youngs_modulus: E [Pa], > 0.
-        poisson_ratio: nu [-], in (-1, 0.5]; 0.5 is incompressible.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
-
-    youngs_modulus: float
-    poisson_ratio: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        modulus = _positive('material.youngs_modulus', self.youngs_modulus, 'Pa')
-        expected = 'a number in (-1, 0.5] [-]'
-        ratio = _finite('material.poisson_ratio', self.poisson_ratio, expected)
-        if not -1.0 < ratio <= 0.5:
-            raise ArmDefinitionError('material.poisson_ratio', self.poisson_ratio, expected)
-        object.__setattr__(self, 'youngs_modulus', modulus)
-        object.__setattr__(self, 'poisson_ratio', ratio)
-
-    @property
-    def shear_modulus(self) -> float:
-        """Shear modulus G = E / (2 (1 + nu)) [Pa]."""
-        return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
-
-
-@dataclass(frozen=True)
-class Body:
-    """Circular body whose radius varies linearly along s (eq. 7).
-
-    Attributes:
-        length: L [m], > 0.
-        radius_base: R_max [m], > 0.
-        radius_tip: R_min [m], > 0.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
-
-    length: float
-    radius_base: float
-    radius_tip: float
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        for name in ('length', 'radius_base', 'radius_tip'):
-            number = _positive(f'body.{name}', getattr(self, name), 'm')
-            object.__setattr__(self, name, number)
-
-    def radius(self, s: ArrayLike) -> FloatArray:
-        """Radius R(s) [m] at arc coordinate ``s`` [m] (eq. 7)."""
-        taper = (self.radius_tip - self.radius_base) / self.length
-        return self.radius_base + taper * np.asarray(s, dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Section:
-    """One anchorage cross section and the four tendons fastened at it (eq. 5).
-
-    Attributes:
-        anchorage: arc coordinate l_i of the anchorage [m], > 0.
-        offset_base: distance a_i of the tendons from the midline at the base [m], >= 0.
-        offset_anchorage: distance b_i at the anchorage [m], >= 0.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
-
-    anchorage: float
-    offset_base: float
-    offset_anchorage: float
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        anchorage = _positive('section.anchorage', self.anchorage, 'm')
-        object.__setattr__(self, 'anchorage', anchorage)
-        for name in ('offset_base', 'offset_anchorage'):
-            expected = 'a finite distance >= 0 [m]'
-            offset = _finite(f'section.{name}', getattr(self, name), expected)
-            if offset < 0.0:
-                raise ArmDefinitionError(f'section.{name}', offset, expected)
-            object.__setattr__(self, name, offset)
-
-    @property
-    def offset_slope(self) -> float:
-        """Change of the tendons' distance per unit length, dy_i/ds [-]."""
-        return (self.offset_anchorage - self.offset_base) / self.anchorage
-
-    def offset(self, s: ArrayLike) -> FloatArray:
-        """Distance y_i(s) of the tendons from the midline [m] (eq. 5)."""
-        return self.offset_base + self.offset_slope * np.asarray(s, dtype=np.float64)
+# Profiles are checked at so many places, and at their knots.
+_CHECKED = 257
 
 
 @dataclass(frozen=True)
@@ -153,12 +36,13 @@ class Arm:
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
-            the body, or the names are not one per tendon and distinct.
+            the body and its discs, a profile leaves its range, or the names are not one per
+            tendon and distinct.
     """
 
     material: Material
-    body: Body
-    sections: tuple[Section, ...]
+    body: Body | ProfiledBody
+    sections: tuple[Section | RoutedSection, ...]
     tendon_names: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -166,13 +50,41 @@ class Arm:
         object.__setattr__(self, 'sections', tuple(self.sections))
         if not self.sections:
             raise ArmDefinitionError('sections', self.sections, 'at least one section')
+        self._check_profiles()
         previous = math.inf
         for number, section in enumerate(self.sections, start=1):
             self._check_section(number, section, previous)
             previous = section.anchorage
         self._set_names(self.tendon_names)
 
-    def _check_section(self, number: int, section: Section, previous: float) -> None:
+    def _check_profiles(self) -> None:
+        material = self.material
+        for name, given, low, high, expected in (
+            ('body.radius', self.body.profile, 0.0, math.inf, '> 0 [m]'),
+            ('material.youngs_modulus', material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
+            ('material.poisson_ratio', material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),
+        ):
+            profile = as_profile(given)
+            profile.cover(name, self.length)
+            s = self._places(profile.knots, self.length)
+            values = profile.value(s)
+            bad = ~((values > low) & (values <= high) & np.isfinite(values))
+            if bad.any():
+                first = int(np.argmax(bad))
+                raise ArmDefinitionError(
+                    f'{name} at s = {s[first]:.6g} m',
+                    float(values[first]),
+                    f'a finite number {expected} all along the arm',
+                )
+
+    @staticmethod
+    def _places(knots: Sequence[float], stop: float) -> FloatArray:
+        inside = [s for s in knots if s < stop]
+        return np.union1d(np.linspace(0.0, stop, _CHECKED), inside)
+
+    def _check_section(
+        self, number: int, section: Section | RoutedSection, previous: float
+    ) -> None:
         where = f'sections[{number}]'
         if section.anchorage > self.body.length:
             raise ArmDefinitionError(
@@ -187,25 +99,36 @@ class Arm:
                 f'less than that of the section before it, {previous} [m]: '
                 'sections are listed from the tip to the base',
             )
-        # Offset and radius are both linear in s, so the two ends bound the whole tendon.
-        for end, s, offset in (
-            ('offset_base', 0.0, section.offset_base),
-            ('offset_anchorage', section.anchorage, section.offset_anchorage),
-        ):
-            radius = float(self.body.radius(s))
-            if offset > radius:
-                raise ArmDefinitionError(
-                    f'{where}.{end}',
-                    offset,
-                    f'at most the radius of the body at s = {s} m, {radius:.6g} [m]',
-                )
+        if isinstance(section, Section):
+            # Both ends first: they are what was given, and bound a straight tendon in a cone.
+            self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
+            end = np.array([section.anchorage])
+            self._check_inside(f'{where}.offset_anchorage', section.tendons[0], end)
+        for index, tendon in enumerate(section.tendons, start=1):
+            s = self._places(tendon.knots + self.body.profile.knots, section.anchorage)
+            self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
+
+    def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
+        offset, radius = tendon.offset.value(s), self.body.radius(s)
+        # To rounding: a tendon may lie on the surface.
+        limit = np.maximum(radius, self.body.disc_radius) * (1.0 + 1e-12)
+        bad = ~((offset >= 0.0) & (offset <= limit))
+        if bad.any():
+            first = int(np.argmax(bad))
+            what = 'the radius of the body'
+            if self.body.disc_radius > radius[first]:
+                what = 'the radius of the discs'
+            most = max(float(radius[first]), self.body.disc_radius)
+            raise ArmDefinitionError(
+                name, float(offset[first]), f'at most {what} at s = {s[first]} m, {most:.6g} [m]'
+            )
 
     def _set_names(self, given: Sequence[str]) -> None:
-        count = TENDONS_PER_SECTION * len(self.sections)
+        count = len(self.tendons)
         names = tuple(given) or tuple(
             f'tendon_{i}_{j}'
-            for i in range(1, len(self.sections) + 1)
-            for j in range(1, TENDONS_PER_SECTION + 1)
+            for i, section in enumerate(self.sections, start=1)
+            for j in range(1, len(section.tendons) + 1)
         )
         if len(names) != count:
             raise ArmDefinitionError('tendon_names', list(names), f'{count} names, one per tendon')
@@ -222,10 +145,35 @@ class Arm:
         """Reference length L [m]."""
         return self.body.length
 
-    @property
-    def tension_shape(self) -> tuple[int, int]:
-        """Shape of one set of tensions: (sections from the tip, tendons of a section)."""
-        return len(self.sections), TENDONS_PER_SECTION
+    @functools.cached_property
+    def tendons(self) -> tuple[Tendon, ...]:
+        """All tendons, section by section from the tip."""
+        return tuple(tendon for section in self.sections for tendon in section.tendons)
+
+    @functools.cached_property
+    def tendon_section(self) -> IntArray:
+        """Number of the section each tendon ends in, from the tip, (tendons,)."""
+        counts = [len(section.tendons) for section in self.sections]
+        return np.repeat(np.arange(1, len(counts) + 1), counts)
+
+    @functools.cached_property
+    def tension_shape(self) -> tuple[int, ...]:
+        """Shape of one set of tensions.
+
+        (sections from the tip, tendons of a section); (tendons,) where sections differ in number.
+        """
+        counts = [len(section.tendons) for section in self.sections]
+        if len(set(counts)) == 1:
+            return len(counts), counts[0]
+        return (sum(counts),)
+
+    @functools.cached_property
+    def knots(self) -> tuple[float, ...]:
+        """Where material, body or a tendon's path is less than smooth [m], ascending."""
+        found = {*self.material.knots, *self.body.profile.knots}
+        for tendon in self.tendons:
+            found.update(tendon.knots)
+        return tuple(sorted(s for s in found if 0.0 < s < self.length))
 
     def tendon_offsets(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Offsets of all tendons from the midline at ``s`` (n,), whether they act there or not.
@@ -233,8 +181,21 @@ class Arm:
         Returns:
             Components along n and along b [m], each (tendons, n).
         """
-        distance = np.stack([section.offset(s) for section in self.sections])[:, np.newaxis]
-        return tuple(
-            (distance * direction[:, np.newaxis]).reshape(-1, s.size)
-            for direction in (_DIRECTION_N, _DIRECTION_B)
-        )
+        return self._at(s, Tendon.place)
+
+    def tendon_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of `tendon_offsets` with respect to s [-]."""
+        return self._at(s, Tendon.slope)
+
+    def _at(
+        self, s: FloatArray, what: Callable[[Tendon, FloatArray], tuple[FloatArray, FloatArray]]
+    ) -> tuple[FloatArray, FloatArray]:
+        along_n, along_b = np.empty((2, len(self.tendons), s.size))
+        ends = [section.anchorage for section in self.sections]
+        for row, (tendon, section) in enumerate(
+            zip(self.tendons, self.tendon_section, strict=True)
+        ):
+            # Beyond its anchorage a tendon is not there, and its path may have no value.
+            inside = np.minimum(s, ends[section - 1])
+            along_n[row], along_b[row] = what(tendon, inside)
+        return along_n, along_b

@@ -36,3 +36,13 @@ def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
     matrix[row] = 0.0
     matrix[row, column] = 1.0
     return matrix
+
+
+def tail_matrix(count: int) -> FloatArray:
+    """Matrix (count, 2) that, from the right, takes values to the last two Chebyshev coefficients.
+
+    They are small where the points resolve the function.
+    """
+    x = -np.cos(np.pi * np.arange(count) / (count - 1))
+    values = np.polynomial.chebyshev.chebvander(x, count - 1)
+    return np.linalg.inv(values)[-2:].T.copy()

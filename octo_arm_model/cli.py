@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import Config, load_config
 from octo_arm_model.errors import OctoArmError, SolveError, TensionError
 from octo_arm_model.paper import preset_path
-from octo_arm_model.solver import MODELS, Backbone
+from octo_arm_model.solver import MODELS
 
 _EPILOG = """\
 examples:

@@ -1,8 +1,9 @@
 """The paper's balance (8a) with its constitutive law (3a), solved at each cross section alone.
 
 A frictionless tendon's moment on a cross section is local, so K omega = sum M is a linear system
-at every s, symmetric positive definite for non-negative tensions. Four tendons along n and b
-decouple it; see `TendonSums` for the letters.
+at every s, symmetric positive definite for non-negative tensions. As offsets have no component
+along t, torsion stands alone and the two curvatures form a system of two; see `TendonSums` for
+the letters.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.cross_section import Stiffness, longitudinal_strain
+from octo_arm_model.cross_section import Stiffness, twist_of
 from octo_arm_model.hints import FloatArray, IntArray
-from octo_arm_model.strains import Strains
+from octo_arm_model.statics import Solution
 from octo_arm_model.tendons import TendonWeights
 
 
@@ -24,14 +25,22 @@ class ClosedForm:
         self._weights = TendonWeights(arm, nodes, section)
         self._stiffness = Stiffness.at(arm, nodes)
 
-    def strains(self, tensions: FloatArray) -> Strains:
-        """Strains (batch, nodes) under ``tensions`` (batch, tendons) [N]."""
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Twist at every node under ``tensions`` (batch, tendons) [N]; nothing is left over."""
         sums = self._weights.sums(tensions)
         bending = self._stiffness.bending
-        strains = Strains(np.empty((4, *sums.axial.shape)))
-        tau, xi, k, q = strains.values
-        tau[:] = 0.0
-        np.divide(-sums.first_b, bending + sums.second_b, out=xi)
-        np.divide(sums.first_n, bending + sums.second_n, out=k)
-        q[:] = longitudinal_strain(sums, self._stiffness, xi, k)
-        return strains
+        omega = np.zeros((3, *sums.axial.shape))
+        tau, xi, k = omega
+        about_n, about_b = bending + sums.second_b, bending + sums.second_n
+        if sums.mixed is None:
+            np.divide(-sums.first_b, about_n, out=xi)
+            np.divide(sums.first_n, about_b, out=k)
+        else:
+            determinant = about_n * about_b - sums.mixed * sums.mixed
+            xi[:] = (sums.mixed * sums.first_n - about_b * sums.first_b) / determinant
+            k[:] = (about_n * sums.first_n - sums.mixed * sums.first_b) / determinant
+        if sums.swirl is not None:
+            polar = self._stiffness.torsion + sums.second_n + sums.second_b
+            np.divide(-sums.swirl, polar, out=tau)
+        none = np.zeros(len(tensions))
+        return Solution(twist_of(omega, sums, self._stiffness), none, none.astype(np.int64))

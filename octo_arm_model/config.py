@@ -11,11 +11,14 @@ from typing import Any
 
 import yaml
 
-from octo_arm_model.arm import Arm, Body, Material, Section
+from octo_arm_model.arm import Arm
+from octo_arm_model.body import Body
 from octo_arm_model.errors import ConfigError, OctoArmError
 from octo_arm_model.kinematics import Pose
+from octo_arm_model.material import Material
 from octo_arm_model.parameters import PARAMETERS
 from octo_arm_model.solver import Solver
+from octo_arm_model.tendon import Section
 
 
 @dataclass(frozen=True)

@@ -30,15 +30,21 @@ class Stiffness(NamedTuple):
         radius = arm.body.radius(nodes)
         area = np.pi * radius**2
         second_moment = 0.25 * np.pi * radius**4
-        return cls(
-            arm.material.youngs_modulus * area,
-            arm.material.shear_modulus * 2.0 * second_moment,
-            arm.material.youngs_modulus * second_moment,
-        )
+        young = arm.material.youngs_modulus_at(nodes)
+        shear = arm.material.shear_modulus_at(nodes)
+        return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
 
 
-def longitudinal_strain(
-    sums: TendonSums, stiffness: Stiffness, xi: FloatArray, k: FloatArray
-) -> FloatArray:
-    """Longitudinal strain q = N / (E A) with N from (9a) [-]."""
-    return (k * sums.first_n - xi * sums.first_b - sums.axial) / stiffness.axial
+def twist_of(omega: FloatArray, sums: TendonSums, stiffness: Stiffness) -> FloatArray:
+    """Twist of the frame per reference length, (4, batch, nodes).
+
+    The angular strain (1 + q) (tau, xi, k) [1/m] and the stretch 1 + q [-], for ``omega`` =
+    (tau, xi, k) (3, batch, nodes) and q = N / (E A) with N from (9a).
+    """
+    _, xi, k = omega
+    force = k * sums.first_n - xi * sums.first_b - sums.axial
+    twist = np.empty((4, *force.shape))
+    stretch = np.divide(force, stiffness.axial, out=twist[3])
+    stretch += 1.0
+    np.multiply(omega, stretch, out=twist[:3])
+    return twist

@@ -31,6 +31,10 @@ class TensionError(OctoArmError, ValueError):
     """Tendon tensions have the wrong shape or an impossible value."""
 
 
+class LoadError(OctoArmError, ValueError):
+    """A load given with the tensions is not one."""
+
+
 class SolveError(OctoArmError, ArithmeticError):
     """The model has no trustworthy answer for these tensions, so none is returned."""
 
@@ -39,15 +43,18 @@ class ConvergenceError(SolveError):
     """The iteration did not reach its tolerance.
 
     Attributes:
-        residual: last relative change of the iterate [-].
-        iterations: sweeps made.
+        residual: what was left of the equations, relative [-].
+        iterations: steps made.
+        iterate: the last iterate, for whoever wants to look at it; None where there is none.
     """
 
-    def __init__(self, what: str, residual: float, iterations: int) -> None:
+    def __init__(
+        self, what: str, residual: float, iterations: int, iterate: object = None
+    ) -> None:
         """Say ``what`` did not converge and how far it got."""
         super().__init__(
-            f'{what} did not converge: relative change {residual:.2e} '
-            f'after {iterations} iterations'
+            f'{what} did not converge: residual {residual:.2e} after {iterations} iterations'
         )
         self.residual = residual
         self.iterations = iterations
+        self.iterate = iterate

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import load_config
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.paper import (
@@ -23,7 +24,7 @@ from octo_arm_model.paper import (
     Tensions,
     preset_path,
 )
-from octo_arm_model.solver import Backbone, Solver
+from octo_arm_model.solver import Solver
 
 # Enough for the coiled tip to look as smooth as it is.
 _STATIONS = 401

@@ -67,8 +67,10 @@ class Coefficients:
         self._product_t = (b1 - a1) * c_n * c_b
         self._tolerance = TOLERANCE * np.abs(self.force).max(axis=(0, 2))[:, np.newaxis]
 
-    def sweep(self, piece: Piece, start: FloatArray) -> FloatArray:
+    def sweep(self, piece: Piece, start: FloatArray) -> tuple[FloatArray, float, int]:
         """Return p (3, batch, points) in ``piece``, ``start`` (3, batch) at its tip end.
+
+        Also the last change over the largest moment in the arm, and the number of sweeps.
 
         Each sweep takes the newest components (Gauss-Seidel), which halves their number.
         """
@@ -103,7 +105,13 @@ class Coefficients:
             change = np.abs(p - previous)
             # Counted rather than `all`, which takes five times as long; NaN does not count.
             if np.count_nonzero(change <= self._tolerance) == change.size:
-                return p
+                return p, self._relative(change), sweeps
             if sweeps >= MAX_SWEEPS:
-                worst = float((change / self._tolerance).max() * TOLERANCE)
-                raise ConvergenceError(f'equation (10) in section {piece.section}', worst, sweeps)
+                raise ConvergenceError(
+                    f'equation (10) in section {piece.section}', self._relative(change), sweeps
+                )
+
+    def _relative(self, change: FloatArray) -> float:
+        """Largest ``change`` over the largest moment in its arm."""
+        moment = np.maximum(self._tolerance, 1e-300)
+        return float((change / moment).max(initial=0.0)) * TOLERANCE

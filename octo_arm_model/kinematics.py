@@ -2,7 +2,7 @@
 
 The frame of the cross section moves along s with the body twist
 
-    angular (1 + q) (tau, xi, k)    linear (1 + q) (1, 0, 0)    in the axes (t, n, b),
+    angular (1 + q) (tau, xi, k)    linear (1 + q, 0, 0)    in the axes (t, n, b),
 
 so each interval is one rigid motion, the exponential of a fourth-order Magnus expansion built
 from the twists X at its first, middle and last node (Blanes, Casas, Oteo and Ros 2009, sec. 5):
@@ -22,9 +22,8 @@ import numpy as np
 
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import StationGrid
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.rotation import Quaternions, cumulative_product
-from octo_arm_model.strains import Strains
 
 
 @dataclass(frozen=True)
@@ -67,18 +66,44 @@ class Frame(NamedTuple):
 
 
 def backbone_frames(
-    strains: Strains,
+    twist: FloatArray,
     grid: StationGrid,
     base: Frame,
     position: FloatArray,
     quaternion: FloatArray,
 ) -> None:
-    """Integrate ``strains`` from the ``base`` pose to every station.
+    """Integrate ``twist`` (4 or 6, batch, nodes) from the ``base`` pose to every station.
 
-    Fills ``position`` (batch, stations, 3) [m] and ``quaternion`` (batch, stations, 4), in the
-    order x, y, z, w: the local x axis is the tangent t, y is n and z is b.
+    Its first three rows are the angular part [1/m], the others the linear part along t (and n and
+    b, where the cross section shears). Fills ``position`` (batch, stations, 3) [m] and
+    ``quaternion`` (batch, stations, 4), in the order x, y, z, w: the local x axis is the tangent
+    t, y is n and z is b.
     """
-    screws = _magnus(strains, grid)
+    position[...], frames = _end_frames(twist, grid, base, grid.station_node)
+    frames.part(grid.station_node).write_xyzw(quaternion)
+
+
+def node_frames(
+    twist: FloatArray, grid: StationGrid, base: Frame
+) -> tuple[FloatArray, Quaternions]:
+    """Position (batch, nodes, 3) [m] and orientation of every node under ``twist``."""
+    ends = np.arange(grid.step.size + 1)
+    position, frames = _end_frames(twist, grid, base, ends)
+    rotation = Quaternions.empty(twist.shape[1], grid.step.size)
+    move = _exponential(_half_magnus(twist, grid), rotation)
+    start = frames.part(slice(None, -1))
+    move = start.rotate(move)
+    half = start.times(rotation)
+    nodes = Quaternions(*(np.concatenate(pair, axis=-1) for pair in zip(frames, half)))
+    step = np.stack([move.a.imag, move.b.real, move.b.imag], axis=-1)
+    return np.concatenate([position, position[:, :-1] + step], axis=1), nodes
+
+
+def _end_frames(
+    twist: FloatArray, grid: StationGrid, base: Frame, at: IntArray
+) -> tuple[FloatArray, Quaternions]:
+    """Position of the interval ends ``at`` (batch, n, 3) [m], and frames of all interval ends."""
+    screws = _magnus(twist, grid)
     batch, count = screws.shape[1:]
     # The base and then the motion of each interval, in the axes of its own first frame.
     chain = Quaternions.empty(batch, count + 1)
@@ -87,42 +112,64 @@ def backbone_frames(
     frames = cumulative_product(chain)
     step = frames.part(slice(None, -1)).rotate(step)
 
+    position = np.empty((batch, at.size, 3))
     position[:, 0] = base.position
-    interval = grid.station_node[1:] - 1
+    interval = at[1:] - 1
     x, y, z = base.position
     position[:, 1:, 0] = np.add.accumulate(step.a.imag, axis=1)[:, interval] + x
     yz = np.add.accumulate(step.b, axis=1)[:, interval]
     position[:, 1:, 1] = yz.real + y
     position[:, 1:, 2] = yz.imag + z
-    frames.part(grid.station_node).write_xyzw(quaternion)
+    return position, frames
 
 
-def _magnus(strains: Strains, grid: StationGrid) -> FloatArray:
+def _three(twist: FloatArray, grid: StationGrid) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Twist at the first, the last and the middle node of each interval."""
+    count = grid.step.size
+    return twist[..., :count], twist[..., 1 : count + 1], twist[..., count + 1 :]
+
+
+def _magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
     """Screw of each interval: rotation vector, then translation, (6, batch, intervals)."""
-    stretch = 1.0 + strains.q
-    twist = np.empty_like(strains.values)
-    np.multiply(strains.values[:3], stretch, out=twist[:3])
-    twist[3] = stretch
     h = grid.step
-    first, last = twist[:, :, : h.size], twist[:, :, 1 : h.size + 1]
-    middle = twist[:, :, h.size + 1 :]
+    first, last, middle = _three(twist, grid)
     screw = np.zeros((6, *first.shape[1:]))
-    mean = np.multiply(4.0, middle, out=screw[:4])
+    mean = np.multiply(4.0, middle, out=screw[: len(twist)])
     mean += first
     mean += last
     mean *= h / 6.0
-    # [X_first, X_last] = (w x w', w x v' - w' x v) with v = (v, 0, 0), its n and b components
-    # from those of the strains side by side.
-    commutator = h * h / 12.0
-    (t, n, b, v), (t_last, n_last, b_last, v_last) = first, last
-    screw[0] += commutator * (n * b_last - b * n_last)
-    turn = commutator * (t * last[1:3] - t_last * first[1:3])
+    _add_commutator(screw, first, last, h * h / 12.0)
+    return screw
+
+
+def _half_magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
+    """Screw of the first half of each interval, to the order the middles need."""
+    h = grid.step
+    first, last, middle = _three(twist, grid)
+    screw = np.zeros((6, *first.shape[1:]))
+    screw[: len(twist)] = (5.0 * first + 8.0 * middle - last) * (h / 24.0)
+    _add_commutator(screw, first, middle, h * h / 48.0)
+    return screw
+
+
+def _add_commutator(
+    screw: FloatArray, first: FloatArray, last: FloatArray, factor: FloatArray
+) -> None:
+    """Add ``factor`` [X_first, X_last] with [X, X'] = (w x w', w x v' - w' x v) to ``screw``."""
+    # For v = (v, 0, 0), the n and b components from those of the strains side by side.
+    (t, n, b, v), (t_last, n_last, b_last, v_last) = first[:4], last[:4]
+    screw[0] += factor * (n * b_last - b * n_last)
+    turn = factor * (t * last[1:3] - t_last * first[1:3])
     screw[1] -= turn[1]
     screw[2] += turn[0]
-    move = commutator * (v_last * first[1:3] - v * last[1:3])
-    screw[4] = move[1]
-    np.negative(move[0], out=screw[5])
-    return screw
+    move = factor * (v_last * first[1:3] - v * last[1:3])
+    screw[4] += move[1]
+    screw[5] -= move[0]
+    if len(first) == 6:
+        (v_n, v_b), (w_n, w_b) = first[4:], last[4:]
+        screw[3] += factor * (n * w_b - b * w_n - n_last * v_b + b_last * v_n)
+        screw[4] -= factor * (t * w_b - t_last * v_b)
+        screw[5] += factor * (t * w_n - t_last * v_n)
 
 
 def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:

@@ -11,8 +11,7 @@ from typing import Any
 
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import DEFAULT_STATIONS
-
-DEFAULT_MODEL = 'renda2012'
+from octo_arm_model.solver import DEFAULT_MODEL
 
 
 @dataclass(frozen=True)

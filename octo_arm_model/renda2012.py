@@ -27,14 +27,17 @@ import itertools
 
 import numpy as np
 
-from octo_arm_model.arm import TENDONS_PER_SECTION, Arm
+from octo_arm_model.arm import Arm
+from octo_arm_model.body import Body
 from octo_arm_model.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.cross_section import Stiffness, longitudinal_strain
-from octo_arm_model.errors import ConvergenceError
+from octo_arm_model.cross_section import Stiffness, twist_of
+from octo_arm_model.errors import ConfigError, ConvergenceError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.imbalance import COLLOCATION_POINTS, Coefficients, Piece
-from octo_arm_model.strains import Strains
+from octo_arm_model.profiles import Profile
+from octo_arm_model.statics import Solution
+from octo_arm_model.tendon import Section
 from octo_arm_model.tendons import TendonWeights
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
@@ -43,35 +46,72 @@ _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
 PIECES = (1, 4, 16)
 
 
+def papers_sections(arm: Arm) -> tuple[Section, ...]:
+    """The sections of ``arm``, where the paper's equations cover it.
+
+    Raises:
+        ConfigError: if they do not; the message says what.
+    """
+    problem = ''
+    if not isinstance(arm.body, Body):
+        problem = 'a body whose radius is not linear in s (7)'
+    material = (arm.material.youngs_modulus, arm.material.poisson_ratio)
+    if any(isinstance(value, Profile) for value in material):
+        problem = 'a material that varies along s (3)'
+    sections = []
+    for number, section in enumerate(arm.sections, start=1):
+        if isinstance(section, Section) and section.is_papers:
+            sections.append(section)
+        else:
+            problem = f'section {number}, whose tendons are not straight along n, b, -n, -b (5)'
+    if problem:
+        raise ConfigError(
+            f"model is 'renda2012', which does not cover {problem}: choose exact or closed_form"
+        )
+    return tuple(sections)
+
+
 class Renda2012:
     """Strains from tensions, from the tip to the base."""
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
-        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
+        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,).
+
+        Raises:
+            ConfigError: if the arm is not one the paper's equations cover.
+        """
+        papers_sections(arm)
         self._weights = TendonWeights(arm, nodes, section)
         self._stiffness = Stiffness.at(arm, nodes)
         self._march = functools.lru_cache(lambda pieces: _March(arm, nodes, section, pieces))
         self._march(PIECES[0])
 
-    def strains(self, tensions: FloatArray) -> Strains:
-        """Strains (batch, nodes) under ``tensions`` (batch, tendons) [N].
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Twist at every node under ``tensions`` (batch, tendons) [N].
 
         Raises:
             ConvergenceError: if equation (10) could not be integrated.
         """
         sums = self._weights.sums(tensions)
-        p_t, p_n, p_b = self._imbalance(tensions, np.zeros((3, *sums.axial.shape)))
+        imbalance = np.zeros((3, *sums.axial.shape))
+        residual, sweeps = self._imbalance(tensions, imbalance)
+        p_t, p_n, p_b = imbalance
         bending = self._stiffness.bending
-        strains = Strains(np.empty((4, *sums.axial.shape)))
-        tau, xi, k, q = strains.values
+        omega = np.empty((3, *sums.axial.shape))
+        tau, xi, k = omega
         np.divide(p_t, self._stiffness.torsion + sums.second_n + sums.second_b, out=tau)
         np.divide(p_n - sums.first_b, bending + sums.second_b, out=xi)
         np.divide(p_b + sums.first_n, bending + sums.second_n, out=k)
-        q[:] = longitudinal_strain(sums, self._stiffness, xi, k)
-        return strains
+        batch = len(tensions)
+        twist = twist_of(omega, sums, self._stiffness)
+        return Solution(twist, np.full(batch, residual), np.full(batch, sweeps))
 
-    def _imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> FloatArray:
-        """Fill in p (3, batch, nodes), zero at first, where it is not zero."""
+    def _imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> tuple[float, int]:
+        """Fill in p (3, batch, nodes), zero at first, where it is not zero.
+
+        Returns:
+            Last relative change and number of sweeps, of the piece that took most.
+        """
         for pieces in PIECES[:-1]:
             try:
                 return self._march(pieces).imbalance(tensions, imbalance)
@@ -111,13 +151,16 @@ class _March:
                 numbers += [panel.section] * COLLOCATION_POINTS
         self._weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
         self._stiffness = Stiffness.at(arm, np.concatenate(s))
-        self._offset = np.array([part.offset_anchorage for part in arm.sections])
+        self._offset = np.array([part.offset_anchorage for part in papers_sections(arm)])
         self._bending = Stiffness.at(
             arm, np.array([part.anchorage for part in arm.sections])
         ).bending
 
-    def imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> FloatArray:
+    def imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> tuple[float, int]:
         """Fill in p (3, batch, nodes) below the first anchorage.
+
+        Returns:
+            Last relative change and number of sweeps, of the piece that took most.
 
         Raises:
             ConvergenceError: if the sweeps of a piece do not settle.
@@ -127,21 +170,23 @@ class _March:
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
         omega = compliance[..., 1] * force[..., 1]
+        residual, sweeps = 0.0, 0
         for piece in self._pieces:
             first, last = piece.points.start, piece.points.stop - 1
             if piece.jump:
                 omega += added[..., piece.section - 1]
             start = omega / compliance[..., first] - force[..., first]
-            p = coefficients.sweep(piece, start)
+            p, change, count = coefficients.sweep(piece, start)
+            residual, sweeps = max(residual, change), max(sweeps, count)
             imbalance[..., piece.at_nodes] = p @ piece.to_nodes
             omega = compliance[..., last] * (force[..., last] + p[..., -1])
-        return imbalance
+        return residual, sweeps
 
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
         """What (11) adds to omega at each anchorage, (3, batch, sections) [1/m]."""
         offset, bending = self._offset, self._bending
-        by_section = tensions.reshape(len(tensions), -1, TENDONS_PER_SECTION)
-        t1, t2, t3, t4 = (by_section[..., j] for j in range(TENDONS_PER_SECTION))
+        by_section = tensions.reshape(len(tensions), -1, 4)
+        t1, t2, t3, t4 = (by_section[..., j] for j in range(4))
         added = np.zeros((3, *t1.shape))
         added[1] = offset * (t4 - t2) / (offset**2 * (t4 + t2) + bending)
         added[2] = offset * (t1 - t3) / (offset**2 * (t1 + t3) + bending)

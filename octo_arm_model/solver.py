@@ -3,80 +3,36 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.arm import Arm
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.branch import follow
 from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.errors import ConfigError, SolveError
+from octo_arm_model.equilibrium import Condition, Equilibrium
+from octo_arm_model.errors import ConfigError, LoadError, SolveError
+from octo_arm_model.exact import Exact
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.hints import FloatArray
 from octo_arm_model.kinematics import Frame, Pose, backbone_frames
-from octo_arm_model.parameters import DEFAULT_MODEL
+from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
+from octo_arm_model.load_table import LoadTable
+from octo_arm_model.loads import Loads
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
-from octo_arm_model.strains import Strains
+from octo_arm_model.statics import Solution, Statics
 from octo_arm_model.tendons import check_tensions
 
+MODELS = ('renda2012', 'closed_form', 'exact')
+DEFAULT_MODEL = 'renda2012'
 # Arms are solved side by side: enough to hide the cost of a NumPy call, few enough to stay in
 # cache and for BLAS not to share a product among threads, which on a busy machine wait for each
 # other far longer than they work.
 _LARGEST_BATCH = 128
 _LARGEST_PRODUCT = 250_000  # multiplications
-
-
-class Statics(Protocol):
-    """A model of the arm's statics: tensions to strains at given nodes."""
-
-    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
-        """Tabulate the arm at ``nodes`` (n,), each in its ``section`` (n,)."""
-
-    def strains(self, tensions: FloatArray) -> Strains:
-        """Strains (batch, nodes) under ``tensions`` (batch, tendons) [N]."""
-
-
-MODELS: dict[str, type[Statics]] = {'renda2012': Renda2012, 'closed_form': ClosedForm}
-
-
-@dataclass(frozen=True)
-class Backbone:
-    """Shape of the arm at every station, from base to tip. Its arrays are read-only.
-
-    For a batch of tensions of shape (..., sections, tendons) the results keep the leading axes;
-    ``s`` and ``section`` are common to all.
-
-    Attributes:
-        model: name of the model that made it.
-        s: arc coordinate along the reference configuration [m], (stations,).
-        section: section a station belongs to, numbered from the tip; 0 beyond the last
-            anchorage, (stations,). At an anchorage everything holds on the side of the base.
-        position: position of the cross section [m], (..., stations, 3).
-        quaternion: its orientation x, y, z, w, (..., stations, 4); the local x axis is the
-            tangent t, y is n and z is b.
-        tau: torsion about t [1/m], (..., stations).
-        xi: curvature about n [1/m], (..., stations).
-        k: curvature about b [1/m], (..., stations).
-        q: longitudinal strain [-], (..., stations).
-    """
-
-    model: str
-    s: FloatArray
-    section: IntArray
-    position: FloatArray
-    quaternion: FloatArray
-    tau: FloatArray
-    xi: FloatArray
-    k: FloatArray
-    q: FloatArray
-
-    @property
-    def tip(self) -> FloatArray:
-        """Position of the tip [m], (..., 3)."""
-        return self.position[..., -1, :]
 
 
 class Solver:
@@ -87,6 +43,8 @@ class Solver:
     Attributes:
         arm: the arm.
         model: name of the model.
+        law: elastic law of the cross sections; always linear but for the model exact.
+        loads: what loads the arm but its tendons.
         base: pose of the base.
         grid: stations and quadrature nodes.
     """
@@ -97,30 +55,78 @@ class Solver:
         model: str = DEFAULT_MODEL,
         stations: int = DEFAULT_STATIONS,
         base: Pose = Pose(),
+        *,
+        material: str = DEFAULT_LAW,
+        shear: bool = False,
+        loads: Loads = Loads(),
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
+        ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (with the
+        linear law alone) and ``loads`` act all the time; these three are for the model exact, and
+        the law is ignored by the others, which are linear.
+
         Raises:
-            ConfigError: if there is no such model or the stations are too few.
+            ConfigError: if there is no such model or material, they do not go together, the model
+                does not cover the arm or the loads, or the stations are too few.
+            ArmDefinitionError: if a load does not fit the arm.
         """
         if model not in MODELS:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(MODELS)}')
-        self.arm = arm
-        self.model = model
-        self.base = base
+        if material not in LAWS:
+            raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
+        if shear and not (model == 'exact' and material == 'linear'):
+            raise ConfigError(
+                f'material.shear goes with model exact and material.law linear, not with {model} '
+                f'and {material}'
+            )
+        self.arm, self.model, self.base, self.loads = arm, model, base, loads
+        self.law: Law = LAWS[material if model == 'exact' else 'linear']
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
-        self.grid = StationGrid.build(arm, stations)
-        product = self.grid.nodes.size * len(arm.tendon_names)
+        self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
+        product = self.grid.nodes.size * len(arm.tendons)
         self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
         # The axial force is a difference of terms of this size; further up it is all rounding.
         self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
-        self._statics = MODELS[model](arm, self.grid.nodes, self.grid.node_section)
+        self._load_table = LoadTable(arm, self.grid, loads)
+        nodes, section = self.grid.nodes, self.grid.node_section
+        self._statics: Statics
+        if model == 'exact':
+            self._statics = Exact(arm, nodes, section, self.law, shear)
+        else:
+            self._check_unloaded(loads.tip_wrench)
+            self._statics = {'renda2012': Renda2012, 'closed_form': ClosedForm}[model](
+                arm, nodes, section
+            )
 
-    def solve(self, tensions: ArrayLike) -> Backbone:
-        """Shape under ``tensions`` (..., sections from the tip, tendons of a section) [N].
+    def _check_unloaded(self, tip_wrench: FloatArray) -> None:
+        if not self._load_table.is_empty or tip_wrench.any():
+            raise ConfigError(
+                f'model is {self.model!r}, which has no loads but the tendons: choose exact'
+            )
+
+    @functools.cached_property
+    def equilibrium(self) -> Equilibrium:
+        """The balance of the loaded arm (model exact)."""
+        assert isinstance(self._statics, Exact)
+        return Equilibrium(self._statics.at_nodes, self.grid, self._load_table, self._base)
+
+    def solve(
+        self,
+        tensions: ArrayLike,
+        tip_wrench: ArrayLike | None = None,
+        start: Backbone | None = None,
+    ) -> Backbone:
+        """Shape under ``tensions`` (..., *Arm.tension_shape) [N].
+
+        ``tip_wrench`` (..., 6) is a force and a moment on the tip in base_frame [N, N m], besides
+        those of ``loads``; its leading axes are broadcast with those of the tensions. A loaded arm
+        is followed from ``start``, a single solution of this solver, or from the unloaded shape.
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
+            LoadError: if the tip's wrench is not six finite numbers.
+            ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer; never a guess in its place.
         """
         checked = check_tensions(self.arm, tensions)
@@ -129,18 +135,46 @@ class Solver:
                 f'tension of {checked.max():.4g} N is beyond {self._largest_tension:.4g} N, a '
                 'million times what would compress the thinnest cross section to nothing'
             )
-        lead = checked.shape[:-2]
-        flat = checked.reshape(-1, len(self.arm.tendon_names))
+        shape = self.arm.tension_shape
+        lead = checked.shape[: -len(shape)]
+        wrench = self.loads.tip_wrench
+        if tip_wrench is not None:
+            wrench = wrench + _check_wrench(tip_wrench)
+            lead = np.broadcast_shapes(lead, wrench.shape[:-1])
+            checked = np.broadcast_to(checked, (*lead, *shape))
+        checked = checked.copy()
+        flat = checked.reshape(-1, len(self.arm.tendons))
+        is_loaded = not self._load_table.is_empty or bool(wrench.any())
+        if is_loaded and self.model != 'exact':
+            self._check_unloaded(wrench)
+        wrenches = np.broadcast_to(wrench, (*lead, 6)).reshape(-1, 6).copy()
+
         batch, count = len(flat), self.grid.s.size
         position = np.empty((batch, count, 3))
         quaternion = np.empty((batch, count, 4))
         strains = np.empty((4, batch, count))
-        for start in range(0, batch, self._batch):
-            part = slice(start, start + self._batch)
-            at_nodes = self._solve_statics(flat[part], start)
-            backbone_frames(at_nodes, self.grid, self._base, position[part], quaternion[part])
-            strains[:, part] = at_nodes.values[..., self.grid.station_node]
-        for array in (position, quaternion, strains):
+        residual, iterations = np.empty(batch), np.empty(batch, np.int64)
+        twists = [np.empty((4, 0, self.grid.nodes.size))] if not batch else []
+        size = 1 if is_loaded else self._batch
+        for first in range(0, batch, size):
+            part = slice(first, first + size)
+            with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+                solution = self._statics.solve(flat[part])
+            if is_loaded:
+                solution = self._load(solution, flat[first], wrenches[first], start)
+            self._check_shape(solution.twist, first, batch)
+            twist = solution.twist
+            backbone_frames(twist, self.grid, self._base, position[part], quaternion[part])
+            at_stations = twist[:4, :, self.grid.station_node]
+            np.divide(at_stations[:3], at_stations[3], out=strains[:3, part])
+            np.subtract(at_stations[3], 1.0, out=strains[3, part])
+            residual[part], iterations[part] = solution.residual, solution.iterations
+            twists.append(twist)
+        kept = np.concatenate(twists, axis=1) if len(twists) != 1 else twists[0]
+        kept = np.moveaxis(kept, 0, 1)
+        for array in (
+            position, quaternion, strains, checked, wrenches, residual, iterations, kept
+        ):  # fmt: skip
             array.setflags(write=False)
         return Backbone(
             self.model,
@@ -149,21 +183,54 @@ class Solver:
             position.reshape(*lead, count, 3),
             quaternion.reshape(*lead, count, 4),
             *(values.reshape(*lead, count) for values in strains),
+            checked,
+            wrenches.reshape(*lead, 6),
+            residual.reshape(lead),
+            iterations.reshape(lead),
+            kept.reshape(*lead, *kept.shape[1:]),
         )
 
-    def _solve_statics(self, tensions: FloatArray, number: int) -> Strains:
-        """Strains of one part of the batch, whose first set is ``number``."""
+    def _load(
+        self,
+        unloaded: Solution,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+    ) -> Solution:
+        """Balance of one arm, from its unloaded shape or a solution before."""
+        wanted = Condition(tensions, tip_wrench, 1.0)
+        known, twist = Condition(tensions, np.zeros(6), 0.0), unloaded.twist[:, 0]
+        if start is not None:
+            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
+            twist = start.twist
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            strains = self._statics.strains(tensions)
-        # The weakest section decides; NaN fails too.
-        if not strains.q.min(initial=0.0) > -1.0:
-            arm_in_batch, node = np.unravel_index(np.argmin(strains.q), strains.q.shape)
+            state, iterations = follow(self.equilibrium, known, twist, wanted)
+        return Solution(
+            state.twist[:, np.newaxis], np.array([state.residual]), np.array([iterations])
+        )
+
+    def _check_shape(self, twist: FloatArray, number: int, batch: int) -> None:
+        """Refuse what is turned inside out; NaN fails too."""
+        stretch = twist[3]
+        if not stretch.min(initial=1.0) > 0.0:
+            arm_in_batch, node = np.unravel_index(np.argmin(stretch), stretch.shape)
             raise SolveError(
                 f'tensions compress the arm to nothing at s = {self.grid.nodes[node]:.4g} m '
-                f'(q = {strains.q[arm_in_batch, node]:.4g}, must be > -1)'
-                + (f' in set {number + arm_in_batch}' if number or len(tensions) > 1 else '')
+                f'(q = {stretch[arm_in_batch, node] - 1.0:.4g}, must be > -1)'
+                + (f' in set {number + arm_in_batch}' if batch > 1 else '')
             )
-        return strains
+
+
+def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
+    try:
+        array = np.asarray(tip_wrench)
+    except ValueError:  # rows of different length
+        array = np.asarray(None)
+    if array.dtype.kind not in 'fiu' or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+        raise LoadError(
+            f'tip_wrench is {tip_wrench!r}, expected force and moment: (..., 6) finite numbers'
+        )
+    return array.astype(np.float64)
 
 
 @functools.lru_cache(maxsize=16)

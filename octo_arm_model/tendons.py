@@ -1,12 +1,14 @@
 """What the tendons sum to at every node, linear in the tensions.
 
-With tendon j at offset (r_n, r_b) in the axes of the cross section, the models need
+With tendon j at offset (r_n, r_b) in the axes of the cross section, the paper's models need
 
     axial    = sum T                    first_n = sum T r_n        first_b = sum T r_b
     second_n = sum T r_n^2              second_b = sum T r_b^2
+    mixed    = sum T r_n r_b            swirl = sum T (r_n r_b' - r_b r_n')
 
 over the tendons that act at the node. In the letters of the paper's equation (10), for four
-tendons a section: A1 = second_n, B1 = second_b, alpha = first_n and beta = -first_b.
+tendons a section: A1 = second_n, B1 = second_b, alpha = first_n and beta = -first_b, and the last
+two vanish.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ class TendonSums(NamedTuple):
         first_b: first moment along b [N m].
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
+        mixed: mixed second moment [N m^2]; None where it vanishes whatever the tensions.
+        swirl: moment about t of the tendons' slopes [N m]; None likewise.
     """
 
     axial: FloatArray
@@ -37,6 +41,8 @@ class TendonSums(NamedTuple):
     first_b: FloatArray
     second_n: FloatArray
     second_b: FloatArray
+    mixed: FloatArray | None
+    swirl: FloatArray | None
 
 
 class TendonWeights:
@@ -47,47 +53,75 @@ class TendonWeights:
 
         A section numbered i from the tip is passed by the tendons of sections 1 to i.
         """
-        offset_n, offset_b = arm.tendon_offsets(nodes)
-        of_section = np.repeat(np.arange(1, len(arm.sections) + 1), arm.tension_shape[1])
-        acts = (of_section[:, np.newaxis] <= section).astype(np.float64)
-        powers = (acts, acts * offset_n, acts * offset_b, acts * offset_n**2, acts * offset_b**2)
-        self._matrices = np.stack(powers)
+        n, b = arm.tendon_offsets(nodes)
+        slope_n, slope_b = arm.tendon_slopes(nodes)
+        acts = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
+        sums = [acts, acts * n, acts * b, acts * n**2, acts * b**2]
+        scale = max(float(np.max(np.hypot(n, b))), 1e-300)
+        mixed, swirl = acts * n * b, acts * (n * slope_b - b * slope_n)
+        # The paper's tendons have neither: then they cost nothing.
+        self._is_mixed = bool(np.any(np.abs(mixed) > 1e-14 * scale**2))
+        self._swirls = bool(np.any(np.abs(swirl) > 1e-14 * scale))
+        if self._is_mixed:
+            sums.append(mixed)
+        if self._swirls:
+            sums.append(swirl)
+        self._matrices = np.stack(sums)
 
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
-        return TendonSums(*(tensions @ self._matrices))
+        sums = list(tensions @ self._matrices)
+        swirl = sums.pop() if self._swirls else None
+        mixed = sums.pop() if self._is_mixed else None
+        return TendonSums(*sums, mixed, swirl)
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
-    """Return ``tensions`` as a float array (..., sections, tendons of a section) [N].
+    """Return ``tensions`` as a float array that ends in the shape `Arm.tension_shape` [N].
+
+    Where sections differ in their number of tendons that is flat, and one set may also be given
+    as rows.
 
     Raises:
         TensionError: if the shape is not that of the arm, or a tension is negative or not
             finite; the message names the tendon.
     """
+    shape = arm.tension_shape
+    if len(shape) == 1 and _is_ragged(arm, tensions):
+        tensions = [tension for row in tensions for tension in row]  # type: ignore[union-attr]
     try:
         array = np.asarray(tensions)
     except ValueError:  # rows of different length
         array = np.asarray(None)
+    expected = f'(..., {", ".join(str(count) for count in shape)})'
     if array.dtype.kind not in 'fiu':
         raise TensionError(
-            f'tensions must be numbers in rows of equal length, expected shape '
-            f'(..., {arm.tension_shape[0]}, {arm.tension_shape[1]})'
+            f'tensions must be numbers in rows of equal length, expected shape {expected}'
         )
     array = array.astype(np.float64, copy=False)
-    if array.shape[-2:] != arm.tension_shape:
-        rows, columns = arm.tension_shape
-        raise TensionError(
-            f'tensions have shape {array.shape}, expected (..., {rows}, {columns}): '
-            f'{rows} section(s) from the tip, {columns} tendons each'
-        )
+    if array.shape[-len(shape) :] != shape:
+        meaning = f'{len(arm.tendons)} tendons, section by section from the tip'
+        if len(shape) == 2:
+            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
+        raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
     # One pass accepts the ordinary case: NaN fails the first comparison, infinity the second.
     if array.size and not (array.min() >= 0.0 and array.max() < np.inf):
         bad = ~((array >= 0.0) & (array < np.inf))
         index = tuple(int(i) for i in np.argwhere(bad)[0])
-        name = arm.tendon_names[index[-2] * arm.tension_shape[1] + index[-1]]
-        where = f' in set {index[:-2]}' if len(index) > 2 else ''
+        tendon = int(np.ravel_multi_index(index[-len(shape) :], shape))
+        lead = index[: -len(shape)]
         raise TensionError(
-            f'tension of {name}{where} is {float(array[index])!r} N, expected a finite number >= 0'
+            f'tension of {arm.tendon_names[tendon]}{f" in set {lead}" if lead else ""} is '
+            f'{float(array[index])!r} N, expected a finite number >= 0'
         )
     return array
+
+
+def _is_ragged(arm: Arm, tensions: ArrayLike) -> bool:
+    """Whether ``tensions`` are rows as long as the sections of ``arm`` have tendons."""
+    if not isinstance(tensions, (list, tuple)) or len(tensions) != len(arm.sections):
+        return False
+    return all(
+        isinstance(row, (list, tuple)) and len(row) == len(section.tendons)
+        for row, section in zip(tensions, arm.sections, strict=True)
+    )

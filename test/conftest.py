@@ -33,6 +33,12 @@ def model(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.fixture(params=['closed_form', 'renda2012'])
+def papers_model(request: pytest.FixtureRequest) -> str:
+    """Both readings of the paper, which share (3a), (9a) and a tangent that is not normalised."""
+    return request.param
+
+
 @pytest.fixture(scope='session')
 def table2() -> Config:
     """Arm of the bending simulations, three sections."""

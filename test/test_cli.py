@@ -112,7 +112,7 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
     'arguments',
     [
         (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('figures',),
-        (*SOLVE, TENSIONS, '--model', 'exact'), (*SOLVE, TENSIONS, '--stations', 'many'),
+        (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
     ],
 )  # fmt: skip
 def test_wrong_usage_is_status_2(

@@ -16,7 +16,8 @@ from octo_arm_model.paper import FETCHING_IN_SPACE
 
 def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndarray:
     statics = ClosedForm(arm, np.array([s]), np.array([active]))
-    return statics.strains(np.reshape(tensions, (1, -1))).values[:, 0, 0]
+    twist = statics.solve(np.reshape(tensions, (1, -1))).twist[:, 0, 0]
+    return np.append(twist[:3] / twist[3], twist[3] - 1.0)
 
 
 @given(arms())

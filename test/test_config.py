@@ -284,7 +284,7 @@ def test_an_unknown_preset_is_refused_with_those_there_are() -> None:
         preset_path('nothing')
 
 
-@pytest.mark.parametrize(('name', 'value'), [('model', 'exact'), ('stations', 2)])
+@pytest.mark.parametrize(('name', 'value'), [('model', 'best'), ('stations', 2)])
 def test_a_solver_refuses_an_unknown_model_or_too_few_stations(
     tmp_path: Path, name: str, value: object
 ) -> None:

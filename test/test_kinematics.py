@@ -18,7 +18,6 @@ from octo_arm_model import Arm, Body, ConfigError, Material, Pose, Section, grid
 from octo_arm_model.grid import StationGrid
 from octo_arm_model.kinematics import Frame, backbone_frames
 from octo_arm_model.rotation import Quaternions
-from octo_arm_model.strains import Strains
 
 ARM = Arm(Material(1e5), Body(1.0, 0.1, 0.1), (Section(1.0, 0.0, 0.0),))
 CURVATURE = st.floats(-40.0, 40.0, allow_subnormal=False)
@@ -34,9 +33,9 @@ def curve(
     values = np.stack([np.broadcast_to(part, nodes.shape) for part in strains(nodes)])
     position, quaternion = np.empty((1, count, 3)), np.empty((1, count, 4))
     frame = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
-    backbone_frames(
-        Strains(values[:, np.newaxis]), stations_and_nodes, frame, position, quaternion
-    )
+    tau, xi, k, q = values
+    twist = np.stack([(1 + q) * tau, (1 + q) * xi, (1 + q) * k, 1 + q])[:, np.newaxis]
+    backbone_frames(twist, stations_and_nodes, frame, position, quaternion)
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=-1), 1.0, rtol=0.0, atol=1e-13)
     return stations_and_nodes.s, position[0], Rotation.from_quat(quaternion[0]).as_matrix()
 

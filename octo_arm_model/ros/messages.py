@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 
 from octo_arm_model.arm import Arm
+from octo_arm_model.backbone import Backbone
 from octo_arm_model.errors import TensionError
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.solver import Backbone
 
 
 def tensions_from_tendon_tensions(message: TendonTensions, arm: Arm) -> FloatArray:

@@ -1,0 +1,104 @@
+"""Following equilibria from a known one to another condition."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.equilibrium import Condition, Equilibrium, State
+from octo_arm_model.errors import ConvergenceError
+from octo_arm_model.hints import FloatArray
+
+TOLERANCE = 1e-11
+MAX_ITERATIONS = 1000
+_PER_STEP = 10  # iterations in one step of the condition
+_PROGRESS = 0.7  # what each iteration must leave less than of the residual
+_SMALLEST_STEP = 1e-3
+_PER_SNAP = 200
+
+
+def follow(
+    problem: Equilibrium, known: Condition, twist: FloatArray, wanted: Condition
+) -> tuple[State, int]:
+    """From the balanced ``twist`` (n, nodes) in ``known`` to balance in ``wanted``.
+
+    In one step where that converges, in as many as it takes where it does not. Where the branch
+    ends on the way (the arm buckles) the arm goes where it would fall. Returns the balanced state
+    and the number of iterations.
+
+    Raises:
+        ConvergenceError: if no balance was found; it carries the last iterate.
+    """
+    done, step, iterations = 0.0, 1.0, 0
+    last: tuple[FloatArray, float] | None = None
+    while True:
+        target = min(1.0, done + step)
+        condition = wanted if target == 1.0 else known.towards(wanted, target)
+        guess = twist
+        if last is not None:
+            guess = twist + (twist - last[0]) * ((target - done) / last[1])
+        state, used = _newton(problem, condition, guess)
+        iterations += used
+        if not state.residual <= TOLERANCE and step <= _SMALLEST_STEP:
+            state, used = _fall(problem, condition, twist)
+            iterations += used
+            last = None
+        elif state.residual <= TOLERANCE:
+            last = twist, target - done
+        if state.residual <= TOLERANCE:
+            if target == 1.0:
+                return state, iterations
+            step = (target - done) * (2.0 if used <= 5 else 1.0)
+            done, twist = target, state.twist
+            if last is None:
+                step = 0.1
+        else:
+            step = max(0.25 * (target - done), _SMALLEST_STEP)
+        if iterations > MAX_ITERATIONS:
+            raise ConvergenceError(
+                'the balance under load', state.residual, iterations, state.twist
+            )
+
+
+def _newton(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
+    """Newton's method for as long as it makes progress; balanced or not."""
+    state = problem.state(condition, twist)
+    for iteration in range(_PER_STEP):
+        if state.residual <= TOLERANCE:
+            return state, iteration
+        try:
+            step = problem.step(state)
+        except ConvergenceError:
+            return state, iteration
+        new = problem.state(condition, state.twist + step)
+        # Not where NaN. The first step may lead uphill: it is the one that follows the condition.
+        if not new.residual <= (_PROGRESS if iteration else 3.0) * state.residual:
+            return state, iteration + 1
+        state = new
+    return state, _PER_STEP
+
+
+def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
+    """Down the slope of the energy to a stable balance (pseudo-transient continuation).
+
+    Steps of an overdamped motion, implicit in time, which get longer as the residual gets
+    smaller and end as Newton's (Kelley and Keyes 1998).
+    """
+    state = problem.state(condition, twist)
+    damping = 4.0
+    for iteration in range(_PER_SNAP):
+        if state.residual <= TOLERANCE:
+            return state, iteration
+        try:
+            new = problem.state(condition, state.twist + problem.step(state, damping))
+        except ConvergenceError:
+            new = state._replace(residual=np.inf)
+        if not new.residual <= 2.0 * state.residual:
+            damping = 4.0 * max(damping, 0.1)
+            if damping > 1e9:
+                break
+            continue
+        damping = min(damping * new.residual / state.residual, 0.7 * damping)
+        if new.residual > state.residual:
+            damping = 2 * max(damping, 0.05)
+        state = new
+    return state, _PER_SNAP

@@ -1,0 +1,157 @@
+"""Balance of a loaded arm: a boundary value problem, solved by Newton's method.
+
+The unknowns are the twists at all nodes. Given them, the shape follows, and from it the wrench
+that the loads put on every cross section; what each cross section answers with is the gradient of
+its energy. A step takes how both change, with the shape, into account at once: the rotation phi
+of the cross sections and the moment mu added to them, in their own axes, obey
+
+    phi' = -w x phi + d kappa    mu' = -w x mu + n x (d v - v x phi)
+
+for a change (d kappa, d v) = C (residual + (mu + m x phi, n x phi)) of the twist (w, v), where
+(m, n) is the wrench and C the compliance of the cross section.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.exact import to_scaled
+from octo_arm_model.grid import StationGrid
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.kinematics import Frame, node_frames
+from octo_arm_model.load_table import LoadTable, skew
+from octo_arm_model.minimise import force_scale
+from octo_arm_model.physical import unscale
+from octo_arm_model.rotation import Quaternions
+from octo_arm_model.sectional import SectionEnergy
+from octo_arm_model.symmetric import factorise, invert
+from octo_arm_model.two_point import TwoPointProblem
+
+
+class State(NamedTuple):
+    """A loaded arm, in balance or not, at every node.
+
+    Attributes:
+        twist: (n, nodes).
+        position: (3, nodes) [m].
+        rotation: orientation of the cross sections, (1, nodes).
+        wrench: moment and force of what lies beyond, in the axes of the cross section, (6, nodes).
+        imbalance: the part of it that the cross section does not answer, (n, nodes).
+        hessian: of the energy by the twist, (n, n, nodes).
+        residual: largest imbalance over its scale.
+    """
+
+    twist: FloatArray
+    position: FloatArray
+    rotation: Quaternions
+    wrench: FloatArray
+    imbalance: FloatArray
+    hessian: FloatArray
+    residual: float
+
+
+class Condition(NamedTuple):
+    """What acts on the arm.
+
+    Attributes:
+        tensions: (tendons,) [N].
+        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
+        factor: part of all other loads.
+    """
+
+    tensions: FloatArray
+    tip_wrench: FloatArray
+    factor: float
+
+    def towards(self, other: Condition, part: float) -> Condition:
+        """This one, moved by ``part`` of the way to ``other``."""
+        return Condition(
+            self.tensions + part * (other.tensions - self.tensions),
+            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
+            self.factor + part * (other.factor - self.factor),
+        )
+
+
+class Equilibrium:
+    """The equations of one arm under loads."""
+
+    def __init__(
+        self, energy: SectionEnergy, grid: StationGrid, loads: LoadTable, base: Frame
+    ) -> None:
+        """Prepare for the cross sections ``energy`` at the nodes of ``grid``."""
+        self._energy, self._grid, self._loads, self._base = energy, grid, loads, base
+        self._problem = TwoPointProblem(grid.step)
+        # Moments are measured in this, so that both halves of the system are of one size.
+        self._unit = float(energy.stiffness.bending.mean()) / float(grid.s[-1])
+
+    def state(self, condition: Condition, twist: FloatArray) -> State:
+        """Evaluate the balance of ``twist`` (n, nodes)."""
+        energy = self._energy
+        pulls = energy.pulls(condition.tensions[np.newaxis])
+        strain = to_scaled(energy.law, twist[:, np.newaxis])
+        gradient, hessian = energy.material(strain)
+        gradient += energy.tendon_gradient(strain, pulls)
+        hessian += energy.tendon_hessian(strain, pulls)
+        gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
+
+        position, rotation = node_frames(twist[:, np.newaxis], self._grid, self._base)
+        position = position[0].T
+        force = condition.factor * self._loads.force + condition.tip_wrench[:3, np.newaxis]
+        moment = self._loads.moment(position, force, condition.tip_wrench, condition.factor)
+        wrench = np.concatenate([into_section(rotation, moment), into_section(rotation, force)])
+        imbalance = wrench[: len(twist)] - gradient[:, 0]
+        scale = force_scale(energy, pulls)[:, 0]
+        outside = np.abs(wrench[: len(twist)]).max(axis=1, keepdims=True)
+        residual = float((np.abs(imbalance) / (scale + outside)).max())
+        return State(twist, position, rotation, wrench, imbalance, hessian[:, :, 0], residual)
+
+    def compliance(self, state: State) -> FloatArray:
+        """Change of the whole twist per change of wrench at every cross section, (6, 6, nodes)."""
+        count = len(state.twist)
+        small = invert(factorise(state.hessian))
+        compliance = np.zeros((6, 6, state.twist.shape[1]))
+        compliance[:count, :count] = small
+        return compliance
+
+    def respond(self, state: State, compliance: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Change of twist (6, columns, nodes) under small ``wrench`` (6, columns, nodes) more.
+
+        It acts on the cross sections, in their axes; what moving loads add is taken into account.
+        """
+        moment, force = state.wrench[:3], state.wrench[3:]
+        angular = state.twist[:3]
+        linear = np.zeros_like(angular)
+        linear[: len(state.twist) - 3] = state.twist[3:]
+        turn, carry = skew(angular), skew(force)
+        unit = self._unit
+        # How the wrench in the axes of a cross section changes with its rotation phi and with mu.
+        by_phi = np.concatenate([skew(moment), carry])
+        kappa_by_phi = np.einsum('ijn,jkn->ikn', compliance, by_phi)
+        kappa_by_mu = compliance[:, :3] * unit
+        a = np.empty((6, 6, angular.shape[1]))
+        a[:3, :3] = kappa_by_phi[:3] - turn
+        a[:3, 3:] = kappa_by_mu[:3]
+        over = carry / unit
+        a[3:, :3] = np.einsum('ijn,jkn->ikn', over, kappa_by_phi[3:] - skew(linear))
+        a[3:, 3:] = np.einsum('ijn,jkn->ikn', over, kappa_by_mu[3:]) - turn
+        direct = np.einsum('ijn,jcn->icn', compliance, wrench)
+        f = np.concatenate([direct[:3], np.einsum('ijn,jcn->icn', over, direct[3:])])
+        y = self._problem.solve(a, f)
+        changes = np.concatenate([kappa_by_phi, kappa_by_mu], axis=1)
+        return direct + np.einsum('ijn,jcn->icn', changes, y)
+
+    def step(self, state: State, damping: float = 0.0) -> FloatArray:
+        """Newton's step of the twist, (n, nodes), for cross sections stiffer by ``damping``."""
+        count = len(state.twist)
+        residual = np.zeros((6, 1, state.twist.shape[1]))
+        residual[:count, 0] = state.imbalance
+        return self.respond(state, self.compliance(state) / (1.0 + damping), residual)[:count, 0]
+
+
+def into_section(rotation: Quaternions, vector: FloatArray) -> FloatArray:
+    """Turn ``vector`` (3, nodes) from base_frame into the axes of the cross sections."""
+    inverse = Quaternions(rotation.a.conj(), -rotation.b)
+    turned = inverse.rotate(Quaternions.from_vector(*vector[:, np.newaxis]))
+    return np.stack([turned.a.imag[0], turned.b.real[0], turned.b.imag[0]])

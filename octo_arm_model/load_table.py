@@ -1,0 +1,107 @@
+"""Loads tabulated at the nodes of a grid, and the wrench they put on every cross section."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.errors import ArmDefinitionError
+from octo_arm_model.grid import StationGrid
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.loads import Loads
+
+
+def integrate_from_tip(values: FloatArray, grid: StationGrid) -> FloatArray:
+    """Integral of ``values`` (..., nodes) from each node to the tip.
+
+    Simpson's rule to the ends of the intervals, and to their middles the rule through the same
+    three points.
+    """
+    h, count = grid.step, grid.step.size
+    first, last = values[..., :count], values[..., 1 : count + 1]
+    middle = values[..., count + 1 :]
+    whole = (h / 6.0) * (first + 4.0 * middle + last)
+    # From the middle of an interval to its end.
+    half = (h / 24.0) * (8.0 * middle + 5.0 * last - first)
+    total = np.zeros(values.shape)
+    total[..., :count] = np.add.accumulate(whole[..., ::-1], axis=-1)[..., ::-1]
+    total[..., count + 1 :] = half + total[..., 1 : count + 1]
+    return total
+
+
+class LoadTable:
+    """The loads on an arm at the nodes of a grid.
+
+    Attributes:
+        force: resultant of everything beyond each node but the tip's wrench [N], (3, nodes).
+    """
+
+    def __init__(self, arm: Arm, grid: StationGrid, loads: Loads) -> None:
+        """Tabulate ``loads``.
+
+        Raises:
+            ArmDefinitionError: if a load lies beyond the tip, or gravity acts on an arm of no
+                density.
+        """
+        for s in loads.breaks:
+            if s > arm.length:
+                expected = f'at most the length of the arm, {arm.length} [m]'
+                raise ArmDefinitionError('loads: s', s, expected)
+        if any(loads.gravity) and not arm.material.density:
+            raise ArmDefinitionError(
+                'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
+            )
+        self._grid = grid
+        start = np.array([panel.start for panel in grid.panels])[grid.node_panel]
+        stop = np.array([panel.stop for panel in grid.panels])[grid.node_panel]
+        area = np.pi * arm.body.radius(grid.nodes) ** 2
+        weight = (arm.material.density - loads.fluid_density) * area
+        self._density = np.array(loads.gravity)[:, np.newaxis] * weight
+        for load in loads.distributed:
+            inside = (start >= load.s[0]) & (stop <= load.s[-1])
+            self._density[:, inside] += load.at(grid.nodes[inside])
+        self.force = integrate_from_tip(self._density, grid)
+        ends = grid.nodes[: grid.step.size + 1]
+        self._points = []
+        for point in loads.points:
+            # On the side of the base; a load at the base itself is felt by nothing.
+            beyond = stop <= point.s if point.s > 0.0 else np.zeros(stop.size, bool)
+            self.force[:, beyond] += np.array(point.force)[:, np.newaxis]
+            node = int(np.abs(ends - point.s).argmin())
+            self._points.append((node, beyond, np.array(point.force), np.array(point.moment)))
+        self.is_empty = not (self._density.any() or loads.points)
+
+    def moment(
+        self, position: FloatArray, force: FloatArray, tip_wrench: FloatArray, factor: float
+    ) -> FloatArray:
+        """Moment of everything beyond each node about it [N m], (3, nodes).
+
+        For nodes at ``position`` (3, nodes), ``force`` (3, nodes) beyond them, the tip's wrench
+        and ``factor`` times the other loads. Written with the moment about the origin, which
+        point forces carry exactly.
+        """
+        tip = position[:, self._grid.step.size]
+        about_origin = integrate_from_tip(cross(position, self._density), self._grid)
+        for node, beyond, point_force, point_moment in self._points:
+            moment = np.cross(position[:, node], point_force) + point_moment
+            about_origin[:, beyond] += moment[:, np.newaxis]
+        about_origin *= factor
+        about_origin += (np.cross(tip, tip_wrench[:3]) + tip_wrench[3:])[:, np.newaxis]
+        return about_origin - cross(position, force)
+
+
+def cross(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Cross product along the first axis (np.cross is slow)."""
+    return np.stack([
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    ])  # fmt: skip
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Matrices (3, 3, n) that take w to v x w, for vectors v (3, n)."""
+    matrix = np.zeros((3, *v.shape))
+    matrix[0, 1], matrix[0, 2], matrix[1, 2] = -v[2], v[1], -v[0]
+    matrix[1, 0], matrix[2, 0], matrix[2, 1] = v[2], -v[1], v[0]
+    return matrix

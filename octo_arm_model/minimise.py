@@ -1,0 +1,117 @@
+"""The least energy of every cross section by itself: Newton's method with a line search."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.errors import ConvergenceError
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.sectional import SectionEnergy
+from octo_arm_model.symmetric import factorise, substitute
+
+# Balance is reached when what is left of a force or moment is below this part of its `scale`.
+TOLERANCE = 1e-11
+MAX_ITERATIONS = 100
+# A step is too long where the energy rises more steeply at its end than this part of how steeply
+# it fell at its start.
+_OVERSHOOT = 0.9
+# The Hessian of the tendons is worth its cost while a step leaves more than this of the residual.
+_SLOW = 1e-2
+# Where tendons cannot twist the arm it is next to nothing, and asked for after so many steps.
+_PATIENCE = 10
+# Below this the slopes that tell a step too long are rounding.
+_ROUNDING = 1e-6
+
+
+class Minimum(NamedTuple):
+    """Strains of least energy.
+
+    Attributes:
+        strain: scaled strain, (n, batch, nodes).
+        residual: largest imbalance over its scale in each arm, (batch,).
+        iterations: steps made.
+    """
+
+    strain: FloatArray
+    residual: FloatArray
+    iterations: int
+
+
+def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
+    """A straight arm, compressed by about what the ``pulls`` sum to."""
+    load = np.add.reduce(pulls) / energy.stiffness.axial
+    strain = np.zeros((energy.strains, *load.shape))
+    # Right to first order for every law, and never nothing.
+    np.divide(1.0, np.sqrt(1.0 + 2.0 * load), out=strain[3])
+    return strain
+
+
+def force_scale(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
+    """What an imbalance is measured by: (n, batch, nodes) [N m and N].
+
+    The sum of tensions, and of tensions times lever arms, with a little of the stiffness of the
+    section so that rounding counts as balance where nothing pulls.
+    """
+    force = np.add.reduce(pulls) + 1e-4 * energy.stiffness.axial
+    lever = np.max(np.hypot(energy.x, energy.y), axis=0, initial=0.0)
+    scale = np.empty((energy.strains, *force.shape))
+    scale[:3] = force * np.maximum(energy.radius, lever)
+    scale[3:] = force
+    return scale
+
+
+def minimise(energy: SectionEnergy, pulls: FloatArray, start: FloatArray) -> Minimum:
+    """Strains of least energy under ``pulls`` (tendons, batch, nodes), from scaled ``start``.
+
+    Raises:
+        ConvergenceError: if balance is not reached.
+    """
+    if energy.planar and not np.count_nonzero(start[0]):
+        found = _descend(energy, pulls, start[1:4])
+        return found._replace(strain=_full(found.strain))
+    return _descend(energy, pulls, start)
+
+
+def _full(strain: FloatArray) -> FloatArray:
+    """Strains with the torsion that was left out, zero."""
+    return strain if len(strain) > 3 else np.concatenate([np.zeros_like(strain[:1]), strain])
+
+
+def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Minimum:
+    """`minimise` for strains (4 or 6, batch, nodes), or the last three of 4 without torsion."""
+    flat = len(strain) == 3
+    over = 1.0 / force_scale(energy, pulls)[slice(1, 4) if flat else slice(None)]
+    step = slope = previous = None
+    tendons: FloatArray | float = 0.0
+    iterations = 0
+    for _ in range(MAX_ITERATIONS):
+        gradient, hessian = energy.material(strain)
+        gradient += energy.tendon_gradient(strain, pulls)
+        left = np.abs(gradient * over)
+        worst = float(left.max(initial=0.0))  # NaN where a section cannot be
+        if worst <= TOLERANCE:
+            return Minimum(strain, left.max(axis=(0, 2), initial=0.0), iterations)
+        if step is not None:
+            fine = np.add.reduce(gradient * step) <= _OVERSHOOT * slope  # not where NaN
+            if np.count_nonzero(fine) < fine.size:
+                fine |= left.max(axis=0) <= _ROUNDING
+            if np.count_nonzero(fine) < fine.size:
+                # Halve the steps that are too long, and look again.
+                strain = strain - np.where(fine, 0.0, 0.5) * step
+                step = np.where(fine, step, 0.5 * step)
+                slope = np.where(fine, slope, 0.5 * slope)
+                continue
+        is_slow = previous is None or worst > _SLOW * previous
+        if is_slow and (iterations >= _PATIENCE or not flat):
+            tendons = energy.tendon_hessian(_full(strain), pulls)
+            tendons = tendons[1:, 1:] if flat else tendons
+        previous = worst
+        hessian += tendons
+        step = substitute(factorise(hessian), gradient)
+        np.negative(step, out=step)
+        slope = -np.add.reduce(gradient * step)
+        strain = strain + step
+        iterations += 1
+    raise ConvergenceError('balance of the cross sections', worst, iterations)

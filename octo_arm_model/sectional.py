@@ -1,0 +1,219 @@
+"""The energy of a cross section with its tendons: the model beyond the paper.
+
+Per reference length a cross section stores
+
+    psi = psi_material + sum T |u|    u = (lambda, v_n, v_b) + kappa x r + r'
+
+as a frictionless tendon of tension T is stretched by |u|. kappa is the rotation of the frame per
+reference length, r the offset of the tendon, both in the axes t, n, b; psi_material comes from
+`laws`. A section that widens by w(lambda) carries its tendons along, so that their offset is w r.
+In terms of the *scaled* strain
+
+    (w kappa_t, w kappa_n, w kappa_b, lambda[, v_n, v_b])
+
+u is affine but for the small w r', so that psi is convex for all practical purposes, for straight
+tendons in planes through the midline exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.cross_section import Stiffness
+from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.laws import Law
+
+
+class SectionEnergy:
+    """The cross sections of an arm at given nodes, each by itself.
+
+    Arrays of strain are (n, batch, nodes) for n strains, those of tendons (tendons, batch, nodes).
+
+    Attributes:
+        law: the elastic law.
+        strains: how many strains a cross section has: 4, or 6 with shear.
+        planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
+        stiffness: of the undeformed cross sections.
+        radius: reference radius at each node [m].
+        acts: 1 where a tendon acts and 0 beyond its anchorage, (tendons, 1, nodes).
+    """
+
+    def __init__(
+        self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
+    ) -> None:
+        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
+        self.law = law
+        self.strains = 6 if shear else 4
+        self.stiffness = Stiffness.at(arm, nodes)
+        self.radius = arm.body.radius(nodes)
+        self.acts = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
+            :, np.newaxis
+        ]
+        self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
+        # Offsets along n and b and their slopes, zero where the tendon does not act.
+        self.x, self.y, self.dx, self.dy = (
+            np.ascontiguousarray(table[:, np.newaxis]) * self.acts
+            for table in (*arm.tendon_offsets(nodes), *arm.tendon_slopes(nodes))
+        )
+        swirl = np.abs(self.x * self.dy - self.y * self.dx)
+        scale = max(float(np.max(np.hypot(self.x, self.y))), 1e-300)
+        self.planar = not shear and float(swirl.max()) <= 1e-14 * scale
+        self._slope_squared = self.dx**2 + self.dy**2
+        self._twice = 2.0 * self.stiffness.axial * self.radius**2
+        self._squared = self.radius**2
+        self._four = 2.0 * self._squared * self._twice
+
+    def pulls(self, tensions: FloatArray) -> FloatArray:
+        """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
+        return tensions.T[:, :, np.newaxis] * self.acts
+
+    def tendon_gradient(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
+        """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
+        about_n, about_b, stretch = strain[-3:] if len(strain) == 3 else strain[1:4]
+        gradient = np.empty_like(strain)
+        u_t = about_n * self.y
+        u_t -= about_b * self.x
+        u_t += stretch
+        square = u_t * u_t
+        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
+        if len(strain) == 3:
+            across = self._slope_squared
+            square += across if width is None else across * (width * width)
+            pull = pulls / np.sqrt(square, out=square)
+            bending = gradient[:2]
+            if width is not None:
+                wider = np.einsum('jbn,jbn->bn', pull, np.broadcast_to(across, pull.shape))
+                wider *= slope * width
+        else:
+            u_n, u_b = self._across(strain, width)
+            square += u_n * u_n
+            square += u_b * u_b
+            pull = pulls / np.sqrt(square, out=square)
+            u_n *= pull
+            u_b *= pull
+            bending = gradient[1:3]
+            gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
+            if width is not None:
+                wider = slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
+            if len(strain) == 6:
+                np.add.reduce(u_n, out=gradient[4])
+                np.add.reduce(u_b, out=gradient[5])
+        u_t *= pull
+        along = gradient[2 if len(strain) == 3 else 3]
+        np.add.reduce(u_t, out=along)
+        if width is not None:
+            along += wider
+        np.add.reduce(u_t * self.y, out=bending[0])
+        u_t *= self.x
+        np.add.reduce(u_t, out=bending[1])
+        np.negative(bending[1], out=bending[1])
+        return gradient
+
+    def _across(
+        self, strain: FloatArray, width: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Components of u along n and b."""
+        torsion = strain[0]
+        dx, dy = (self.dx, self.dy) if width is None else (width * self.dx, width * self.dy)
+        u_n, u_b = dx - torsion * self.y, dy + torsion * self.x
+        if self.strains == 6:
+            u_n += strain[4]
+            u_b += strain[5]
+        return u_n, u_b
+
+    def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
+        _, about_n, about_b, stretch = strain[:4]
+        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
+        u_t = stretch + about_n * self.y - about_b * self.x
+        u_n, u_b = self._across(strain, width)
+        length = np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        u_t, u_n, u_b = u_t / length, u_n / length, u_b / length
+        gradient = np.empty((self.strains, *length.shape))
+        gradient[0] = self.x * u_b - self.y * u_n
+        gradient[1] = self.y * u_t
+        gradient[2] = -self.x * u_t
+        gradient[3] = u_t
+        if width is not None:
+            gradient[3] += slope * (self.dx * u_n + self.dy * u_b)
+        if self.strains == 6:
+            gradient[4], gradient[5] = u_n, u_b
+        return length, gradient * self.acts
+
+    def tendon_hessian(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
+        """Hessian (n, n, batch, nodes) of the tendons' energy."""
+        length, towards = self.lengthening(strain)
+        weight = pulls / length
+        x, y, dx, dy = self.x, self.y, self.dx, self.dy
+        count = self.strains
+        hessian = np.zeros((count, *strain.shape))
+        # What of each change of u is across u: all of it less what is along.
+        scaled = weight * towards
+        for i in range(count):
+            for j in range(i + 1):
+                hessian[i, j] = -np.einsum('jbn,jbn->bn', scaled[i], towards[j])
+        weight_x, weight_y = weight * x, weight * y
+        moment_x, moment_y = np.add.reduce(weight_x), np.add.reduce(weight_y)
+        xx, yy = np.add.reduce(weight_x * x), np.add.reduce(weight_y * y)
+        total = np.add.reduce(weight)
+        hessian[0, 0] += xx + yy
+        hessian[1, 1] += yy
+        hessian[2, 1] -= np.add.reduce(weight_x * y)
+        hessian[2, 2] += xx
+        hessian[3, 1] += moment_y
+        hessian[3, 2] -= moment_x
+        hessian[3, 3] += total
+        if self.law.widens:
+            width, slope, bend = self.law.widening(strain[3])
+            swirl = np.add.reduce(weight_x * dy - weight_y * dx)
+            hessian[3, 0] += slope * swirl
+            # w' applies to u itself, w'' to what of r' is along u.
+            u_n, u_b = self._across(strain, width)
+            straight = np.add.reduce(weight * (dx * u_n + dy * u_b))
+            squares = np.add.reduce(weight * self._slope_squared)
+            hessian[3, 3] += slope * slope * squares + bend * straight
+        if count == 6:
+            hessian[4, 0] -= moment_y
+            hessian[5, 0] += moment_x
+            hessian[4, 4] += total
+            hessian[5, 5] += total
+        for i in range(count):
+            for j in range(i):
+                hessian[j, i] = hessian[i, j]
+        return hessian
+
+    def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
+
+        Both are NaN where a section cannot be.
+        """
+        first = 0 if len(strain) == 3 else 1
+        curving, stretch = strain[first : first + 2], strain[first + 2]
+        squares = curving * curving
+        bend = np.add(squares[0], squares[1], out=squares[0])
+        bend *= self._squared
+        f = self.law.density(stretch, bend)
+        gradient = np.empty_like(strain)
+        hessian = np.empty((len(strain), *strain.shape))
+        if first:
+            hessian[...] = 0.0
+            torsional = self.stiffness.torsion
+            hessian[0, 0] = torsional
+            np.multiply(torsional, strain[0], out=gradient[0])
+        axial = self.stiffness.axial
+        once = self._twice * f.by_bend
+        np.multiply(once, curving, out=gradient[first : first + 2])
+        np.multiply(axial, f.by_stretch, out=gradient[first + 2])
+        core = hessian[first : first + 3, first : first + 3]
+        second = (self._four * f.by_bend_bend) * curving
+        np.multiply(second[:, np.newaxis], curving, out=core[:2, :2])
+        core[0, 0] += once
+        core[1, 1] += once
+        np.multiply(self._twice * f.by_stretch_bend, curving, out=core[2, :2])
+        core[:2, 2] = core[2, :2]
+        np.multiply(axial, f.by_stretch_stretch, out=core[2, 2])
+        if len(strain) == 6:
+            gradient[4:] = self.shear_stiffness * strain[4:]
+            hessian[4, 4] = hessian[5, 5] = self.shear_stiffness
+        return gradient, hessian
