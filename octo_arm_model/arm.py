@@ -187,6 +187,14 @@ class Arm:
         """Derivative of `tendon_offsets` with respect to s [-]."""
         return self._at(s, Tendon.slope)
 
+    def tendon_outwards(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions of all tendons away from the midline, as `tendon_offsets` [-]."""
+        return self._at(s, Tendon.outward)
+
+    def tendon_outward_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of `tendon_outwards` with respect to s [1/m]."""
+        return self._at(s, Tendon.outward_slope)
+
     def _at(
         self, s: FloatArray, what: Callable[[Tendon, FloatArray], tuple[FloatArray, FloatArray]]
     ) -> tuple[FloatArray, FloatArray]:

@@ -120,7 +120,10 @@ class Equilibrium:
 
         It acts on the cross sections, in their axes; what moving loads add is taken into account.
         """
+        direct = np.einsum('ijn,jcn->icn', compliance, wrench)
         moment, force = state.wrench[:3], state.wrench[3:]
+        if not (np.count_nonzero(moment) or np.count_nonzero(force)):
+            return direct  # Nothing outside to turn against.
         angular = state.twist[:3]
         linear = np.zeros_like(angular)
         linear[: len(state.twist) - 3] = state.twist[3:]
@@ -136,7 +139,6 @@ class Equilibrium:
         over = carry / unit
         a[3:, :3] = np.einsum('ijn,jkn->ikn', over, kappa_by_phi[3:] - skew(linear))
         a[3:, 3:] = np.einsum('ijn,jkn->ikn', over, kappa_by_mu[3:]) - turn
-        direct = np.einsum('ijn,jcn->icn', compliance, wrench)
         f = np.concatenate([direct[:3], np.einsum('ijn,jcn->icn', over, direct[3:])])
         y = self._problem.solve(a, f)
         changes = np.concatenate([kappa_by_phi, kappa_by_mu], axis=1)

@@ -20,7 +20,7 @@ from octo_arm_model.minimise import Minimum, initial_strain, minimise
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.statics import Solution
 
-POINTS = 16  # in each panel
+POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
 

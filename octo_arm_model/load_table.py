@@ -29,6 +29,20 @@ def integrate_from_tip(values: FloatArray, grid: StationGrid) -> FloatArray:
     return total
 
 
+def integrate_from_base(values: FloatArray, grid: StationGrid) -> FloatArray:
+    """Integral of ``values`` (..., nodes) from the base to each node, by the same rules."""
+    h, count = grid.step, grid.step.size
+    first, last = values[..., :count], values[..., 1 : count + 1]
+    middle = values[..., count + 1 :]
+    total = np.zeros(values.shape)
+    np.add.accumulate(
+        (h / 6.0) * (first + 4.0 * middle + last), axis=-1, out=total[..., 1 : count + 1]
+    )
+    half = (h / 24.0) * (5.0 * first + 8.0 * middle - last)
+    total[..., count + 1 :] = half + total[..., :count]
+    return total
+
+
 class LoadTable:
     """The loads on an arm at the nodes of a grid.
 

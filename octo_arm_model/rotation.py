@@ -60,6 +60,15 @@ class Quaternions(NamedTuple):
         """Vectors turned by these unit quaternions."""
         return self.times(vector).times(Quaternions(self.a.conj(), -self.b))
 
+    def matrix(self) -> FloatArray:
+        """Rotation matrices (3, 3, ...)."""
+        w, x, y, z = self.a.real, self.a.imag, self.b.real, self.b.imag
+        return np.array([
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ])  # fmt: skip
+
     def write_xyzw(self, out: FloatArray) -> None:
         """Write the quaternions into ``out`` (..., 4) in the order x, y, z, w."""
         out[..., 0], out[..., 3] = self.a.imag, self.a.real

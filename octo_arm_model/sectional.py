@@ -50,6 +50,7 @@ class SectionEnergy:
         self.acts = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
             :, np.newaxis
         ]
+        self._poisson = arm.material.poisson_ratio_at(nodes)
         self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
         # Offsets along n and b and their slopes, zero where the tendon does not act.
         self.x, self.y, self.dx, self.dy = (
@@ -59,6 +60,11 @@ class SectionEnergy:
         swirl = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(np.hypot(self.x, self.y))), 1e-300)
         self.planar = not shear and float(swirl.max()) <= 1e-14 * scale
+        # How they change where a tendon runs farther out.
+        self._out = tuple(
+            np.ascontiguousarray(table[:, np.newaxis]) * self.acts
+            for table in (*arm.tendon_outwards(nodes), *arm.tendon_outward_slopes(nodes))
+        )
         self._slope_squared = self.dx**2 + self.dy**2
         self._twice = 2.0 * self.stiffness.axial * self.radius**2
         self._squared = self.radius**2
@@ -140,6 +146,46 @@ class SectionEnergy:
         if self.strains == 6:
             gradient[4], gradient[5] = u_n, u_b
         return length, gradient * self.acts
+
+    def gradient_by_offset(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
+        """Derivative of `tendon_gradient` with each tendon's distance from the midline.
+
+        Returns:
+            (n, tendons, batch, nodes).
+        """
+        torsion, about_n, about_b, stretch = strain[:4]
+        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
+        u_t = stretch + about_n * self.y - about_b * self.x
+        u_n, u_b = self._across(strain, width)
+        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+        x, y, dx, dy = self._out
+        wide = 1.0 if width is None else width
+        c_t = about_n * y - about_b * x
+        c_n, c_b = wide * dx - torsion * y, wide * dy + torsion * x
+        along = u_t * c_t + u_n * c_n + u_b * c_b
+        # The change of the direction of u.
+        c_t, c_n, c_b = (
+            (change - unit * along) * over for change, unit in ((c_t, u_t), (c_n, u_n), (c_b, u_b))
+        )
+        change = np.empty((self.strains, *u_t.shape))
+        change[0] = self.x * c_b - self.y * c_n + x * u_b - y * u_n
+        change[1] = self.y * c_t + y * u_t
+        change[2] = -self.x * c_t - x * u_t
+        change[3] = c_t
+        if slope is not None:
+            change[3] += slope * (self.dx * c_n + self.dy * c_b + dx * u_n + dy * u_b)
+        if self.strains == 6:
+            change[4], change[5] = c_n, c_b
+        return change * pulls
+
+    def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
+        """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
+        change = np.zeros_like(strain)
+        change[0] = -self.stiffness.torsion / (1.0 + self._poisson) * strain[0]
+        if self.strains == 6:
+            change[4:] = -self.shear_stiffness / (1.0 + self._poisson) * strain[4:]
+        return change
 
     def tendon_hessian(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
         """Hessian (n, n, batch, nodes) of the tendons' energy."""

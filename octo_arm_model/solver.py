@@ -12,7 +12,7 @@ from octo_arm_model.backbone import Backbone
 from octo_arm_model.branch import follow
 from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.equilibrium import Condition, Equilibrium
+from octo_arm_model.equilibrium import Condition, Equilibrium, State
 from octo_arm_model.errors import ConfigError, LoadError, SolveError
 from octo_arm_model.exact import Exact
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
@@ -23,6 +23,7 @@ from octo_arm_model.load_table import LoadTable
 from octo_arm_model.loads import Loads
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
+from octo_arm_model.sensitivity import Sensitivity, sensitivity
 from octo_arm_model.statics import Solution, Statics
 from octo_arm_model.tendons import check_tensions
 
@@ -108,8 +109,7 @@ class Solver:
     @functools.cached_property
     def equilibrium(self) -> Equilibrium:
         """The balance of the loaded arm (model exact)."""
-        assert isinstance(self._statics, Exact)
-        return Equilibrium(self._statics.at_nodes, self.grid, self._load_table, self._base)
+        return Equilibrium(self._exact.at_nodes, self.grid, self._load_table, self._base)
 
     def solve(
         self,
@@ -154,7 +154,6 @@ class Solver:
         quaternion = np.empty((batch, count, 4))
         strains = np.empty((4, batch, count))
         residual, iterations = np.empty(batch), np.empty(batch, np.int64)
-        twists = [np.empty((4, 0, self.grid.nodes.size))] if not batch else []
         size = 1 if is_loaded else self._batch
         for first in range(0, batch, size):
             part = slice(first, first + size)
@@ -169,13 +168,12 @@ class Solver:
             np.divide(at_stations[:3], at_stations[3], out=strains[:3, part])
             np.subtract(at_stations[3], 1.0, out=strains[3, part])
             residual[part], iterations[part] = solution.residual, solution.iterations
-            twists.append(twist)
-        kept = np.concatenate(twists, axis=1) if len(twists) != 1 else twists[0]
-        kept = np.moveaxis(kept, 0, 1)
-        for array in (
-            position, quaternion, strains, checked, wrenches, residual, iterations, kept
-        ):  # fmt: skip
+        # Of a large batch the nodes would be most of the memory.
+        twist = twist[:, 0] if lead == () else None
+        for array in (position, quaternion, strains, checked, wrenches, residual, iterations):
             array.setflags(write=False)
+        if twist is not None:
+            twist.setflags(write=False)
         return Backbone(
             self.model,
             self.grid.s,
@@ -187,8 +185,31 @@ class Solver:
             wrenches.reshape(*lead, 6),
             residual.reshape(lead),
             iterations.reshape(lead),
-            kept.reshape(*lead, *kept.shape[1:]),
+            twist,
         )
+
+    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+        """First derivatives of a single solution of this solver (model exact).
+
+        Raises:
+            ConfigError: if the model has none.
+        """
+        problem, state = self._balanced(backbone)
+        tensions = backbone.tensions.ravel()
+        return sensitivity(self._exact.at_nodes, self.grid, problem, state, tensions)
+
+    def _balanced(self, backbone: Backbone) -> tuple[Equilibrium, State]:
+        problem = self.equilibrium
+        if backbone.twist is None:
+            raise ConfigError('the backbone is that of a batch, expected a single solution')
+        condition = Condition(backbone.tensions.ravel(), backbone.tip_wrench, 1.0)
+        return problem, problem.state(condition, backbone.twist)
+
+    @property
+    def _exact(self) -> Exact:
+        if not isinstance(self._statics, Exact):
+            raise ConfigError(f'model is {self.model!r}, expected exact for what was asked')
+        return self._statics
 
     def _load(
         self,

@@ -40,6 +40,16 @@ class Tendon:
         sine, cosine = _sin(angle), _cos(angle)
         return out * cosine - offset * turn * sine, out * sine + offset * turn * cosine
 
+    def outward(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Direction (n, b) away from the midline: derivative of `place` with the distance."""
+        angle = self.angle.value(s)
+        return _cos(angle), _sin(angle)
+
+    def outward_slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of `outward` with respect to s [1/m]."""
+        angle, turn = self.angle.value(s), self.angle.slope(s)
+        return -turn * _sin(angle), turn * _cos(angle)
+
     @property
     def knots(self) -> tuple[float, ...]:
         """Where the path is less than smooth [m]."""
