@@ -179,6 +179,22 @@ class SectionEnergy:
             change[4], change[5] = c_n, c_b
         return change * pulls
 
+    def length_by_offset(self, strain: FloatArray) -> FloatArray:
+        """Derivative of every tendon's stretch with its distance from the midline, of one arm.
+
+        Returns:
+            (tendons, nodes).
+        """
+        torsion, about_n, about_b, stretch = strain[:4]
+        width = self.law.widening(stretch)[0] if self.law.widens else None
+        u_t = stretch + about_n * self.y - about_b * self.x
+        u_n, u_b = self._across(strain, width)
+        x, y, dx, dy = self._out
+        wide = 1.0 if width is None else width
+        along = u_t * (about_n * y - about_b * x)
+        along += u_n * (wide * dx - torsion * y) + u_b * (wide * dy + torsion * x)
+        return (along / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b))[:, 0]
+
     def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
         """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
         change = np.zeros_like(strain)

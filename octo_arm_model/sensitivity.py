@@ -30,10 +30,12 @@ class Change:
         pose: displacement [m] and rotation vector [rad] of each cross section, in base_frame,
             (stations, 6, quantities).
         strain: change of tau, xi, k [1/m] and q [-], (stations, 4, quantities).
+        tendon_length: change of the length of every tendon [m], (tendons, quantities).
     """
 
     pose: FloatArray
     strain: FloatArray
+    tendon_length: FloatArray
 
     @property
     def tip(self) -> FloatArray:
@@ -78,7 +80,7 @@ class Sensitivity:
 
     @property
     def compliance(self) -> FloatArray:
-        """Displacement [m] and rotation [rad] of the tip per force [N] and moment [N m], (6, 6)."""
+        """Displacement [m] and rotation [rad] of the tip per [N] and [N m] on it, (6, 6)."""
         return self.by_tip_wrench.tip
 
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
@@ -109,8 +111,9 @@ def sensitivity(
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
     columns = np.zeros((6, 2 * tendons + 8, state.twist.shape[1]))
     elastic, _ = energy.material(strain)
+    lengthening = energy.lengthening(strain)[1]
     for part, gradient in (
-        (slice(0, tendons), energy.lengthening(strain)[1]),
+        (slice(0, tendons), lengthening),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
         (slice(tendons + 7, tendons + 8), energy.gradient_by_poisson(strain)[:, np.newaxis]),
         (slice(tendons + 8, None), energy.gradient_by_offset(strain, pulls)),
@@ -124,27 +127,31 @@ def sensitivity(
         moment = cross(arm_to_tip, np.broadcast_to(unit, arm_to_tip.shape))
         columns[:3, tendons + axis] = into_section(state.rotation, moment)
     changes = problem.respond(state, problem.compliance(state), columns)
-    pose, strains = _integrate(state, grid, changes)
+    pose, strains = _integrate(state.twist, state.rotation, grid, changes)
+    by_twist = unscale_gradient(energy, twist, lengthening)[:, :, 0]
+    rates = np.einsum('itn,icn->tcn', by_twist, changes[:count])
+    rates[range(tendons), range(tendons + 8, 2 * tendons + 8)] += energy.length_by_offset(strain)
+    length = integrate_from_base(rates, grid)[..., grid.step.size]
     edges = np.cumsum([tendons, 6, 1, 1])
-    parts = zip(np.split(pose, edges, axis=2), np.split(strains, edges, axis=2), strict=True)
+    parts = zip(*(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True)
     return Sensitivity(*(Change(*part) for part in parts))
 
 
 def _integrate(
-    state: State, grid: StationGrid, changes: FloatArray
+    twist: FloatArray, frames: Quaternions, grid: StationGrid, changes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Pose (stations, 6, columns) and strain (stations, 4, columns) from twist (6, columns, n)."""
-    rotation = Quaternions(state.rotation.a[0], state.rotation.b[0]).matrix()
-    linear = np.zeros((3, state.twist.shape[1]))
-    linear[: len(state.twist) - 3] = state.twist[3:]
+    rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
+    linear = np.zeros((3, twist.shape[1]))
+    linear[: len(twist) - 3] = twist[3:]
     advance = np.einsum('ijn,jn->in', rotation, linear)[:, np.newaxis]
     angle = integrate_from_base(np.einsum('ijn,jcn->icn', rotation, changes[:3]), grid)
     moved = cross(angle, np.broadcast_to(advance, angle.shape))
     moved += np.einsum('ijn,jcn->icn', rotation, changes[3:])
     at = grid.station_node
     pose = np.concatenate([integrate_from_base(moved, grid)[..., at], angle[..., at]])
-    stretch = state.twist[3, at]
+    stretch = twist[3, at]
     strain = changes[:4, :, at].copy()
-    omega = state.twist[:3, np.newaxis, at] / stretch
+    omega = twist[:3, np.newaxis, at] / stretch
     strain[:3] = (strain[:3] - omega * strain[3]) / stretch
     return pose.transpose(2, 0, 1), strain.transpose(2, 0, 1)

@@ -14,15 +14,16 @@ from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.equilibrium import Condition, Equilibrium, State
 from octo_arm_model.errors import ConfigError, LoadError, SolveError
-from octo_arm_model.exact import Exact
+from octo_arm_model.exact import Exact, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.kinematics import Frame, Pose, backbone_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
-from octo_arm_model.load_table import LoadTable
+from octo_arm_model.load_table import LoadTable, integrate_from_base
 from octo_arm_model.loads import Loads
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
+from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.sensitivity import Sensitivity, sensitivity
 from octo_arm_model.statics import Solution, Statics
 from octo_arm_model.tendons import check_tensions
@@ -198,12 +199,41 @@ class Solver:
         tensions = backbone.tensions.ravel()
         return sensitivity(self._exact.at_nodes, self.grid, problem, state, tensions)
 
+    @functools.cached_property
+    def _sections(self) -> SectionEnergy:
+        """Cross sections at the nodes; of the paper's models for the lengths of tendons alone."""
+        if isinstance(self._statics, Exact):
+            return self._statics.at_nodes
+        return SectionEnergy(self.arm, self.grid.nodes, self.grid.node_section, self.law)
+
+    def tendon_lengths(self, backbone: Backbone) -> FloatArray:
+        """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.
+
+        For a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        return self._lengths(single_twist(backbone))
+
+    @functools.cached_property
+    def rest_lengths(self) -> FloatArray:
+        """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
+        twist = np.zeros((self._sections.strains, self.grid.nodes.size))
+        twist[3] = 1.0
+        return self._lengths(twist)
+
+    def _lengths(self, twist: FloatArray) -> FloatArray:
+        sections = self._sections
+        strain = to_scaled(sections.law, twist[:, np.newaxis])
+        stretch = sections.lengthening(strain)[0][:, 0] * sections.acts[:, 0]
+        whole = integrate_from_base(stretch, self.grid)[:, self.grid.step.size]
+        return whole.reshape(self.arm.tension_shape)
+
     def _balanced(self, backbone: Backbone) -> tuple[Equilibrium, State]:
         problem = self.equilibrium
-        if backbone.twist is None:
-            raise ConfigError('the backbone is that of a batch, expected a single solution')
         condition = Condition(backbone.tensions.ravel(), backbone.tip_wrench, 1.0)
-        return problem, problem.state(condition, backbone.twist)
+        return problem, problem.state(condition, single_twist(backbone))
 
     @property
     def _exact(self) -> Exact:
@@ -223,7 +253,7 @@ class Solver:
         known, twist = Condition(tensions, np.zeros(6), 0.0), unloaded.twist[:, 0]
         if start is not None:
             known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-            twist = start.twist
+            twist = single_twist(start)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             state, iterations = follow(self.equilibrium, known, twist, wanted)
         return Solution(
@@ -240,6 +270,17 @@ class Solver:
                 f'(q = {stretch[arm_in_batch, node] - 1.0:.4g}, must be > -1)'
                 + (f' in set {number + arm_in_batch}' if batch > 1 else '')
             )
+
+
+def single_twist(backbone: Backbone) -> FloatArray:
+    """Twist at the nodes of a single solution.
+
+    Raises:
+        ConfigError: if it is that of a batch.
+    """
+    if backbone.twist is None:
+        raise ConfigError('the backbone is that of a batch, expected a single solution')
+    return backbone.twist
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
