@@ -5,20 +5,21 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.body import Body
+from octo_arm_model.building import build_arm, build_loads, build_uncertainty
 from octo_arm_model.errors import ConfigError, OctoArmError
 from octo_arm_model.kinematics import Pose
-from octo_arm_model.material import Material
+from octo_arm_model.laws import DEFAULT_LAW
+from octo_arm_model.loads import Loads
 from octo_arm_model.parameters import PARAMETERS
+from octo_arm_model.sensitivity import Uncertainty
 from octo_arm_model.solver import Solver
-from octo_arm_model.tendon import Section
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,10 @@ class Config:
         model: name of the model.
         stations: number of stations along the backbone.
         base_frame: name of the frame the backbone is expressed in.
+        law: name of the elastic law of the model exact.
+        shear: whether its cross sections shear.
+        loads: what loads the arm but its tendons.
+        uncertainty: how well tensions, material and tendons are known.
     """
 
     arm: Arm
@@ -38,6 +43,10 @@ class Config:
     model: str
     stations: int
     base_frame: str
+    law: str = DEFAULT_LAW
+    shear: bool = False
+    loads: Loads = field(default_factory=Loads)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -51,6 +60,8 @@ class Config:
         given = {}
         for parameter in PARAMETERS:
             value = values.get(parameter.name, parameter.default)
+            if value is None and values.get(parameter.unless):
+                continue
             if value is None:
                 raise ConfigError(
                     f'{parameter.name} is missing, expected {parameter.type_name}: '
@@ -59,26 +70,34 @@ class Config:
             given[parameter.name] = parameter.convert(value)
         if not given['base_frame']:
             raise ConfigError("base_frame is '', expected the name of a frame")
-        arm = Arm(
-            Material(given['material.youngs_modulus'], given['material.poisson_ratio']),
-            Body(given['body.length'], given['body.radius_base'], given['body.radius_tip']),
-            _sections(given),
-            given['tendon_names'],
-        )
         base = Pose(given['base.position'], given['base.quaternion'])
-        return cls(arm, base, given['model'], given['stations'], given['base_frame'])
+        return cls(
+            arm=build_arm(given),
+            base=base,
+            model=given['model'],
+            stations=given['stations'],
+            base_frame=given['base_frame'],
+            law=given['material.law'],
+            shear=given['material.shear'],
+            loads=build_loads(given),
+            uncertainty=build_uncertainty(given),
+        )
 
     def solver(self, model: str | None = None, stations: int | None = None) -> Solver:
         """Solver of this arm, with another ``model`` or number of ``stations`` if given.
 
         Raises:
-            ConfigError: if there is no such model or the stations are too few.
+            ConfigError: if there is no such model, it does not cover the arm or its loads, or the
+                stations are too few.
         """
         return Solver(
             self.arm,
             self.model if model is None else model,
             self.stations if stations is None else stations,
             self.base,
+            material=self.law,
+            shear=self.shear,
+            loads=self.loads,
         )
 
 
@@ -167,15 +186,3 @@ def _refuse_unknown(values: Mapping[str, Any]) -> None:
             close = difflib.get_close_matches(str(name), known, n=1)
             hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
             raise ConfigError(f'{name} is no parameter of the arm; {hint}')
-
-
-def _sections(given: Mapping[str, Any]) -> tuple[Section, ...]:
-    names = ('anchorage', 'offset_base', 'offset_anchorage')
-    columns = [given[f'sections.{name}'] for name in names]
-    for name, column in zip(names, columns):
-        if len(column) != len(columns[0]):
-            raise ConfigError(
-                f'sections.{name} has {len(column)} values, expected {len(columns[0])} '
-                'like sections.anchorage, one per section'
-            )
-    return tuple(Section(*row) for row in zip(*columns))

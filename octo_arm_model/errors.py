@@ -35,6 +35,10 @@ class LoadError(OctoArmError, ValueError):
     """A load given with the tensions is not one."""
 
 
+class TargetError(OctoArmError, ValueError):
+    """What the arm is asked to reach is not something it could."""
+
+
 class SolveError(OctoArmError, ArithmeticError):
     """The model has no trustworthy answer for these tensions, so none is returned."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import DEFAULT_STATIONS
+from octo_arm_model.laws import DEFAULT_LAW
 from octo_arm_model.solver import DEFAULT_MODEL
 
 
@@ -24,6 +25,7 @@ class Parameter:
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
         is_array: whether it is a list.
+        unless: name of the parameter that takes its place; with that one it may be missing.
     """
 
     name: str
@@ -31,11 +33,12 @@ class Parameter:
     description: str
     default: Any = None
     is_array: bool = False
+    unless: str = ''
 
     @property
     def type_name(self) -> str:
         """Type in the words of ROS, e.g. ``double[]``."""
-        word = {float: 'double', int: 'integer', str: 'string'}[self.kind]
+        word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
         return word + '[]' if self.is_array else word
 
     def convert(self, value: object) -> Any:
@@ -54,7 +57,7 @@ class Parameter:
                 return float(element)
             except OverflowError:
                 return self._refuse(value)
-        if isinstance(element, self.kind) and not isinstance(element, bool):
+        if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
             return element
         return self._refuse(value)
 
@@ -63,8 +66,9 @@ class Parameter:
 
 
 PARAMETERS = (
-    Parameter('model', str, 'model that turns tensions into strains', DEFAULT_MODEL),
-    Parameter('stations', int, 'stations along the backbone, anchorages among them',
+    Parameter('model', str, 'what turns tensions into strains: renda2012, closed_form or exact',
+              DEFAULT_MODEL),
+    Parameter('stations', int, 'stations along the backbone, anchorages and loads among them',
               DEFAULT_STATIONS),
     Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),
     Parameter('base.position', float, 'position of the base in base_frame [m]', (0.0, 0.0, 0.0),
@@ -72,20 +76,79 @@ PARAMETERS = (
     Parameter('base.quaternion', float,
               'orientation of the base in base_frame, x y z w: x axis along the arm, y axis n, '
               'z axis b', (0.0, 0.0, 0.0, 1.0), is_array=True),
-    Parameter('material.youngs_modulus', float, "Young's modulus E [Pa]"),
+    Parameter('material.youngs_modulus', float, "Young's modulus E [Pa]",
+              unless='material.table_s'),
     Parameter('material.poisson_ratio', float, "Poisson's ratio nu [-]", 0.5),
+    Parameter('material.shear_modulus', float,
+              'shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))', 0.0),
+    Parameter('material.density', float, 'density [kg/m^3]; needed under gravity', 0.0),
+    Parameter('material.law', str,
+              'elastic law of the model exact: neo_hookean (soft), linear (stiff)', DEFAULT_LAW),
+    Parameter('material.shear', bool, 'whether cross sections shear, with law linear', False),
+    Parameter('material.table_s', float,
+              'arc coordinates of a material that varies along the arm, from 0 on [m]', (),
+              is_array=True),
+    Parameter('material.table_youngs_modulus', float, 'E at each of table_s [Pa]', (),
+              is_array=True),
+    Parameter('material.table_poisson_ratio', float,
+              'nu at each of table_s [-]; empty for poisson_ratio', (), is_array=True),
     Parameter('body.length', float, 'length L of the arm [m]'),
-    Parameter('body.radius_base', float, 'radius at the base [m]'),
-    Parameter('body.radius_tip', float, 'radius at the tip [m]'),
+    Parameter('body.radius_base', float, 'radius at the base [m]', unless='body.table_s'),
+    Parameter('body.radius_tip', float, 'radius at the tip [m]', unless='body.table_s'),
+    Parameter('body.disc_radius', float,
+              'radius of discs that lead tendons outside the body [m]; 0 for none', 0.0),
+    Parameter('body.table_s', float,
+              'arc coordinates of a body that is no cone, from 0 to the tip [m]', (),
+              is_array=True),
+    Parameter('body.table_radius', float, 'radius at each of table_s [m]', (), is_array=True),
     Parameter('sections.anchorage', float,
               'arc coordinate of each anchorage, from the tip to the base [m]', is_array=True),
+    Parameter('sections.tendons', int, 'number of tendons of each section; empty for four each',
+              (), is_array=True),
     Parameter('sections.offset_base', float,
               "distance of each section's tendons from the midline at the base [m]",
-              is_array=True),
+              is_array=True, unless='tendons.table_s'),
     Parameter('sections.offset_anchorage', float,
               "distance of each section's tendons from the midline at its anchorage [m]",
+              is_array=True, unless='tendons.table_s'),
+    Parameter('tendons.angle', float,
+              'direction of each tendon at the base [rad], from n towards b, section by section '
+              'from the tip; empty for even spacing from n on', (), is_array=True),
+    Parameter('tendons.twist', float,
+              'angle each tendon winds about the midline up to its anchorage [rad]; empty for '
+              'straight ones', (), is_array=True),
+    Parameter('tendons.table_s', float,
+              'arc coordinates of tabulated paths of all tendons, from 0 on [m]', (),
+              is_array=True),
+    Parameter('tendons.table_offset', float,
+              'distance from the midline at each of table_s [m], tendon after tendon', (),
+              is_array=True),
+    Parameter('tendons.table_angle', float,
+              'direction at each of table_s [rad], tendon after tendon; empty for angle', (),
               is_array=True),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True),
+    Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
+              (0.0, 0.0, 0.0), is_array=True),
+    Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0),
+    Parameter('loads.tip_force', float, 'force on the tip in base_frame [N]', (0.0, 0.0, 0.0),
+              is_array=True),
+    Parameter('loads.tip_moment', float, 'moment on the tip in base_frame [N m]',
+              (0.0, 0.0, 0.0), is_array=True),
+    Parameter('loads.point_s', float, 'arc coordinates of point forces [m]', (), is_array=True),
+    Parameter('loads.point_force', float,
+              'x, y, z of each point force in base_frame [N], one after the other', (),
+              is_array=True),
+    Parameter('loads.distributed_s', float,
+              'arc coordinates of a distributed force, linear between them [m]', (),
+              is_array=True),
+    Parameter('loads.distributed_force', float,
+              'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
+              (), is_array=True),
+    Parameter('uncertainty.tension', float, 'standard deviation of every tension [N]', 0.0),
+    Parameter('uncertainty.youngs_modulus', float, 'standard deviation of E, relative [-]', 0.0),
+    Parameter('uncertainty.poisson_ratio', float, 'standard deviation of nu [-]', 0.0),
+    Parameter('uncertainty.offset', float,
+              'standard deviation of the distance of every tendon from the midline [m]', 0.0),
 )  # fmt: skip
