@@ -45,4 +45,4 @@ def tail_matrix(count: int) -> FloatArray:
     """
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
     values = np.polynomial.chebyshev.chebvander(x, count - 1)
-    return np.linalg.inv(values)[-2:].T.copy()
+    return np.asarray(np.linalg.inv(values)[-2:].T, dtype=np.float64)

@@ -13,6 +13,7 @@ import numpy as np
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.chebyshev import barycentric_matrix, chebyshev_integration, tail_matrix
+from octo_arm_model.errors import SolveError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.laws import Law
@@ -23,6 +24,7 @@ from octo_arm_model.statics import Solution
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
+SHORTEST_FIBRE = 0.02  # of its reference length
 
 
 class Exact:
@@ -47,7 +49,8 @@ class Exact:
                 self._spans.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self._at_points = self._make(np.concatenate(s), np.array(numbers))
+        self._s = np.concatenate(s)
+        self._at_points = self._make(self._s, np.array(numbers))
         self._tail = tail_matrix(POINTS)
 
     @functools.cached_property
@@ -64,6 +67,7 @@ class Exact:
         energy = self._at_points
         pulls = energy.pulls(tensions)
         found = minimise(energy, pulls, initial_strain(energy, pulls))
+        check_fibres(energy, found.strain, self._s)
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
@@ -88,6 +92,27 @@ class Exact:
         iterations = coarse.iterations + found.iterations
         return Solution(
             to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)
+        )
+
+
+def check_fibres(energy: SectionEnergy, strain: FloatArray, s: FloatArray) -> None:
+    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing, at any of ``s``.
+
+    The elastic laws that widen resist that without end, which no material does.
+
+    Raises:
+        SolveError: if it does; the message says where.
+    """
+    if not energy.law.widens:
+        return
+    bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
+    shortest = strain[3] - energy.radius * bend
+    if not shortest.min(initial=1.0) > SHORTEST_FIBRE:
+        number, node = np.unravel_index(np.argmin(shortest), shortest.shape)
+        raise SolveError(
+            f'tensions compress a fibre of the arm to nothing at s = {s[node]:.4g} m (to '
+            f'{shortest[number, node]:.2g} of its length, must be > {SHORTEST_FIBRE})'
+            + (f' in set {number} of the batch' if len(shortest) > 1 else '')
         )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize
 from scipy.stats import qmc
 
+from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.errors import SolveError, TargetError, TensionError
 from octo_arm_model.hints import FloatArray
@@ -132,6 +133,13 @@ def find_tensions(
     if search.distance(best) <= enough:
         best = search.relax(best, enough)
     return search.result(best)
+
+
+def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
+    """Tension of each tendon that compresses the section at its anchorage by ``part`` [N]."""
+    ends = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
+    axial = arm.material.youngs_modulus_at(ends) * np.pi * arm.body.radius(ends) ** 2
+    return (part * axial).reshape(arm.tension_shape)
 
 
 class _Search:

@@ -83,7 +83,9 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
     """`minimise` for strains (4 or 6, batch, nodes), or the last three of 4 without torsion."""
     flat = len(strain) == 3
     over = 1.0 / force_scale(energy, pulls)[slice(1, 4) if flat else slice(None)]
-    step = slope = previous = None
+    step: FloatArray | None = None
+    slope = np.zeros(0)
+    previous = np.inf
     tendons: FloatArray | float = 0.0
     iterations = 0
     for _ in range(MAX_ITERATIONS):
@@ -103,7 +105,7 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
                 step = np.where(fine, step, 0.5 * step)
                 slope = np.where(fine, slope, 0.5 * slope)
                 continue
-        is_slow = previous is None or worst > _SLOW * previous
+        is_slow = not iterations or worst > _SLOW * previous
         if is_slow and (iterations >= _PATIENCE or not flat):
             tendons = energy.tendon_hessian(_full(strain), pulls)
             tendons = tendons[1:, 1:] if flat else tendons

@@ -82,13 +82,15 @@ class SectionEnergy:
         u_t -= about_b * self.x
         u_t += stretch
         square = u_t * u_t
-        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
+        width = slope = wider = None
+        if self.law.widens:
+            width, slope, _ = self.law.widening(stretch)
         if len(strain) == 3:
             across = self._slope_squared
             square += across if width is None else across * (width * width)
             pull = pulls / np.sqrt(square, out=square)
             bending = gradient[:2]
-            if width is not None:
+            if width is not None and slope is not None:
                 wider = np.einsum('jbn,jbn->bn', pull, np.broadcast_to(across, pull.shape))
                 wider *= slope * width
         else:
@@ -100,7 +102,7 @@ class SectionEnergy:
             u_b *= pull
             bending = gradient[1:3]
             gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
-            if width is not None:
+            if slope is not None:
                 wider = slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
             if len(strain) == 6:
                 np.add.reduce(u_n, out=gradient[4])
@@ -108,7 +110,7 @@ class SectionEnergy:
         u_t *= pull
         along = gradient[2 if len(strain) == 3 else 3]
         np.add.reduce(u_t, out=along)
-        if width is not None:
+        if wider is not None:
             along += wider
         np.add.reduce(u_t * self.y, out=bending[0])
         u_t *= self.x

@@ -85,15 +85,15 @@ class Sensitivity:
 
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6)."""
-        return sum(
-            (deviation * deviation) * change.tip @ change.tip.T
-            for deviation, change in (
-                (uncertainty.tension, self.by_tension),
-                (uncertainty.youngs_modulus, self.by_youngs_modulus),
-                (uncertainty.poisson_ratio, self.by_poisson_ratio),
-                (uncertainty.offset, self.by_offset),
-            )
-        )
+        covariance = np.zeros((6, 6))
+        for deviation, change in (
+            (uncertainty.tension, self.by_tension),
+            (uncertainty.youngs_modulus, self.by_youngs_modulus),
+            (uncertainty.poisson_ratio, self.by_poisson_ratio),
+            (uncertainty.offset, self.by_offset),
+        ):
+            covariance += deviation**2 * change.tip @ change.tip.T
+        return covariance
 
 
 def sensitivity(

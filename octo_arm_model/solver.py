@@ -14,7 +14,7 @@ from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.equilibrium import Condition, Equilibrium, State
 from octo_arm_model.errors import ConfigError, LoadError, SolveError
-from octo_arm_model.exact import Exact, to_scaled
+from octo_arm_model.exact import Exact, check_fibres, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.kinematics import Frame, Pose, backbone_frames
@@ -24,7 +24,7 @@ from octo_arm_model.loads import Loads
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
-from octo_arm_model.sensitivity import Sensitivity, sensitivity
+from octo_arm_model.sensitivity import Sensitivity, Uncertainty, sensitivity
 from octo_arm_model.statics import Solution, Statics
 from octo_arm_model.tendons import check_tensions
 
@@ -97,9 +97,8 @@ class Solver:
             self._statics = Exact(arm, nodes, section, self.law, shear)
         else:
             self._check_unloaded(loads.tip_wrench)
-            self._statics = {'renda2012': Renda2012, 'closed_form': ClosedForm}[model](
-                arm, nodes, section
-            )
+            papers_model = Renda2012 if model == 'renda2012' else ClosedForm
+            self._statics = papers_model(arm, nodes, section)
 
     def _check_unloaded(self, tip_wrench: FloatArray) -> None:
         if not self._load_table.is_empty or tip_wrench.any():
@@ -170,23 +169,27 @@ class Solver:
             np.subtract(at_stations[3], 1.0, out=strains[3, part])
             residual[part], iterations[part] = solution.residual, solution.iterations
         # Of a large batch the nodes would be most of the memory.
-        twist = twist[:, 0] if lead == () else None
+        kept = twist[:, 0] if lead == () else None
         for array in (position, quaternion, strains, checked, wrenches, residual, iterations):
             array.setflags(write=False)
-        if twist is not None:
-            twist.setflags(write=False)
+        if kept is not None:
+            kept.setflags(write=False)
+        tau, xi, k, q = (values.reshape(*lead, count) for values in strains)
         return Backbone(
-            self.model,
-            self.grid.s,
-            self.grid.section,
-            position.reshape(*lead, count, 3),
-            quaternion.reshape(*lead, count, 4),
-            *(values.reshape(*lead, count) for values in strains),
-            checked,
-            wrenches.reshape(*lead, 6),
-            residual.reshape(lead),
-            iterations.reshape(lead),
-            twist,
+            model=self.model,
+            s=self.grid.s,
+            section=self.grid.section,
+            position=position.reshape(*lead, count, 3),
+            quaternion=quaternion.reshape(*lead, count, 4),
+            tau=tau,
+            xi=xi,
+            k=k,
+            q=q,
+            tensions=checked,
+            tip_wrench=wrenches.reshape(*lead, 6),
+            residual=residual.reshape(lead),
+            iterations=iterations.reshape(lead),
+            twist=kept,
         )
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
@@ -198,6 +201,18 @@ class Solver:
         problem, state = self._balanced(backbone)
         tensions = backbone.tensions.ravel()
         return sensitivity(self._exact.at_nodes, self.grid, problem, state, tensions)
+
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
+
+        To first order; zero where ``uncertainty`` is nothing.
+
+        Raises:
+            ConfigError: if there is uncertainty, but the model has no derivatives.
+        """
+        if uncertainty == Uncertainty():
+            return np.zeros((6, 6))
+        return self.sensitivity(backbone).tip_covariance(uncertainty)
 
     @functools.cached_property
     def _sections(self) -> SectionEnergy:
@@ -238,7 +253,7 @@ class Solver:
     @property
     def _exact(self) -> Exact:
         if not isinstance(self._statics, Exact):
-            raise ConfigError(f'model is {self.model!r}, expected exact for what was asked')
+            raise ConfigError(f'model is {self.model!r}, which has no derivatives: choose exact')
         return self._statics
 
     def _load(
@@ -256,6 +271,9 @@ class Solver:
             twist = single_twist(start)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             state, iterations = follow(self.equilibrium, known, twist, wanted)
+            sections = self._exact.at_nodes
+            strain = to_scaled(sections.law, state.twist[:, np.newaxis])
+            check_fibres(sections, strain, self.grid.nodes)
         return Solution(
             state.twist[:, np.newaxis], np.array([state.residual]), np.array([iterations])
         )

@@ -73,7 +73,8 @@ class TendonWeights:
         sums = list(tensions @ self._matrices)
         swirl = sums.pop() if self._swirls else None
         mixed = sums.pop() if self._is_mixed else None
-        return TendonSums(*sums, mixed, swirl)
+        axial, first_n, first_b, second_n, second_b = sums
+        return TendonSums(axial, first_n, first_b, second_n, second_b, mixed, swirl)
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
@@ -87,8 +88,8 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
             finite; the message names the tendon.
     """
     shape = arm.tension_shape
-    if len(shape) == 1 and _is_ragged(arm, tensions):
-        tensions = [tension for row in tensions for tension in row]  # type: ignore[union-attr]
+    if len(shape) == 1:
+        tensions = _flatten_rows(arm, tensions)
     try:
         array = np.asarray(tensions)
     except ValueError:  # rows of different length
@@ -117,11 +118,13 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     return array
 
 
-def _is_ragged(arm: Arm, tensions: ArrayLike) -> bool:
-    """Whether ``tensions`` are rows as long as the sections of ``arm`` have tendons."""
+def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
+    """One set of ``tensions`` in rows, one for each section of ``arm``, as one row."""
     if not isinstance(tensions, (list, tuple)) or len(tensions) != len(arm.sections):
-        return False
-    return all(
-        isinstance(row, (list, tuple)) and len(row) == len(section.tendons)
-        for row, section in zip(tensions, arm.sections, strict=True)
-    )
+        return tensions
+    flat: list[float] = []
+    for row, section in zip(tensions, arm.sections, strict=True):
+        if not isinstance(row, (list, tuple)) or len(row) != len(section.tendons):
+            return tensions
+        flat += row
+    return flat

@@ -280,7 +280,7 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_unknown_preset_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match="'nothing', expected one of renda2012_fem, renda2012_p"):
+    with pytest.raises(ConfigError, match="'nothing', expected one of rao2021, renda2012_fem,"):
         preset_path('nothing')
 
 

@@ -13,9 +13,11 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from geometry_msgs.msg import PoseArray
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.qos import QoSProfile
@@ -35,7 +37,13 @@ INPUTS = {
     'tendon_tensions/array': Float64MultiArray,
     'tendon_tensions/joint_state': JointState,
 }
-OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
+OUTPUTS = {
+    'backbone/path': Path,
+    'backbone/poses': PoseArray,
+    'strains': SectionStrains,
+    'tip_pose': PoseWithCovarianceStamped,
+    'tendon_lengths': JointState,
+}
 # Every node of this file gets a domain of its own.
 DOMAINS = itertools.count(1 + os.getpid() % 80)
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -77,6 +85,9 @@ class Client:
         for topic, kind in OUTPUTS.items():
             qos = QoSProfile(depth=100)
             self.node.create_subscription(kind, topic, self.answers[topic].append, qos)
+        self.wrench = self.node.create_publisher(WrenchStamped, 'tip_wrench', 10)
+        self.health = []
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self.health.append, 100)
         self.logs = []
         self.node.create_subscription(Log, '/rosout', self.logs.append, 100)
         self.stamps = itertools.count(1)
@@ -129,7 +140,7 @@ class Client:
         return message.header.stamp.sec
 
     def ask(self, topic, tensions):
-        """Publish and wait for the answer on every topic: path, poses, strains."""
+        """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
         before = {name: len(got) for name, got in self.answers.items()}
         stamp = self.send(topic, tensions)
 
@@ -158,8 +169,13 @@ def client():
 
 
 def assert_is_backbone(answers, tensions):
-    path, poses, strains = answers
-    expected = CONFIG.solver().solve(tensions)
+    path, poses, strains, tip, lengths = answers
+    solver = CONFIG.solver()
+    expected = solver.solve(tensions)
+    assert tip.pose.pose == poses.poses[-1]
+    assert lengths.name == NAMES
+    np.testing.assert_array_equal(lengths.position, solver.tendon_lengths(expected).ravel())
+    np.testing.assert_array_equal(lengths.effort, np.ravel(tensions))
     points = [pose.pose.position for pose in path.poses]
     np.testing.assert_array_equal([[p.x, p.y, p.z] for p in points], expected.position)
     turns = [pose.orientation for pose in poses.poses]
@@ -177,10 +193,10 @@ def test_every_input_is_answered_with_the_backbone_of_its_tensions(client, topic
 
 def test_input_without_a_stamp_gets_the_time_of_receipt(client):
     before = time.time()
-    path, poses, strains = client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
-    stamp = path.header.stamp
+    answers = client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
+    stamp = answers[0].header.stamp
     assert before - 1.0 <= stamp.sec + stamp.nanosec * 1e-9 <= time.time() + 1.0
-    assert poses.header.stamp == strains.header.stamp == stamp
+    assert all(answer.header.stamp == stamp for answer in answers)
 
 
 def tensions_with(value):
@@ -249,6 +265,185 @@ def test_parameters_are_described_with_their_unit_and_read_only(client):
         assert descriptor.name == parameter.name
         assert descriptor.description == parameter.description
         assert descriptor.read_only
+
+
+def test_a_wrench_is_refused_by_a_model_without_loads(client):
+    message = WrenchStamped()
+    message.wrench.force.z = 0.1
+    for _ in range(3):
+        client.wrench.publish(message)
+        assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+# The model exact, with loads, in a node of its own ----------------------------------------------
+
+LOADED = """\
+/**:
+  ros__parameters:
+    model: exact
+    material: {youngs_modulus: 110000.0, density: 1080.0}
+    body: {length: 0.27, radius_base: 0.015, radius_tip: 0.0074}
+    sections: {anchorage: [0.27], offset_base: [0.005], offset_anchorage: [0.0025]}
+    loads: {gravity: [0.0, 0.0, -9.81], fluid_density: 1000.0}
+    uncertainty: {tension: 0.02, youngs_modulus: 0.05}
+"""
+PULL = np.array([[1.0, 0.3, 0.0, 0.0]])
+
+
+@pytest.fixture(scope='module')
+def loaded(tmp_path_factory):
+    path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
+    path.write_text(LOADED)
+    domain = next(DOMAINS)
+    process = start_node(domain, path)
+    client = Client(domain)
+    client.config = load_config(path)
+    client.names = list(client.config.arm.tendon_names)
+
+    def asked():
+        client.send('tendon_tensions', PULL, client.names)
+        client.executor.spin_once(timeout_sec=0.1)
+        return all(client.answers.values())
+
+    try:
+        client.wait(asked, 'an answer')
+        yield client
+        assert process.poll() is None, 'the node died'
+    finally:
+        client.close()
+        stop(process)
+
+
+def ask_loaded(client, tensions=PULL):
+    stamp = client.send('tendon_tensions', tensions, client.names)
+
+    def answered():
+        return all(got and got[-1].header.stamp.sec == stamp for got in client.answers.values())
+
+    client.wait(answered, 'an answer')
+    return [client.answers[name][-1] for name in OUTPUTS]
+
+
+def tip_of(answers):
+    place = answers[3].pose.pose.position
+    return [place.x, place.y, place.z]
+
+
+def wrench_of(client, z, frame='arm_base'):
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    message.wrench.force.z = z
+    client.wrench.publish(message)
+    return message
+
+
+def test_loads_and_uncertainty_are_those_of_the_core(loaded):
+    solver = loaded.config.solver()
+    expected = solver.solve(PULL)
+    answers = ask_loaded(loaded)
+    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-9)
+    covariance = np.reshape(answers[3].pose.covariance, (6, 6))
+    ours = solver.tip_covariance(expected, loaded.config.uncertainty)
+    np.testing.assert_allclose(covariance, ours, rtol=1e-5, atol=1e-9 * ours.max())
+    assert (np.diag(covariance)[:3] > 0.0).all()
+
+
+def test_a_wrench_on_the_tip_acts_on_the_tensions_that_follow(loaded):
+    expected = loaded.config.solver().solve(PULL, [0, 0, 0.03, 0, 0, 0]).tip
+
+    def is_felt():
+        wrench_of(loaded, 0.03)
+        return np.allclose(tip_of(ask_loaded(loaded)), expected, atol=1e-8)
+
+    loaded.wait(is_felt, 'the wrench')
+
+    def is_gone():
+        wrench_of(loaded, 0.0)
+        return np.allclose(
+            tip_of(ask_loaded(loaded)), loaded.config.solver().solve(PULL).tip, atol=1e-8
+        )
+
+    loaded.wait(is_gone, 'its end')
+
+
+@pytest.mark.parametrize(('force', 'frame'), [(np.nan, 'arm_base'), (0.1, 'somewhere')])
+def test_a_bad_wrench_is_ignored(loaded, force, frame):
+    expected = tip_of(ask_loaded(loaded))
+    wrench_of(loaded, force, frame)
+    loaded.wait(
+        lambda: any('tip_wrench' in log.msg for log in loaded.logs) or ask_loaded(loaded) is None,
+        'a warning',
+    )
+    np.testing.assert_allclose(tip_of(ask_loaded(loaded)), expected, atol=1e-9)
+
+
+def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
+    def reasons():
+        return [
+            status.message
+            for message in loaded.health
+            for status in message.status
+            if 'compress' in status.message or 'converge' in status.message
+        ]
+
+    def asked():
+        loaded.send('tendon_tensions', PULL * 1e5, loaded.names)
+        loaded.executor.spin_once(timeout_sec=0.1)
+        return reasons()
+
+    loaded.wait(asked, 'a diagnosis')
+    loaded.forget()
+    answers = ask_loaded(loaded)
+    np.testing.assert_allclose(tip_of(answers), loaded.config.solver().solve(PULL).tip, atol=1e-8)
+
+
+def call(client, kind, name, request):
+    service = client.node.create_client(kind, name)
+    client.wait(service.service_is_ready, f'the service {name}')
+    answer = service.call_async(request)
+    client.wait(answer.done, f'an answer of {name}')
+    return answer.result()
+
+
+def test_the_service_solve_answers_like_the_core_and_explains_refusals(loaded):
+    request = Solve.Request()
+    request.tensions.name = loaded.names
+    request.tensions.tension = [0.5, 0.0, 0.0, 0.2]
+    request.tip_wrench.force.y = 0.01
+    answer = call(loaded, Solve, 'solve', request)
+    solver = loaded.config.solver()
+    expected = solver.solve([[0.5, 0.0, 0.0, 0.2]], [0, 0.01, 0, 0, 0, 0])
+    assert answer.success, answer.message
+    np.testing.assert_array_equal(answer.strains.k, expected.k)
+    np.testing.assert_array_equal(answer.tendon_length, solver.tendon_lengths(expected).ravel())
+    assert len(answer.path.poses) == 101
+    assert answer.residual < 1e-10
+    request.tensions.tension = [0.5, 0.0, -1.0, 0.2]
+    refused = call(loaded, Solve, 'solve', request)
+    assert not refused.success
+    assert 'tension of tendon_1_3 is -1.0 N' in refused.message
+
+
+def test_the_service_find_tensions_reaches_what_can_be_reached(loaded):
+    solver = loaded.config.solver()
+    request = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
+    wanted = solver.solve(PULL).tip
+    place = request.tip.position
+    place.x, place.y, place.z = wanted.tolist()
+    answer = call(loaded, FindTensions, 'find_tensions', request)
+    assert answer.success, answer.message
+    assert answer.reached
+    found = solver.solve(np.reshape(answer.tensions.tension, (1, 4)))
+    np.testing.assert_allclose(found.tip, wanted, atol=1e-6)
+    place.x = 9.0
+    far = call(loaded, FindTensions, 'find_tensions', request)
+    assert far.success
+    assert not far.reached
+    assert far.error > 8.0
+    request.highest = [1.0, 2.0]
+    refused = call(loaded, FindTensions, 'find_tensions', request)
+    assert not refused.success
+    assert 'highest has 2 values' in refused.message
 
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])

@@ -44,13 +44,15 @@ def postures_of(arm: Arm) -> list[tuple[str, FloatArray]]:
         ]
     # Any other arm: each tendon of the first section in turn, pulled so that the arm shortens
     # by a few per cent at its weakest cross section.
-    weakest = min(arm.body.radius_base, arm.body.radius_tip)
-    pull = 0.03 * arm.material.youngs_modulus * np.pi * weakest**2
+    s = np.linspace(0.0, arm.length, 101)
+    axial = arm.material.youngs_modulus_at(s) * np.pi * arm.body.radius(s) ** 2
     postures = []
-    for tendon in range(arm.tension_shape[1]):
-        tensions = np.zeros(arm.tension_shape)
-        tensions[0, tendon] = pull
-        postures.append((f'pulling {arm.tendon_names[tendon]}', tensions))
+    for tendon in range(len(arm.sections[0].tendons)):
+        tensions = np.zeros(len(arm.tendons))
+        tensions[tendon] = 0.03 * axial.min()
+        postures.append(
+            (f'pulling {arm.tendon_names[tendon]}', tensions.reshape(arm.tension_shape))
+        )
     return postures
 
 

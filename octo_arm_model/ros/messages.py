@@ -6,7 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Wrench,
+    WrenchStamped,
+)
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from sensor_msgs.msg import JointState
@@ -14,12 +23,12 @@ from std_msgs.msg import Float64MultiArray, Header
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.errors import TensionError
+from octo_arm_model.errors import LoadError, TensionError
 from octo_arm_model.hints import FloatArray
 
 
 def tensions_from_tendon_tensions(message: TendonTensions, arm: Arm) -> FloatArray:
-    """Tensions (sections, tendons of a section) [N], matched by name.
+    """Tensions [N], of `Arm.tension_shape`, matched by name.
 
     Raises:
         TensionError: if names are unknown, repeated or missing, or lengths differ.
@@ -28,7 +37,7 @@ def tensions_from_tendon_tensions(message: TendonTensions, arm: Arm) -> FloatArr
 
 
 def tensions_from_joint_state(message: JointState, arm: Arm) -> FloatArray:
-    """Tensions (sections, tendons of a section) [N] from the efforts, matched by name.
+    """Tensions [N], of `Arm.tension_shape`, from the efforts, matched by name.
 
     Raises:
         TensionError: if names are unknown, repeated or missing, or lengths differ.
@@ -37,20 +46,20 @@ def tensions_from_joint_state(message: JointState, arm: Arm) -> FloatArray:
 
 
 def tensions_from_array(message: Float64MultiArray, arm: Arm) -> FloatArray:
-    """Tensions (sections, tendons of a section) [N] from a row-major array.
+    """Tensions [N], of `Arm.tension_shape`, from a row-major array.
 
-    The layout may be empty, flat or sections x tendons.
+    The layout may be empty, flat or that shape.
 
     Raises:
         TensionError: if the length or the layout is another.
     """
     shape = arm.tension_shape
-    count = shape[0] * shape[1]
+    count = len(arm.tendons)
     if len(message.data) != count:
-        raise TensionError(
-            f'data has {len(message.data)} values, expected {count}: '
-            f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
-        )
+        meaning = 'one for each tendon, section by section from the tip'
+        if len(shape) == 2:
+            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
+        raise TensionError(f'data has {len(message.data)} values, expected {count}: {meaning}')
     layout = tuple(dimension.size for dimension in message.layout.dim)
     if message.layout.data_offset != 0 or layout not in ((), (count,), shape):
         raise TensionError(
@@ -77,6 +86,65 @@ def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm
         raise TensionError(f'no tension for tendon {", ".join(missing)}')
     ordered = [tension_of[name] for name in arm.tendon_names]
     return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
+
+
+def wrench_values(message: Wrench) -> FloatArray:
+    """Force and moment (6,) [N, N m].
+
+    Raises:
+        LoadError: if a component is not finite.
+    """
+    force, torque = message.force, message.torque
+    values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    if not np.isfinite(values).all():
+        raise LoadError(f'tip wrench is {values.tolist()}, expected finite numbers [N, N m]')
+    return values
+
+
+def wrench_from_stamped(message: WrenchStamped, frame_id: str) -> FloatArray:
+    """Force and moment on the tip (6,) [N, N m], given in the frame of the backbone.
+
+    Raises:
+        LoadError: if it is in another frame or not finite.
+    """
+    if message.header.frame_id not in ('', frame_id):
+        raise LoadError(f'tip wrench is in {message.header.frame_id!r}, expected {frame_id!r}')
+    return wrench_values(message.wrench)
+
+
+def tensions_message(tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str) -> TendonTensions:
+    """Tensions [N] of all tendons by name."""
+    header = Header(stamp=stamp, frame_id=frame_id)
+    return TendonTensions(header=header, name=list(arm.tendon_names), tension=tensions.ravel())
+
+
+def lengths_message(
+    lengths: FloatArray, tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str
+) -> JointState:
+    """Length of every tendon [m] as position, its tension [N] as effort."""
+    return JointState(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        name=list(arm.tendon_names),
+        position=lengths.ravel(),
+        effort=tensions.ravel(),
+    )
+
+
+def pose_message(position: FloatArray, quaternion: FloatArray) -> Pose:
+    """One pose from position [m] and quaternion x, y, z, w."""
+    x, y, z = position.tolist()
+    qx, qy, qz, qw = quaternion.tolist()
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def tip_message(
+    backbone: Backbone, covariance: FloatArray, stamp: Time, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """Pose of the tip with its ``covariance`` (6, 6) in the frame of the backbone."""
+    message = PoseWithCovarianceStamped(header=Header(stamp=stamp, frame_id=frame_id))
+    message.pose.pose = pose_message(backbone.position[-1], backbone.quaternion[-1])
+    message.pose.covariance = covariance.ravel()
+    return message
 
 
 def backbone_messages(

@@ -8,44 +8,40 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
-from rcl_interfaces.msg import ParameterDescriptor
+from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from octo_arm_model.arm import Arm
+from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import Config
-from octo_arm_model.errors import ConfigError, OctoArmError
+from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, OctoArmError
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.parameters import PARAMETERS, Parameter
+from octo_arm_model.ros.declare import read_parameters
+from octo_arm_model.ros.health import Health
 from octo_arm_model.ros.messages import (
     backbone_messages,
+    lengths_message,
     tensions_from_array,
     tensions_from_joint_state,
     tensions_from_tendon_tensions,
+    tip_message,
+    wrench_from_stamped,
 )
+from octo_arm_model.ros.services import answer_find_tensions, answer_solve
+from octo_arm_model.sensitivity import Uncertainty
 
 # The newest tensions are the ones to answer; best effort hears reliable publishers as well.
 INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
-
-_ROS_TYPES = {
-    'double': RosParameter.Type.DOUBLE,
-    'double[]': RosParameter.Type.DOUBLE_ARRAY,
-    'integer': RosParameter.Type.INTEGER,
-    'string': RosParameter.Type.STRING,
-    'string[]': RosParameter.Type.STRING_ARRAY,
-}
-# What every rclpy node declares for itself.
-_RCLPY_PARAMETERS = ('start_type_description_service', 'use_sim_time')
 
 
 class OctoArmNode(Node):
@@ -55,7 +51,8 @@ class OctoArmNode(Node):
         """Read the parameters, prepare the arm and start listening.
 
         Raises:
-            ConfigError: if a parameter is missing, unknown or of the wrong type.
+            ConfigError: if a parameter is missing, unknown or of the wrong type, or they do not go
+                together.
             ArmDefinitionError: if the arm cannot exist.
         """
         super().__init__(
@@ -63,16 +60,28 @@ class OctoArmNode(Node):
         )
         config = Config.from_parameters(read_parameters(self))
         self._solver = config.solver()
+        if config.uncertainty != Uncertainty() and config.model != 'exact':
+            raise ConfigError(f'uncertainty goes with model exact, not with {config.model}')
+        self._uncertainty = config.uncertainty
         self._frame = config.base_frame
+        self._tip_wrench: FloatArray | None = None
+        self._last: Backbone | None = None
+        self._health = Health(self, config.model)
+
         self._path = self.create_publisher(Path, 'backbone/path', OUTPUT_QOS)
         self._poses = self.create_publisher(PoseArray, 'backbone/poses', OUTPUT_QOS)
         self._strains = self.create_publisher(SectionStrains, 'strains', OUTPUT_QOS)
+        self._tip = self.create_publisher(PoseWithCovarianceStamped, 'tip_pose', OUTPUT_QOS)
+        self._lengths = self.create_publisher(JointState, 'tendon_lengths', OUTPUT_QOS)
         for message_type, topic, read in (
             (TendonTensions, 'tendon_tensions', tensions_from_tendon_tensions),
             (Float64MultiArray, 'tendon_tensions/array', tensions_from_array),
             (JointState, 'tendon_tensions/joint_state', tensions_from_joint_state),
         ):
             self.create_subscription(message_type, topic, self._callback(topic, read), INPUT_QOS)
+        self.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
+        self.create_service(Solve, 'solve', self._on_solve)
+        self.create_service(FindTensions, 'find_tensions', self._on_find_tensions)
         self.get_logger().info(
             f'{config.model}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
@@ -84,19 +93,64 @@ class OctoArmNode(Node):
     ) -> Callable[[Any], None]:
         def answer(message: Any) -> None:
             try:
-                tensions = read(message, self._solver.arm)
-                backbone = self._solver.solve(tensions)
+                backbone = self._solve(read(message, self._solver.arm))
+                lengths = self._solver.tendon_lengths(backbone)
+                covariance = self._solver.tip_covariance(backbone, self._uncertainty)
             except OctoArmError as error:
-                self.get_logger().warning(
-                    f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
-                )
+                self._refuse(topic, error)
                 return
-            path, poses, strains = backbone_messages(backbone, self._stamp(message), self._frame)
-            self._path.publish(path)
-            self._poses.publish(poses)
-            self._strains.publish(strains)
+            self._publish(backbone, lengths, covariance, self._stamp(message))
+            self._health.answered(backbone)
 
         return answer
+
+    def _solve(self, tensions: FloatArray) -> Backbone:
+        """Follow the last solution; where that leads nowhere begin anew."""
+        try:
+            backbone = self._solver.solve(tensions, self._tip_wrench, self._last)
+        except ConvergenceError:
+            if self._last is None:
+                raise
+            backbone = self._solver.solve(tensions, self._tip_wrench)
+        self._last = backbone
+        return backbone
+
+    def _publish(
+        self, backbone: Backbone, lengths: FloatArray, covariance: FloatArray, stamp: Time
+    ) -> None:
+        arm, frame = self._solver.arm, self._frame
+        path, poses, strains = backbone_messages(backbone, stamp, frame)
+        self._path.publish(path)
+        self._poses.publish(poses)
+        self._strains.publish(strains)
+        self._tip.publish(tip_message(backbone, covariance, stamp, frame))
+        self._lengths.publish(lengths_message(lengths, backbone.tensions, arm, stamp, frame))
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        """Keep the wrench for the tensions to come."""
+        try:
+            wrench = wrench_from_stamped(message, self._frame)
+            if wrench.any() and self._solver.model != 'exact':
+                raise LoadError(f'model is {self._solver.model!r}, which has no tip wrench')
+        except OctoArmError as error:
+            self._refuse('tip_wrench', error)
+            return
+        self._tip_wrench = wrench if wrench.any() else None
+
+    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
+        return answer_solve(request, response, self._solver, self._frame)
+
+    def _on_find_tensions(
+        self, request: FindTensions.Request, response: FindTensions.Response
+    ) -> FindTensions.Response:
+        now = self.get_clock().now().to_msg()
+        return answer_find_tensions(request, response, self._solver, self._frame, now)
+
+    def _refuse(self, topic: str, error: OctoArmError) -> None:
+        self._health.refused(f'{topic}: {error}')
+        self.get_logger().warning(
+            f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+        )
 
     def _stamp(self, message: Any) -> Time:
         """Stamp of ``message``; the time of receipt where it has none or an unset one."""
@@ -104,51 +158,6 @@ class OctoArmNode(Node):
         if header is None or (header.stamp.sec == 0 and header.stamp.nanosec == 0):
             return self.get_clock().now().to_msg()
         return header.stamp
-
-
-def read_parameters(node: Node) -> dict[str, Any]:
-    """Declare every parameter of the table on ``node``; return what was given.
-
-    Raises:
-        ConfigError: if an integer is given where ROS needs a double.
-    """
-    given = {
-        name: node.get_parameter(name).value
-        for name in node.get_parameters_by_prefix('')
-        if name not in _RCLPY_PARAMETERS and not name.startswith('qos_overrides.')
-    }
-    for parameter in PARAMETERS:
-        descriptor = ParameterDescriptor(
-            name=parameter.name,
-            description=parameter.description,
-            type=_ROS_TYPES[parameter.type_name].value,
-            read_only=True,
-        )
-        if parameter.name in given:
-            _explain_integers(parameter, given[parameter.name])
-            node.set_descriptor(parameter.name, descriptor)
-        elif parameter.default:
-            value = parameter.default
-            value = list(value) if parameter.is_array else value
-            node.declare_parameter(parameter.name, value, descriptor)
-        else:
-            ros_type = _ROS_TYPES[parameter.type_name]
-            node.declare_parameter(parameter.name, ros_type, descriptor)
-    return {name: list(v) if hasattr(v, 'typecode') else v for name, v in given.items()}
-
-
-def _explain_integers(parameter: Parameter, value: Any) -> None:
-    """Say what to write where YAML makes integers of what are meant as doubles."""
-    if parameter.kind is not float:
-        return
-    elements = value if hasattr(value, '__len__') and not isinstance(value, str) else [value]
-    if any(isinstance(element, int) and not isinstance(element, bool) for element in elements):
-        meant = ', '.join(str(float(element)) for element in elements)
-        meant = f'[{meant}]' if parameter.is_array else meant
-        raise ConfigError(
-            f'{parameter.name} is an integer, expected {parameter.type_name}: ROS keeps the two '
-            f'apart, write {meant}'
-        )
 
 
 def main(arguments: list[str] | None = None) -> int:
