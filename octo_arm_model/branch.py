@@ -13,7 +13,9 @@ MAX_ITERATIONS = 1000
 _PER_STEP = 10  # iterations in one step of the condition
 _PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
-_PER_SNAP = 200
+_PER_FALL = 200
+_HEAVY = 4.0  # damping at first, in units of the stiffness of the cross sections
+_HEAVIEST = 1e9
 
 
 def follow(
@@ -38,19 +40,18 @@ def follow(
             guess = twist + (twist - last[0]) * ((target - done) / last[1])
         state, used = _newton(problem, condition, guess)
         iterations += used
-        if not state.residual <= TOLERANCE and step <= _SMALLEST_STEP:
+        if state.residual <= TOLERANCE:
+            last = twist, target - done
+            step = last[1] * (2.0 if used <= 5 else 1.0)
+        elif step <= _SMALLEST_STEP:
+            # The branch goes no further.
             state, used = _fall(problem, condition, twist)
             iterations += used
-            last = None
-        elif state.residual <= TOLERANCE:
-            last = twist, target - done
+            last, step = None, 0.1
         if state.residual <= TOLERANCE:
             if target == 1.0:
                 return state, iterations
-            step = (target - done) * (2.0 if used <= 5 else 1.0)
             done, twist = target, state.twist
-            if last is None:
-                step = 0.1
         else:
             step = max(0.25 * (target - done), _SMALLEST_STEP)
         if iterations > MAX_ITERATIONS:
@@ -84,21 +85,21 @@ def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tupl
     smaller and end as Newton's (Kelley and Keyes 1998).
     """
     state = problem.state(condition, twist)
-    damping = 4.0
-    for iteration in range(_PER_SNAP):
+    damping = _HEAVY
+    for iteration in range(_PER_FALL):
         if state.residual <= TOLERANCE:
             return state, iteration
         try:
             new = problem.state(condition, state.twist + problem.step(state, damping))
         except ConvergenceError:
             new = state._replace(residual=np.inf)
-        if not new.residual <= 2.0 * state.residual:
-            damping = 4.0 * max(damping, 0.1)
-            if damping > 1e9:
+        change = new.residual / state.residual
+        if not change <= 2.0:  # nor NaN
+            damping = _HEAVY * max(damping, 0.1)
+            if damping > _HEAVIEST:
                 break
             continue
-        damping = min(damping * new.residual / state.residual, 0.7 * damping)
-        if new.residual > state.residual:
-            damping = 2 * max(damping, 0.05)
+        # On the way from one balance to another the residual has to rise for a while.
+        damping = 2.0 * max(damping, 0.05) if change > 1.0 else damping * min(change, 0.7)
         state = new
-    return state, _PER_SNAP
+    return state, _PER_FALL

@@ -21,13 +21,14 @@ from octo_arm_model.exact import to_scaled
 from octo_arm_model.grid import StationGrid
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.kinematics import Frame, node_frames
-from octo_arm_model.load_table import LoadTable, skew
+from octo_arm_model.load_table import LoadTable
 from octo_arm_model.minimise import force_scale
 from octo_arm_model.physical import unscale
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.symmetric import factorise, invert
 from octo_arm_model.two_point import TwoPointProblem
+from octo_arm_model.vectors import skew
 
 
 class State(NamedTuple):
@@ -35,7 +36,7 @@ class State(NamedTuple):
 
     Attributes:
         twist: (n, nodes).
-        position: (3, nodes) [m].
+        position: from the base, in base_frame, (3, nodes) [m].
         rotation: orientation of the cross sections, (1, nodes).
         wrench: moment and force of what lies beyond, in the axes of the cross section, (6, nodes).
         imbalance: the part of it that the cross section does not answer, (n, nodes).
@@ -81,7 +82,9 @@ class Equilibrium:
         self, energy: SectionEnergy, grid: StationGrid, loads: LoadTable, base: Frame
     ) -> None:
         """Prepare for the cross sections ``energy`` at the nodes of ``grid``."""
-        self._energy, self._grid, self._loads, self._base = energy, grid, loads, base
+        self._energy, self._grid, self._loads = energy, grid, loads
+        # Only differences of positions matter here: from the base they keep their digits.
+        self._base = Frame(np.zeros(3), base.rotation)
         self._problem = TwoPointProblem(grid.step)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / float(grid.s[-1])
@@ -92,8 +95,9 @@ class Equilibrium:
         pulls = energy.pulls(condition.tensions[np.newaxis])
         strain = to_scaled(energy.law, twist[:, np.newaxis])
         gradient, hessian = energy.material(strain)
-        gradient += energy.tendon_gradient(strain, pulls)
-        hessian += energy.tendon_hessian(strain, pulls)
+        pulled, across = energy.tendon_derivatives(strain, pulls)
+        gradient += pulled
+        hessian += across
         gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
 
         position, rotation = node_frames(twist[:, np.newaxis], self._grid, self._base)

@@ -9,38 +9,8 @@ from octo_arm_model.errors import ArmDefinitionError
 from octo_arm_model.grid import StationGrid
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.loads import Loads
-
-
-def integrate_from_tip(values: FloatArray, grid: StationGrid) -> FloatArray:
-    """Integral of ``values`` (..., nodes) from each node to the tip.
-
-    Simpson's rule to the ends of the intervals, and to their middles the rule through the same
-    three points.
-    """
-    h, count = grid.step, grid.step.size
-    first, last = values[..., :count], values[..., 1 : count + 1]
-    middle = values[..., count + 1 :]
-    whole = (h / 6.0) * (first + 4.0 * middle + last)
-    # From the middle of an interval to its end.
-    half = (h / 24.0) * (8.0 * middle + 5.0 * last - first)
-    total = np.zeros(values.shape)
-    total[..., :count] = np.add.accumulate(whole[..., ::-1], axis=-1)[..., ::-1]
-    total[..., count + 1 :] = half + total[..., 1 : count + 1]
-    return total
-
-
-def integrate_from_base(values: FloatArray, grid: StationGrid) -> FloatArray:
-    """Integral of ``values`` (..., nodes) from the base to each node, by the same rules."""
-    h, count = grid.step, grid.step.size
-    first, last = values[..., :count], values[..., 1 : count + 1]
-    middle = values[..., count + 1 :]
-    total = np.zeros(values.shape)
-    np.add.accumulate(
-        (h / 6.0) * (first + 4.0 * middle + last), axis=-1, out=total[..., 1 : count + 1]
-    )
-    half = (h / 24.0) * (5.0 * first + 8.0 * middle - last)
-    total[..., count + 1 :] = half + total[..., :count]
-    return total
+from octo_arm_model.quadrature import integrate_from_tip
+from octo_arm_model.vectors import cross
 
 
 class LoadTable:
@@ -102,20 +72,3 @@ class LoadTable:
         about_origin *= factor
         about_origin += (np.cross(tip, tip_wrench[:3]) + tip_wrench[3:])[:, np.newaxis]
         return about_origin - cross(position, force)
-
-
-def cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Cross product along the first axis (np.cross is slow)."""
-    return np.stack([
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    ])  # fmt: skip
-
-
-def skew(v: FloatArray) -> FloatArray:
-    """Matrices (3, 3, n) that take w to v x w, for vectors v (3, n)."""
-    matrix = np.zeros((3, *v.shape))
-    matrix[0, 1], matrix[0, 2], matrix[1, 2] = -v[2], v[1], -v[0]
-    matrix[1, 0], matrix[2, 0], matrix[2, 1] = v[2], -v[1], v[0]
-    return matrix

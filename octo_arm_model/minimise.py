@@ -107,7 +107,7 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
                 continue
         is_slow = not iterations or worst > _SLOW * previous
         if is_slow and (iterations >= _PATIENCE or not flat):
-            tendons = energy.tendon_hessian(_full(strain), pulls)
+            _, tendons = energy.tendon_derivatives(_full(strain), pulls)
             tendons = tendons[1:, 1:] if flat else tendons
         previous = worst
         hessian += tendons

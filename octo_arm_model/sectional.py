@@ -205,9 +205,12 @@ class SectionEnergy:
             change[4:] = -self.shear_stiffness / (1.0 + self._poisson) * strain[4:]
         return change
 
-    def tendon_hessian(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
-        """Hessian (n, n, batch, nodes) of the tendons' energy."""
+    def tendon_derivatives(
+        self, strain: FloatArray, pulls: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
         length, towards = self.lengthening(strain)
+        gradient = np.einsum('jbn,ijbn->ibn', pulls, towards)
         weight = pulls / length
         x, y, dx, dy = self.x, self.y, self.dx, self.dy
         count = self.strains
@@ -245,7 +248,7 @@ class SectionEnergy:
         for i in range(count):
             for j in range(i):
                 hessian[j, i] = hessian[i, j]
-        return hessian
+        return gradient, hessian
 
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).

@@ -16,10 +16,11 @@ from octo_arm_model.equilibrium import Equilibrium, State, into_section
 from octo_arm_model.exact import to_scaled
 from octo_arm_model.grid import StationGrid
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.load_table import cross, integrate_from_base
 from octo_arm_model.physical import unscale_gradient
+from octo_arm_model.quadrature import integrate_from_base, integration_weights
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
+from octo_arm_model.vectors import cross
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,9 @@ def sensitivity(
     changes = problem.respond(state, problem.compliance(state), columns)
     pose, strains = _integrate(state.twist, state.rotation, grid, changes)
     by_twist = unscale_gradient(energy, twist, lengthening)[:, :, 0]
-    rates = np.einsum('itn,icn->tcn', by_twist, changes[:count])
-    rates[range(tendons), range(tendons + 8, 2 * tendons + 8)] += energy.length_by_offset(strain)
-    length = integrate_from_base(rates, grid)[..., grid.step.size]
+    weights = integration_weights(grid)
+    length = np.tensordot(by_twist * weights, changes[:count], axes=([0, 2], [0, 2]))
+    length[:, tendons + 8 :] += np.diag(energy.length_by_offset(strain) @ weights)
     edges = np.cumsum([tendons, 6, 1, 1])
     parts = zip(*(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True)
     return Sensitivity(*(Change(*part) for part in parts))

@@ -19,8 +19,9 @@ from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.kinematics import Frame, Pose, backbone_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
-from octo_arm_model.load_table import LoadTable, integrate_from_base
+from octo_arm_model.load_table import LoadTable
 from octo_arm_model.loads import Loads
+from octo_arm_model.quadrature import integration_weights
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
@@ -158,9 +159,10 @@ class Solver:
         for first in range(0, batch, size):
             part = slice(first, first + size)
             with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                solution = self._statics.solve(flat[part])
-            if is_loaded:
-                solution = self._load(solution, flat[first], wrenches[first], start)
+                if is_loaded:
+                    solution = self._load(flat[part], wrenches[first], start)
+                else:
+                    solution = self._statics.solve(flat[part])
             self._check_shape(solution.twist, first, batch)
             twist = solution.twist
             backbone_frames(twist, self.grid, self._base, position[part], quaternion[part])
@@ -229,7 +231,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        return self._lengths(single_twist(backbone))
+        return self._lengths(self._own_twist(backbone))
 
     @functools.cached_property
     def rest_lengths(self) -> FloatArray:
@@ -242,13 +244,25 @@ class Solver:
         sections = self._sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
         stretch = sections.lengthening(strain)[0][:, 0] * sections.acts[:, 0]
-        whole = integrate_from_base(stretch, self.grid)[:, self.grid.step.size]
-        return whole.reshape(self.arm.tension_shape)
+        return (stretch @ integration_weights(self.grid)).reshape(self.arm.tension_shape)
+
+    def _own_twist(self, backbone: Backbone) -> FloatArray:
+        """Twist at the nodes of a single solution of this solver.
+
+        Raises:
+            ConfigError: if it is that of a batch or of another solver.
+        """
+        if backbone.twist is None:
+            raise ConfigError('the backbone is that of a batch, expected a single solution')
+        nodes = self.grid.nodes.size
+        if backbone.model != self.model or backbone.twist.shape[-1] != nodes:
+            raise ConfigError('the backbone was solved by another solver')
+        return backbone.twist
 
     def _balanced(self, backbone: Backbone) -> tuple[Equilibrium, State]:
         problem = self.equilibrium
         condition = Condition(backbone.tensions.ravel(), backbone.tip_wrench, 1.0)
-        return problem, problem.state(condition, single_twist(backbone))
+        return problem, problem.state(condition, self._own_twist(backbone))
 
     @property
     def _exact(self) -> Exact:
@@ -257,23 +271,20 @@ class Solver:
         return self._statics
 
     def _load(
-        self,
-        unloaded: Solution,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Backbone | None,
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:
         """Balance of one arm, from its unloaded shape or a solution before."""
-        wanted = Condition(tensions, tip_wrench, 1.0)
-        known, twist = Condition(tensions, np.zeros(6), 0.0), unloaded.twist[:, 0]
-        if start is not None:
+        if start is None:
+            known = Condition(tensions[0], np.zeros(6), 0.0)
+            twist = self._statics.solve(tensions).twist[:, 0]
+        else:
             known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-            twist = single_twist(start)
-        with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            state, iterations = follow(self.equilibrium, known, twist, wanted)
-            sections = self._exact.at_nodes
-            strain = to_scaled(sections.law, state.twist[:, np.newaxis])
-            check_fibres(sections, strain, self.grid.nodes)
+            twist = self._own_twist(start)
+        wanted = Condition(tensions[0], tip_wrench, 1.0)
+        state, iterations = follow(self.equilibrium, known, twist, wanted)
+        sections = self._exact.at_nodes
+        strain = to_scaled(sections.law, state.twist[:, np.newaxis])
+        check_fibres(sections, strain, self.grid.nodes)
         return Solution(
             state.twist[:, np.newaxis], np.array([state.residual]), np.array([iterations])
         )
@@ -288,17 +299,6 @@ class Solver:
                 f'(q = {stretch[arm_in_batch, node] - 1.0:.4g}, must be > -1)'
                 + (f' in set {number + arm_in_batch}' if batch > 1 else '')
             )
-
-
-def single_twist(backbone: Backbone) -> FloatArray:
-    """Twist at the nodes of a single solution.
-
-    Raises:
-        ConfigError: if it is that of a batch.
-    """
-    if backbone.twist is None:
-        raise ConfigError('the backbone is that of a batch, expected a single solution')
-    return backbone.twist
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:

@@ -35,7 +35,7 @@ def answer_solve(
     response.success = True
     stamp = request.tensions.header.stamp
     response.path, _, response.strains = backbone_messages(backbone, stamp, frame_id)
-    response.tendon_length = lengths.ravel()
+    response.tendon_length = lengths.ravel().tolist()
     response.residual = float(backbone.residual)
     response.iterations = int(backbone.iterations)
     return response

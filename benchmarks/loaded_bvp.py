@@ -1,0 +1,114 @@
+"""The loaded arm by `scipy.integrate.solve_bvp`: the general-purpose way, to compare with.
+
+Position, orientation and moment along every stretch between anchorages are unknowns, all stretches
+mapped onto the same interval and coupled at its ends. Strains come at each point from the balance
+of the cross section with the tendons, by Newton's method on all points at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_bvp
+
+from octo_arm_model import Arm, Loads, Pose, Solver
+from octo_arm_model.exact import to_scaled
+from octo_arm_model.grid import panels_of
+from octo_arm_model.laws import LAWS
+from octo_arm_model.physical import unscale
+from octo_arm_model.sectional import SectionEnergy
+
+
+class LoadedBvp:
+    """One arm under tensions, weight and a tip force."""
+
+    def __init__(
+        self, arm: Arm, tensions: np.ndarray, loads: Loads, law: str, base: Pose = Pose()
+    ) -> None:
+        """Prepare; the unloaded shape is the first guess."""
+        self._arm, self._law, self._loads, self._base = arm, LAWS[law], loads, base
+        self._tensions = np.reshape(tensions, (1, -1))
+        self._panels = panels_of(arm)
+        self._unloaded = Solver(arm, 'exact', 101, base, material=law).solve(tensions)
+        self.density = np.array(loads.gravity) * (arm.material.density - loads.fluid_density)
+
+    def force(self, s: np.ndarray) -> np.ndarray:
+        """Resultant of what lies beyond s (3, n): the weight of a frustum and the tip force."""
+        body = self._arm.body
+        radius, tip = body.radius(s), body.radius_tip
+        volume = np.pi / 3 * (body.length - s) * (radius**2 + radius * tip + tip**2)
+        return np.outer(self.density, volume) + np.array(self._loads.tip_force)[:, np.newaxis]
+
+    def tip(self, tol: float, nodes: int = 51) -> np.ndarray:
+        """Position of the tip [m]."""
+        x = np.linspace(0.0, 1.0, nodes)
+        guess = []
+        backbone = self._unloaded
+        for panel in self._panels:
+            s = panel.start + x * panel.length
+            for column in (*backbone.position.T, *backbone.quaternion.T):
+                guess.append(np.interp(s, backbone.s, column))
+            guess += 3 * [np.zeros(nodes)]
+        solution = solve_bvp(self._rates, self._ends, x, np.array(guess), tol=tol, max_nodes=20000)
+        if not solution.success:
+            raise RuntimeError(solution.message)
+        return solution.y[-10:-7, -1]
+
+    def _rates(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        rates = np.empty_like(y)
+        for i, panel in enumerate(self._panels):
+            s = panel.start + x * panel.length
+            part = slice(10 * i, 10 * (i + 1))
+            rates[part] = panel.length * self._panel_rates(s, panel.section, y[part])
+        return rates
+
+    def _panel_rates(self, s: np.ndarray, section: int, y: np.ndarray) -> np.ndarray:
+        qx, qy, qz, qw = y[3:7]
+        rotation = np.array([
+            [1 - 2 * (qy**2 + qz**2), 2 * (qx * qy - qz * qw), 2 * (qx * qz + qy * qw)],
+            [2 * (qx * qy + qz * qw), 1 - 2 * (qx**2 + qz**2), 2 * (qy * qz - qx * qw)],
+            [2 * (qx * qz - qy * qw), 2 * (qy * qz + qx * qw), 1 - 2 * (qx**2 + qy**2)],
+        ])  # fmt: skip
+        force = self.force(s)
+        wrench = np.empty((4, 1, s.size))
+        wrench[:3, 0] = np.einsum('jin,jn->in', rotation, y[7:])
+        wrench[3, 0] = np.einsum('jn,jn->n', rotation[:, 0], force)
+        (t, n, b, stretch) = self._twist(s, section, wrench)
+        forward = stretch * rotation[:, 0]
+        rates = np.empty_like(y)
+        rates[:3] = forward
+        rates[3] = 0.5 * (qw * t + qy * b - qz * n)
+        rates[4] = 0.5 * (qw * n + qz * t - qx * b)
+        rates[5] = 0.5 * (qw * b + qx * n - qy * t)
+        rates[6] = -0.5 * (qx * t + qy * n + qz * b)
+        rates[7:] = -np.cross(forward.T, force.T).T
+        return rates
+
+    def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
+        energy = SectionEnergy(self._arm, s, np.full(s.size, section), self._law)
+        pulls = energy.pulls(self._tensions)
+        start = self._unloaded
+        twist = np.empty((4, 1, s.size))
+        q = np.interp(s, start.s, start.q)
+        for row, name in enumerate(('tau', 'xi', 'k')):
+            twist[row, 0] = (1 + q) * np.interp(s, start.s, getattr(start, name))
+        twist[3, 0] = 1 + q
+        for _ in range(30):
+            strain = to_scaled(energy.law, twist)
+            gradient, hessian = energy.material(strain)
+            pulled, across = energy.tendon_derivatives(strain, pulls)
+            gradient += pulled
+            hessian += across
+            gradient, hessian = unscale(energy, twist, gradient, hessian)
+            left = (wrench - gradient)[:, 0].T
+            step = np.linalg.solve(hessian[:, :, 0].transpose(2, 0, 1), left[..., np.newaxis])
+            twist[:, 0] += step[..., 0].T
+            if np.abs(step[..., 0]).max() < 1e-9 * np.abs(twist).max():
+                break
+        return twist[:, 0]
+
+    def _ends(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        residual = [first[:3] - self._base.position, first[3:7] - self._base.quaternion]
+        for i in range(len(self._panels) - 1):
+            residual.append(first[10 * (i + 1) : 10 * (i + 2)] - last[10 * i : 10 * (i + 1)])
+        residual.append(last[-3:] - np.array(self._loads.tip_moment))
+        return np.concatenate(residual)

@@ -1,0 +1,24 @@
+"""Vectors (3, ...), one at each node."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.hints import FloatArray
+
+
+def cross(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Cross product along the first axis (np.cross is slow)."""
+    return np.stack([
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    ])  # fmt: skip
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Matrices (3, 3, n) that take w to v x w, for vectors v (3, n)."""
+    matrix = np.zeros((3, *v.shape))
+    matrix[0, 1], matrix[0, 2], matrix[1, 2] = -v[2], v[1], -v[0]
+    matrix[1, 0], matrix[2, 0], matrix[2, 1] = v[2], -v[1], v[0]
+    return matrix
