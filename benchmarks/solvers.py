@@ -1,22 +1,25 @@
-"""How much quicker, and how much closer, than the way the paper solved its own model.
+"""How much quicker, and how much closer, than general-purpose ways to solve the same models.
 
 The paper's way: equations (10) to (12) with `solve_ivp`, RK23 at its default tolerances, then
 the kinematics (1) likewise, read out at 101 stations. Everything is timed in this one run and
-reported as ratios; the errors are against the same equations at tight tolerances.
+reported as ratios; the errors are against the same equations at tight tolerances. Loads: see
+`loaded_bvp`.
 
     python benchmarks/solvers.py
 """
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
-from octo_arm_model import Arm, Solver, load_config
+from octo_arm_model import MODELS, Arm, Config, Loads, Solver, load_config
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
 
 STATIONS = 101
@@ -126,27 +129,48 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
 
 def main() -> None:
     """Print the tables."""
-    arm = load_config(preset_path('renda2012_table4')).arm
-    solvers = {model: Solver(arm, model, STATIONS) for model in ('renda2012', 'closed_form')}
-    paper = PaperWay(arm, method='RK23')
-    exact = PaperWay(arm, method='DOP853', rtol=1e-11, atol=1e-12)
+    config = load_config(preset_path('renda2012_table4'))
+    arm = config.arm
+    solvers = {model: Solver(arm, model, STATIONS) for model in MODELS}
+    unloaded(arm, solvers)
+    batches(arm, solvers)
+    loaded(config)
 
+
+def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
+    """Every model against the paper's way, and sensitivities against a solve."""
+    paper = PaperWay(arm, method='RK23')
+    tight = PaperWay(arm, method='DOP853', rtol=1e-11, atol=1e-12)
     print(f"One solve at {STATIONS} stations, arm of Table 4; the paper's way is 1")
-    print(f'{"":24}{"way":14}{"ms":>8}{"quicker":>9}{"tip error / L":>15}')
+    print(f'{"":12}{"way":14}{"ms":>8}{"quicker":>9}{"closed_form":>13}{"tip error / L":>15}')
     for name, tensions in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
-        reference = exact.tip(tensions)
+        reference = tight.tip(tensions)
         slow = seconds(lambda: paper.tip(tensions), 15)
         error = np.linalg.norm(paper.tip(tensions) - reference) / arm.length
-        print(f'{name:24}{"paper, RK23":14}{slow * 1e3:8.3f}{1.0:9.1f}{error:15.1e}')
+        print(f'{name:12}{"paper, RK23":14}{slow * 1e3:8.3f}{1.0:9.1f}{"":13}{error:15.1e}')
+        quick = {
+            model: seconds(lambda: solver.solve(tensions), 400)
+            for model, solver in solvers.items()
+        }
         for model, solver in solvers.items():
-            quick = seconds(lambda: solver.solve(tensions), 400)
-            if model == 'closed_form':  # the same physics without (11): its own reference
-                fine = Solver(arm, model, 20 * STATIONS).solve(tensions).tip
-            else:
-                fine = reference
+            # The others are not the paper's equations: their own fine grid is the reference.
+            fine = reference
+            if model != 'renda2012':
+                law = {'material': 'neo_hookean'} if model == 'exact' else {}
+                fine = Solver(arm, model, 20 * STATIONS, **law).solve(tensions).tip
             error = np.linalg.norm(solver.solve(tensions).tip - fine) / arm.length
-            print(f'{"":24}{model:14}{quick * 1e3:8.3f}{slow / quick:9.1f}{error:15.1e}')
+            print(
+                f'{"":12}{model:14}{quick[model] * 1e3:8.3f}{slow / quick[model]:9.1f}'
+                f'{quick[model] / quick["closed_form"]:12.1f}x{error:15.1e}'
+            )
+    solver = solvers['exact']
+    backbone = solver.solve(FETCHING_IN_SPACE)
+    all_of_them = seconds(lambda: solver.sensitivity(backbone), 100)
+    print(f'all sensitivities of exact: {all_of_them / quick["exact"]:.1f} solves')
 
+
+def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
+    """Many arms in one call."""
     scale = np.array([[0.2], [1.5], [3.0]])
     sets = np.random.default_rng(2012).uniform(0.0, 1.0, (BATCH, *arm.tension_shape)) * scale
     print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
@@ -155,6 +179,33 @@ def main() -> None:
         single = seconds(lambda: [solver.solve(x) for x in sets[:500]], 3) / 500
         batch = seconds(lambda: solver.solve(sets), 3) / BATCH
         print(f'{model:14}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
+
+
+def loaded(config: Config) -> None:
+    """The exact model with gravity in water and a tip force, against `solve_bvp`."""
+    material = dataclasses.replace(config.arm.material, density=1080.0)
+    arm = dataclasses.replace(config.arm, material=material)
+    loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 1e-3))
+    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads)
+    tensions = np.array(FETCHING_IN_SPACE)
+    fine = Solver(arm, 'exact', 20 * STATIONS, config.base, loads=loads).solve(tensions).tip
+    ours = solver.solve(tensions)
+    cold = seconds(lambda: solver.solve(tensions), 50)
+    moving = iter(np.sin(np.arange(1000.0)))
+    warm = seconds(lambda: solver.solve(tensions * (1 + 0.01 * next(moving)), start=ours), 50)
+    reference = LoadedBvp(arm, tensions, loads, 'neo_hookean', config.base)
+    # The tolerance at which it is about as accurate as ours.
+    with np.errstate(all='ignore'):
+        slow = seconds(lambda: reference.tip(tol=1e-4), 3)
+        slow_error = np.linalg.norm(reference.tip(tol=1e-4) - fine) / arm.length
+    error = np.linalg.norm(ours.tip - fine) / arm.length
+    again = seconds(lambda: solver.sensitivity(ours), 50)
+    print('\nFigure 15 in water with a force of 1.4 mN on the tip, model exact')
+    print(f'{"way":24}{"ms":>10}{"quicker":>9}{"tip error / L":>15}')
+    print(f'{"solve_bvp":24}{slow * 1e3:10.2f}{1.0:9.1f}{slow_error:15.1e}')
+    print(f'{"from the unloaded shape":24}{cold * 1e3:10.2f}{slow / cold:9.1f}{error:15.1e}')
+    print(f'{"from the last shape":24}{warm * 1e3:10.2f}{slow / warm:9.1f}')
+    print(f'all sensitivities: {again / cold:.1f} solves')
 
 
 if __name__ == '__main__':
