@@ -22,7 +22,11 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],
-    extras_require={'figures': ['matplotlib'], 'test': ['hypothesis', 'matplotlib', 'pytest']},
+    extras_require={
+        'cluster': ['distributed'],
+        'figures': ['matplotlib'],
+        'test': ['hypothesis', 'matplotlib', 'pytest'],
+    },
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -10,7 +10,6 @@ reported as ratios; the errors are against the same equations at tight tolerance
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any
@@ -183,8 +182,7 @@ def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
 
 def loaded(config: Config) -> None:
     """The exact model with gravity in water and a tip force, against `solve_bvp`."""
-    material = dataclasses.replace(config.arm.material, density=1080.0)
-    arm = dataclasses.replace(config.arm, material=material)
+    arm = config.arm.with_density(1080.0)
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 1e-3))
     solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads)
     tensions = np.array(FETCHING_IN_SPACE)

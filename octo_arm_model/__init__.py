@@ -10,6 +10,7 @@ from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.body import Body, ProfiledBody
 from octo_arm_model.config import Config, load_config
+from octo_arm_model.displacement import Wound, solve_displacements
 from octo_arm_model.errors import (
     ArmDefinitionError,
     ConfigError,
@@ -17,13 +18,17 @@ from octo_arm_model.errors import (
     LoadError,
     OctoArmError,
     SolveError,
+    TargetError,
     TensionError,
 )
+from octo_arm_model.inverse import Inverse, Stiffness, find_tensions
 from octo_arm_model.kinematics import Pose
 from octo_arm_model.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.material import Material
 from octo_arm_model.profiles import Constant, Function, Linear, Profile, Table
+from octo_arm_model.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.solver import MODELS, Solver, solve
+from octo_arm_model.targets import BackboneShape, Bending, TipPose, TipPosition
 from octo_arm_model.tendon import RoutedSection, Section, Tendon
 
 __version__ = '0.1.0'
@@ -33,6 +38,8 @@ __all__ = [
     'Arm',
     'ArmDefinitionError',
     'Backbone',
+    'BackboneShape',
+    'Bending',
     'Body',
     'Config',
     'ConfigError',
@@ -40,6 +47,7 @@ __all__ = [
     'ConvergenceError',
     'DistributedLoad',
     'Function',
+    'Inverse',
     'Linear',
     'LoadError',
     'Loads',
@@ -51,11 +59,20 @@ __all__ = [
     'ProfiledBody',
     'RoutedSection',
     'Section',
+    'Sensitivity',
     'SolveError',
     'Solver',
+    'Stiffness',
     'Table',
+    'TargetError',
     'Tendon',
     'TensionError',
+    'TipPose',
+    'TipPosition',
+    'Uncertainty',
+    'Wound',
+    'find_tensions',
     'load_config',
     'solve',
+    'solve_displacements',
 ]

@@ -6,6 +6,7 @@ farthest from the base. Offsets are in the axes n and b of the cross section (Fi
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -144,6 +145,12 @@ class Arm:
     def length(self) -> float:
         """Reference length L [m]."""
         return self.body.length
+
+    def with_density(self, density: float) -> Arm:
+        """The same arm of another ``density`` [kg/m^3]."""
+        return dataclasses.replace(
+            self, material=dataclasses.replace(self.material, density=density)
+        )
 
     @functools.cached_property
     def tendons(self) -> tuple[Tendon, ...]:

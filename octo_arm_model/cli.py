@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from octo_arm_model import inverse_cli
+from octo_arm_model import inverse_cli, workspace_cli
 from octo_arm_model.errors import OctoArmError, SolveError, TensionError
 from octo_arm_model.options import add_config, read_config, read_json
 from octo_arm_model.report import as_dict, summary
@@ -55,7 +55,7 @@ def build_parser() -> argparse.ArgumentParser:
     solve.set_defaults(run=_solve)
 
     inverse_cli.add_command(commands)
-    # workspace_cli.add_command(commands)
+    workspace_cli.add_command(commands)
 
     figures = commands.add_parser(
         'figures',

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import trapezoid
 from scipy.optimize import least_squares, minimize
-from scipy.stats import qmc
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
+from octo_arm_model.cross_section import Stiffness as Stiffnesses
 from octo_arm_model.errors import SolveError, TargetError, TensionError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.sensitivity import Sensitivity
@@ -108,10 +109,14 @@ def find_tensions(
     """
     arm = solver.arm
     limit = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    if not (np.isfinite(limit).all() and (limit > 0.0).all()):
-        raise TensionError(f'highest tension is {highest!r}, expected finite numbers > 0 [N]')
+    for name, value in zip(arm.tendon_names, limit.tolist(), strict=True):
+        if not 0.0 < value < np.inf:
+            raise TensionError(
+                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
+            )
     search = _Search(solver, target, limit, stiffness)
-    starts = [0.05 * np.ones(limit.size), *qmc.Sobol(limit.size, seed=seed).random(_STARTS)]
+    drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
+    starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
         given = np.asarray(start, dtype=np.float64).reshape(-1) / limit
         if given.shape != limit.shape or not ((given >= 0.0) & (given <= 1.0)).all():
@@ -136,10 +141,20 @@ def find_tensions(
 
 
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
-    """Tension of each tendon that compresses the section at its anchorage by ``part`` [N]."""
-    ends = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
-    axial = arm.material.youngs_modulus_at(ends) * np.pi * arm.body.radius(ends) ** 2
-    return (part * axial).reshape(arm.tension_shape)
+    """Tensions that alone strain the arm much [N], of `Arm.tension_shape`.
+
+    Of each tendon the one that compresses the cross section at its anchorage by ``part``, but no
+    more than what would bend the arm by two turns if it went on as it begins: so slender metal
+    rods are not asked for what would break them.
+    """
+    highest = np.empty(len(arm.tendons))
+    for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
+        s = np.linspace(0.0, arm.sections[section - 1].anchorage, 101)
+        stiffness = Stiffnesses.at(arm, s)
+        turn = float(trapezoid(tendon.offset.value(s) / stiffness.bending, s))
+        bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
+        highest[j] = min(part * float(stiffness.axial[-1]), bending)
+    return highest.reshape(arm.tension_shape)
 
 
 class _Search:

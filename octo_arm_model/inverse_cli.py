@@ -60,7 +60,8 @@ def add_command(commands: Any) -> None:
         '--highest',
         metavar='N',
         help='largest tension [N]: one number, or rows as --tensions of solve; by default, for '
-        'each tendon, 0.3 E A of the cross section at its anchorage',
+        'each tendon, what compresses the cross section it is fastened at by 30 percent, or '
+        'bends the arm by two turns',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
     parser.set_defaults(run=_run)

@@ -109,6 +109,12 @@ class Loads:
         object.__setattr__(self, 'distributed', tuple(self.distributed))
 
     @property
+    def any(self) -> bool:
+        """Whether there is anything that could load an arm."""
+        vectors = (self.gravity, self.tip_force, self.tip_moment)
+        return bool(np.any(vectors) or self.points or self.distributed)
+
+    @property
     def tip_wrench(self) -> FloatArray:
         """Force and moment on the tip in base_frame [N, N m], (6,)."""
         return np.array([*self.tip_force, *self.tip_moment])

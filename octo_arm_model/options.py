@@ -58,8 +58,7 @@ def read_config(options: argparse.Namespace) -> Config:
     """
     config = find_config(options.config)
     if options.density is not None:
-        material = dataclasses.replace(config.arm.material, density=options.density)
-        arm = dataclasses.replace(config.arm, material=material)
+        arm = config.arm.with_density(options.density)
         config = dataclasses.replace(config, arm=arm)
     names = ('gravity', 'fluid_density', 'tip_force', 'tip_moment')
     given = {name: getattr(options, name) for name in names}

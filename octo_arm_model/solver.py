@@ -36,6 +36,7 @@ DEFAULT_MODEL = 'renda2012'
 # other far longer than they work.
 _LARGEST_BATCH = 128
 _LARGEST_PRODUCT = 250_000  # multiplications
+_NO_LOADS = 'model is {!r}, which has no loads but the tendons: choose exact'
 
 
 class Solver:
@@ -83,6 +84,8 @@ class Solver:
                 f'material.shear goes with model exact and material.law linear, not with {model} '
                 f'and {material}'
             )
+        if loads.any and model != 'exact':
+            raise ConfigError(_NO_LOADS.format(model))
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
         self.law: Law = LAWS[material if model == 'exact' else 'linear']
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
@@ -97,15 +100,8 @@ class Solver:
         if model == 'exact':
             self._statics = Exact(arm, nodes, section, self.law, shear)
         else:
-            self._check_unloaded(loads.tip_wrench)
             papers_model = Renda2012 if model == 'renda2012' else ClosedForm
             self._statics = papers_model(arm, nodes, section)
-
-    def _check_unloaded(self, tip_wrench: FloatArray) -> None:
-        if not self._load_table.is_empty or tip_wrench.any():
-            raise ConfigError(
-                f'model is {self.model!r}, which has no loads but the tendons: choose exact'
-            )
 
     @functools.cached_property
     def equilibrium(self) -> Equilibrium:
@@ -147,7 +143,7 @@ class Solver:
         flat = checked.reshape(-1, len(self.arm.tendons))
         is_loaded = not self._load_table.is_empty or bool(wrench.any())
         if is_loaded and self.model != 'exact':
-            self._check_unloaded(wrench)
+            raise ConfigError(_NO_LOADS.format(self.model))
         wrenches = np.broadcast_to(wrench, (*lead, 6)).reshape(-1, 6).copy()
 
         batch, count = len(flat), self.grid.s.size

@@ -21,14 +21,16 @@ from octo_arm_model.workspace import Workspace, sample_workspace
 _DESCRIPTION = """\
 Find where the tip of the arm can go: solve it for many sets of tensions, spread evenly between 0
 and --highest for every tendon at once, and draw the tips. Sets of tensions that the model has no
-answer for are counted and left out.
+answer for are counted and left out. The arm can go somewhat further than the tips drawn: of many
+tendons, hardly ever all are near an end of their range at once.
 """
 _EPILOG = """\
 examples:
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm workspace renda2012_prototype --highest 3 --samples 16384
   octo-arm workspace renda2012_table2 --highest '[[1,1,1,1],[0,0,0,0],[0,0,0,0]]' --json
-  octo-arm workspace renda2012_table4 --model exact --gravity 0 0 -9.81 --samples 256
+  octo-arm workspace renda2012_table4 --samples 256 --model exact \\
+      --gravity 0 0 -9.81 --density 1080
 
 A set of tensions takes a fraction of a millisecond, but with gravity, water or other loads ten
 to a hundred milliseconds: then begin with few --samples. The same --seed, --samples and --highest
@@ -54,8 +56,8 @@ def add_command(commands: argparse._SubParsersAction[Any]) -> None:
         '--highest',
         metavar='N',
         help='largest tension [N]: one number for all tendons, or rows as --tensions of solve; '
-        'by default, for each tendon, what alone compresses the thin end it is fastened at by '
-        '10 percent, 0.1 E A',
+        'by default, for each tendon, what alone compresses the cross section it is fastened at '
+        'by 10 percent, or bends the arm by two turns',
     )
     parser.add_argument(
         '--samples', type=int, default=4096, metavar='N',
@@ -163,9 +165,12 @@ def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
     reached, refused = len(workspace.tip), workspace.refused
     lines = [
         f'model     {model}',
+        f'tensions  up to {_range(workspace.highest)} N',
         f'tips      {reached} of {reached + refused} sets of tensions, {refused} refused',
     ]
-    if reached:
+    if not reached:
+        lines.append('          none: give a lower --highest, or see what solve says of one set')
+    else:
         low, high = workspace.tip.min(axis=0) * 1e3, workspace.tip.max(axis=0) * 1e3
         for name, least, most in zip('xyz', low, high):
             lines.append(
@@ -174,6 +179,11 @@ def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
     if picture is not None:
         lines.append(f'picture   {picture}')
     return '\n'.join(lines)
+
+
+def _range(tensions: FloatArray) -> str:
+    low, high = f'{tensions.min():.4g}', f'{tensions.max():.4g}'
+    return low if low == high else f'{low} ... {high}'
 
 
 class _Bar:

@@ -75,13 +75,15 @@ def _limits(workspace: Workspace, surface: FloatArray) -> FloatArray:
 def _style(workspace: Workspace) -> dict[str, Any]:
     """Colours and sizes of the dots: smaller where there are more."""
     total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
+    # Without tips, or with one, a colour bar still needs two ends.
+    low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
     return {
         'c': total,
         's': float(np.clip(2e4 / max(len(total), 1), 1.0, 16.0)),
         'cmap': 'viridis',
         'linewidths': 0.0,
-        'vmin': total.min(initial=float(workspace.highest.sum())),
-        'vmax': max(total.max(initial=0.0), 1e-12),
+        'vmin': low,
+        'vmax': high if high > low else low + 1.0,
     }
 
 

@@ -52,6 +52,12 @@ def table4() -> Config:
 
 
 @pytest.fixture(scope='session')
+def rod() -> Config:
+    """Metal rod of Rao et al. 2021, two sections of three tendons."""
+    return load_config(preset_path('rao2021'))
+
+
+@pytest.fixture(scope='session')
 def prototype() -> Config:
     """Arm of the tank, one section."""
     return load_config(preset_path('renda2012_prototype'))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octo_arm_model import Config
+from octo_arm_model import Config, Loads, Solver
 from octo_arm_model.cli import main
 from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
 
@@ -46,19 +46,12 @@ def test_json_holds_the_whole_shape_in_si_units(
     status, out, _ = run(capsys, *SOLVE, TENSIONS, '--json', '--model', model, '--stations', '41')
     assert (status, out.count('\n')) == (0, 1)
     shape = json.loads(out)
-    expected = table4.solver(model, 41).solve(FETCHING_IN_SPACE)
-    assert list(shape) == [
-        'model',
-        's',
-        'section',
-        'position',
-        'quaternion',
-        'tau',
-        'xi',
-        'k',
-        'q',
-    ]
+    solver = table4.solver(model, 41)
+    expected = solver.solve(FETCHING_IN_SPACE)
+    names = 'model s section position quaternion tau xi k q tendon_length residual iterations'
+    assert list(shape) == names.split()
     assert shape.pop('model') == model
+    np.testing.assert_array_equal(shape.pop('tendon_length'), solver.tendon_lengths(expected))
     for name, values in shape.items():
         np.testing.assert_array_equal(values, getattr(expected, name), err_msg=name)
     assert all(isinstance(number, int) for number in shape['section'])
@@ -74,9 +67,82 @@ def test_a_file_is_read_where_the_name_looks_like_a_path(
     assert out == run(capsys, 'solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]')[1]
 
 
+def test_loads_and_material_may_be_said_on_the_command_line(
+    capsys: pytest.CaptureFixture[str], table4: Config
+) -> None:
+    physics = (
+        '--model exact --material linear --gravity 0 0 -9.81 --density 1080 --fluid-density 1000 '
+        '--tip-force 0 0.001 0 --tip-moment 0 0 1e-6'
+    )
+    _, out, _ = run(capsys, *SOLVE, TENSIONS, '--json', *physics.split())
+    loads = Loads((0, 0, -9.81), 1000, (0, 0.001, 0), (0, 0, 1e-6))
+    arm = table4.arm.with_density(1080)
+    solver = Solver(arm, 'exact', 101, table4.base, material='linear', loads=loads)
+    expected = solver.solve(FETCHING_IN_SPACE)
+    shape = json.loads(out)
+    np.testing.assert_array_equal(shape['position'], expected.position)
+    assert shape['residual'] == float(expected.residual) < 1e-10
+    assert shape['iterations'] == int(expected.iterations) > 0
+
+
+def test_inverse_finds_tensions_whose_tip_is_where_it_was_wanted(
+    capsys: pytest.CaptureFixture[str], table4: Config
+) -> None:
+    status, out, _ = run(
+        capsys, 'inverse', 'renda2012_table4', '--tip', '0.25', '0.1', '-0.1', '--json'
+    )
+    answer = json.loads(out)
+    assert (status, answer['reached']) == (0, True)
+    tip = table4.solver('exact').solve(answer['tensions']).tip
+    np.testing.assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
+
+
+def test_inverse_of_what_is_out_of_reach_says_so_with_status_1(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, out, _ = run(capsys, 'inverse', 'renda2012_prototype', '--tip', '2', '0', '0')
+    assert status == 1
+    assert out.startswith('NOT REACHED')
+    assert re.search(r'error +17[34]\d mm', out)
+
+
+def test_inverse_bends_in_the_plane_that_was_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ('inverse', 'renda2012_prototype', '--bend', '90', '40', '--highest', '3')
+    status, out, _ = run(capsys, *arguments)
+    # Towards +b: tendon 2 alone.
+    tensions = [float(value) for value in re.findall(r'tendon_1_\d +([\d.]+)', out)]
+    assert status == 0
+    assert tensions[1] > 0.1
+    np.testing.assert_allclose(np.delete(tensions, 1), 0.0, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
+        ((*SOLVE, TENSIONS, '--gravity', '0', '0', '-9.81'), "model is 'renda2012', which"),
+        (
+            (*SOLVE, TENSIONS, '--model', 'exact', '--gravity', '0', '0', '-9.81'),
+            'material.density is 0.0, expected a density > 0',
+        ),
+        ((*SOLVE, TENSIONS, '--density', '-1'), 'material.density is -1.0, expected'),
+        ((*SOLVE, TENSIONS, '--tip-force', '0', 'nan', '0'), 'loads.tip_force is (0.0, nan'),
+        (('inverse', 'renda2012_table4'), 'expected either --tip X Y Z or --bend PLANE ANGLE'),
+        (('inverse', 'renda2012_table4', '--tip', '0', 'inf', '0'), 'tip position is [0.0, inf'),
+        (
+            ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--model', 'closed_form'),
+            "model is 'closed_form', which has no derivatives: choose exact",
+        ),
+        (
+            ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--highest', '[1,2]'),
+            '--highest is [1,2], expected one number or shape (3, 4)',
+        ),
+        (
+            ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--highest', '-1'),
+            'highest tension of tendon_1_1 is -1.0 N, expected',
+        ),
+        (('inverse', 'renda2012_table4', '--bend', '0', '200'), 'bending angle is 3.49'),
         ((*SOLVE, 'much'), "--tensions is not JSON at character 1, expected rows of numbers"),
         ((*SOLVE, '[[0,0'), '--tensions is not JSON at character 6, expected rows of numbers'),
         ((*SOLVE, '[[1,2,3,4]]'), 'tensions have shape (1, 4), expected (..., 3, 4)'),

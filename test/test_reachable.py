@@ -25,7 +25,7 @@ from octo_arm_model import (
     TensionError,
     workspace_cli,
 )
-from octo_arm_model import workspace as module
+from octo_arm_model import workers as module
 from octo_arm_model.workspace import CHUNK, Workspace, sample_workspace
 
 HIGHEST = np.array([[0.1] * 4, [1.0] * 4, [4.0] * 4])
@@ -330,6 +330,7 @@ def test_the_command_writes_a_picture_and_says_how_far_the_tips_reach(
         run('renda2012_table4', '--highest', highest, '--samples', '256', '--out', str(path)) == 0
     )
     out, err = capsys.readouterr()
+    assert 'tensions  up to 0.1 ... 4 N' in out
     assert 'tips      256 of 256 sets of tensions, 0 refused' in out
     for i, name in enumerate('xyz'):
         low, high = cloud.tip[:, i].min() * 1e3, cloud.tip[:, i].max() * 1e3
@@ -347,6 +348,19 @@ def test_a_cloud_without_tips_is_a_picture_of_the_arm(tmp_path: Path, table4: Co
     empty = sample_workspace(table4, 1e9, 8, processes=1)
     draw_workspace(empty, table4.solver(), tmp_path / 'empty.png')
     assert colourful(assert_picture(tmp_path / 'empty.png')) == 0
+
+
+def test_a_box_without_any_answer_is_told_and_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip('matplotlib')
+    monkeypatch.chdir(tmp_path)
+    assert run('renda2012_prototype', '--highest', '1e9', '--samples', '8') == 0
+    out = capsys.readouterr().out
+    assert 'tensions  up to 1e+09 N' in out
+    assert '0 of 8 sets of tensions, 8 refused' in out
+    assert 'none: give a lower --highest' in out
+    assert (tmp_path / 'workspace.png').exists()
 
 
 def test_json_is_one_object_in_si_units_and_draws_nothing(

@@ -1,0 +1,27 @@
+"""Derivatives by differences, for the tests of everything that gives derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def jacobian(
+    function: Callable[[np.ndarray], ArrayLike], at: ArrayLike, step: ArrayLike
+) -> np.ndarray:
+    """Derivative (..., n) of ``function`` of a vector, at ``at`` (n,): central differences.
+
+    Of fourth order: its own error at ``step`` (or one for each component) is that of a step
+    several orders smaller, where the rounding of ``function`` would be all there is.
+    """
+    at = np.asarray(at, dtype=float)
+    columns = []
+    for axis, h in enumerate(np.broadcast_to(step, at.shape)):
+        move = np.zeros_like(at)
+        move[axis] = h
+        near = np.asarray(function(at + move)) - np.asarray(function(at - move))
+        far = np.asarray(function(at + 2 * move)) - np.asarray(function(at - 2 * move))
+        columns.append((8 * near - far) / (12 * h))
+    return np.stack(columns, axis=-1)
