@@ -97,7 +97,7 @@ def _body(given: Values) -> Body | ProfiledBody:
 def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
     anchorages = given['sections.anchorage']
     count = len(anchorages)
-    like = 'like sections.anchorage, one per section'
+    like = ' like sections.anchorage, one per section'
     numbers = given['sections.tendons'] or count * (4,)
     _check_length('sections.tendons', numbers, count, like)
     for number in numbers:
@@ -109,7 +109,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
     )
     twists = given['tendons.twist'] or total * (0.0,)
     for name, column in (('tendons.angle', angles), ('tendons.twist', twists)):
-        _check_length(name, column, total, 'one per tendon')
+        _check_length(name, column, total, ', one per tendon')
     if given['tendons.table_s']:
         tendons = _routed(given, angles, total)
         ends = [sum(numbers[: i + 1]) for i in range(count)]
@@ -138,7 +138,7 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
     for name in ('tendons.table_offset', 'tendons.table_angle'):
         column = given[name]
         if column or name == 'tendons.table_offset':
-            what = f'{len(s)} for each of {total} tendons'
+            what = f', {len(s)} for each of {total} tendons'
             _check_length(name, column, total * len(s), what)
         columns[name] = column
     tendons = []
@@ -153,16 +153,16 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
 
 
 def _table(given: Values, name: str, s: Sequence[float]) -> Table | Linear:
-    _check_length(name, given[name], len(s), f'one for each of {name.split(".")[0]}.table_s')
+    _check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
     return Table(tuple(s), tuple(given[name]), name)
 
 
 def _vectors(given: Values, name: str, of: str) -> tuple[Vector, ...]:
     flat, count = given[name], len(given[of])
-    _check_length(name, flat, 3 * count, f'three for each of {of}')
+    _check_length(name, flat, 3 * count, f', three for each of {of}')
     return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
 
 
 def _check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
     if len(column) != count:
-        raise ConfigError(f'{name} has {len(column)} values, expected {count} {what}')
+        raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')

@@ -24,13 +24,8 @@ class LoadTable:
         """Tabulate ``loads``.
 
         Raises:
-            ArmDefinitionError: if a load lies beyond the tip, or gravity acts on an arm of no
-                density.
+            ArmDefinitionError: if gravity acts on an arm of no density.
         """
-        for s in loads.breaks:
-            if s > arm.length:
-                expected = f'at most the length of the arm, {arm.length} [m]'
-                raise ArmDefinitionError('loads: s', s, expected)
         if any(loads.gravity) and not arm.material.density:
             raise ArmDefinitionError(
                 'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'

@@ -119,6 +119,17 @@ class Loads:
         """Force and moment on the tip in base_frame [N, N m], (6,)."""
         return np.array([*self.tip_force, *self.tip_moment])
 
+    def check_inside(self, length: float) -> None:
+        """Check that all loads lie on an arm of ``length`` [m].
+
+        Raises:
+            ArmDefinitionError: if one is beyond its tip.
+        """
+        for s in self.breaks:
+            if s > length:
+                expected = f'at most the length of the arm, {length} [m]'
+                raise ArmDefinitionError('loads: s', s, expected)
+
     @property
     def breaks(self) -> tuple[float, ...]:
         """Where a load begins, ends or sits [m]."""

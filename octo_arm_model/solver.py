@@ -89,6 +89,7 @@ class Solver:
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
         self.law: Law = LAWS[material if model == 'exact' else 'linear']
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
+        loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
         product = self.grid.nodes.size * len(arm.tendons)
         self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))

@@ -431,7 +431,7 @@ def test_help_tells_units_defaults_and_examples(capsys: pytest.CaptureFixture[st
     with pytest.raises(SystemExit):
         run('--help')
     text = ' '.join(capsys.readouterr().out.split())
-    for expected in ('largest tension [N]', '4096', '0.1 E A', 'octo_arm_model[cluster]'):
+    for expected in ('largest tension [N]', '4096', '10 percent', 'octo_arm_model[cluster]'):
         assert expected in text
     assert 'octo-arm workspace renda2012_table4 --out cloud.png' in text
 

@@ -1,0 +1,301 @@
+"""Arms beyond the paper's: any tendons, bodies and materials, in Python and in YAML."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Body,
+    Config,
+    ConfigError,
+    Constant,
+    Function,
+    Linear,
+    Loads,
+    Material,
+    OctoArmError,
+    PointLoad,
+    ProfiledBody,
+    RoutedSection,
+    Section,
+    Solver,
+    Table,
+    Tendon,
+    TensionError,
+    load_config,
+)
+
+SOFT = Material(1.5e5, 0.4)
+CONE = Body(0.3, 0.012, 0.006)
+HELICAL = Arm(
+    SOFT,
+    CONE,
+    (
+        Section(0.3, 0.008, 0.004, angles=(0.1, 2.2, 4.0), twist=(3.0, -2.0, 1.0)),
+        Section(0.2, 0.005, 0.006, angles=(0.5, 2.2, 4.0, 5.0)),
+    ),
+)
+PULLS = np.array([0.4, 0.1, 0.0, 0.6, 0.0, 0.2, 0.3])
+
+
+def test_the_closed_form_of_any_tendons_is_the_full_system_of_three() -> None:
+    backbone = Solver(HELICAL, 'closed_form', 31).solve(PULLS)
+    for i in (0, 12, 20, 25, 30):
+        s, section = backbone.s[i], backbone.section[i]
+        matrix = np.diag([
+            math.pi / 2 * CONE.radius(s) ** 4 * SOFT.shear_modulus,
+            *2 * (math.pi / 4 * CONE.radius(s) ** 4 * 1.5e5,),
+        ])  # fmt: skip
+        right, force = np.zeros(3), 0.0
+        tendons = zip(HELICAL.tendons, HELICAL.tendon_section, PULLS, strict=True)
+        acting = [(tendon, pull) for tendon, of, pull in tendons if of <= section]
+        for tendon, pull in acting:
+            at = np.array([s])
+            r = np.array([0.0, *np.ravel(tendon.place(at))])
+            slope = np.array([0.0, *np.ravel(tendon.slope(at))])
+            matrix += pull * (r @ r * np.eye(3) - np.outer(r, r))
+            right -= pull * np.cross(r, np.array([1.0, 0.0, 0.0]) + slope)
+        omega = np.linalg.solve(matrix, right)
+        for tendon, pull in acting:
+            r = np.array([0.0, *np.ravel(tendon.place(np.array([s])))])
+            force -= pull * (1.0 + np.cross(omega, r)[0])
+        got = (backbone.tau[i], backbone.xi[i], backbone.k[i])
+        np.testing.assert_allclose(got, omega, rtol=1e-10, atol=1e-10)
+        axial = 1.5e5 * math.pi * CONE.radius(s) ** 2
+        assert backbone.q[i] == pytest.approx(force / axial, rel=1e-10)
+
+
+def test_a_helix_winds_as_far_as_it_is_told_and_its_slope_is_its_derivative() -> None:
+    tendon = HELICAL.tendons[0]
+    n, b = tendon.place(np.array([0.0, 0.3]))
+    angles = np.arctan2(b, n)
+    np.testing.assert_allclose(angles, [0.1, 3.1], rtol=1e-12)
+    s, h = np.linspace(0.01, 0.29, 7), 1e-6
+    for row in (0, 1):
+        difference = (tendon.place(s + h)[row] - tendon.place(s - h)[row]) / (2 * h)
+        np.testing.assert_allclose(tendon.slope(s)[row], difference, atol=1e-8)
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None:
+    s = tuple(np.linspace(0.0, 0.3, 61).tolist())
+    plain = Arm(SOFT, CONE, (Section(0.3, 0.008, 0.004),))
+    quarters = [0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi]
+    tabulated = Arm(
+        Material(Table(s, 61 * (1.5e5,)), Constant(0.4)),
+        ProfiledBody(0.3, Table(s, tuple(CONE.radius(s).tolist()))),
+        (RoutedSection(0.3, tuple(
+            Tendon(Table((0.0, 0.3), (0.008, 0.004)), Constant(angle)) for angle in quarters
+        )),),
+    )  # fmt: skip
+    functions = Arm(
+        Material(Function(lambda s: 1.5e5 + 0 * s, 0.3), 0.4),
+        ProfiledBody(0.3, Function(CONE.radius, 0.3)),
+        (RoutedSection(0.3, tuple(
+            Tendon(Function(lambda s: 0.008 - s / 75, 0.3), Constant(angle)) for angle in quarters
+        )),),
+    )  # fmt: skip
+    pulls = [[0.5, 0.2, 0.0, 0.0]]
+    expected = Solver(plain, model).solve(pulls)
+    for arm in (tabulated, functions):
+        got = Solver(arm, model).solve(pulls)
+        np.testing.assert_allclose(got.position, expected.position, atol=1e-8)
+        np.testing.assert_allclose(got.k, expected.k, rtol=1e-7)
+
+
+def test_a_profile_with_a_corner_is_resolved_as_well_as_a_smooth_one() -> None:
+    def stepped(s: np.ndarray) -> np.ndarray:
+        return np.where(s < 0.1501, 0.012, 0.012 - 0.04 * (s - 0.1501))
+
+    arm = Arm(SOFT, ProfiledBody(0.3, Function(stepped, 0.3)), (Section(0.3, 0.004, 0.004),))
+    coarse, fine = (Solver(arm, 'exact', n).solve([[0.5, 0.2, 0.0, 0.0]]) for n in (101, 1601))
+    assert coarse.residual < 1e-10
+    # The interval that holds the corner is integrated to second order only.
+    np.testing.assert_allclose(coarse.tip, fine.tip, atol=1e-5)
+
+
+def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat() -> None:
+    solver = Solver(HELICAL, 'exact', 31)
+    assert HELICAL.tension_shape == (7,)
+    flat = solver.solve(PULLS)
+    rows = solver.solve([PULLS[:3].tolist(), PULLS[3:].tolist()])
+    np.testing.assert_array_equal(flat.position, rows.position)
+    several = solver.solve(np.stack([PULLS, 0.5 * PULLS]))
+    np.testing.assert_allclose(several.tip[0], flat.tip, atol=1e-9)
+    with pytest.raises(TensionError, match=r'expected \(\.\.\., 7\): 7 tendons, section'):
+        solver.solve(PULLS[:6])
+    with pytest.raises(TensionError, match=r'tension of tendon_2_1 is -0\.6 N'):
+        solver.solve([0.4, 0.1, 0.0, -0.6, 0.0, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ('arm', 'what'),
+    [
+        (HELICAL, 'section 2, whose tendons are not straight along n, b, -n, -b'),
+        (Arm(SOFT, ProfiledBody(0.3, Linear(0.012, 0.006, 0.3)), (Section(0.3, 0.004, 0.004),)),
+         'a body whose radius is not linear in s'),
+        (Arm(Material(Table((0.0, 0.3), (1e5, 2e5))), CONE, (Section(0.3, 0.004, 0.004),)),
+         'a material that varies along s'),
+    ],
+)  # fmt: skip
+def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: str) -> None:
+    with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
+        Solver(arm, 'renda2012')
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: Arm(SOFT, ProfiledBody(0.3, Constant(-1.0)), ()), 'sections is ()'),
+        (lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
+         'body.radius at s = '),
+        (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
+        (lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
+         'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]'),
+        (lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
+         'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]'),
+        (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
+        (lambda: Material(1e5, 0.5, -1.0), 'material.density is -1.0, expected'),
+        (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
+        (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
+        (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
+        (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
+        (lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
+         'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]'),
+        (lambda: Arm(SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)),
+         'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
+        (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
+         'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
+        (lambda: PointLoad(-0.1, (0, 0, 1)), 'loads.point.s is -0.1, expected a finite arc coord'),
+        (lambda: Solver(HELICAL, 'exact', loads=Loads(points=(PointLoad(0.5, (0, 0, 1)),))),
+         'loads: s is 0.5, expected at most the length of the arm, 0.3 [m]'),
+    ],
+)  # fmt: skip
+def test_impossible_arms_name_field_value_and_expectation(
+    build: Callable[[], object], message: str
+) -> None:
+    with pytest.raises(ArmDefinitionError) as refusal:
+        build()
+    assert str(refusal.value).startswith(message)
+
+
+# In YAML ----------------------------------------------------------------------------------------
+
+PLAIN = {
+    'model': 'exact',
+    'material': {'youngs_modulus': 1.5e5, 'poisson_ratio': 0.4},
+    'body': {'length': 0.3, 'radius_base': 0.012, 'radius_tip': 0.006},
+    'sections': {'anchorage': [0.3], 'offset_base': [0.004], 'offset_anchorage': [0.004]},
+}
+
+
+def read(tmp_path: Path, **changes: object) -> Config:
+    path = tmp_path / 'arm.yaml'
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': PLAIN | changes}}))
+    return load_config(path)
+
+
+def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
+    config = read(
+        tmp_path,
+        material={
+            'table_s': [0.0, 0.1, 0.3],
+            'table_youngs_modulus': [2e5, 1e5, 1e5],
+            'table_poisson_ratio': [0.5, 0.4, 0.4],
+            'density': 1080.0,
+        },
+        body={'length': 0.3, 'table_s': [0.0, 0.2, 0.3], 'table_radius': [0.02, 0.01, 0.006]},
+        sections={'anchorage': [0.3, 0.2], 'tendons': [1, 2]},
+        tendons={
+            'table_s': [0.0, 0.3],
+            'table_offset': [0.005, 0.004, 0.003, 0.003, 0.002, 0.002],
+            'table_angle': [0.0, 2.0, 1.0, 1.0, 3.0, 3.0],
+        },
+        loads={
+            'gravity': [0.0, 0.0, -9.81],
+            'fluid_density': 1000.0,
+            'tip_force': [0.0, 0.001, 0.0],
+            'tip_moment': [0.0, 0.0, 1e-5],
+            'point_s': [0.1, 0.2],
+            'point_force': [0.0, 0.0, 0.01, 0.0, 0.01, 0.0],
+            'distributed_s': [0.0, 0.1],
+            'distributed_force': [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
+        },
+        uncertainty={'tension': 0.1, 'youngs_modulus': 0.05, 'offset': 1e-4},
+    )
+    arm = config.arm
+    assert arm.tension_shape == (3,)
+    assert arm.tendon_section.tolist() == [1, 2, 2]
+    assert arm.body.radius(0.2) == pytest.approx(0.01)
+    assert arm.material.youngs_modulus_at(0.1) == pytest.approx(1e5)
+    n, b = arm.tendon_offsets(np.array([0.3]))
+    np.testing.assert_allclose(np.arctan2(b[0], n[0]), 2.0)
+    assert config.loads.points[1] == PointLoad(0.2, (0.0, 0.01, 0.0))
+    assert config.uncertainty.offset == 1e-4
+    backbone = config.solver().solve([0.1, 0.2, 0.0])
+    assert backbone.residual < 1e-10
+
+
+def test_helices_by_twist_and_shear_by_a_word(tmp_path: Path) -> None:
+    config = read(
+        tmp_path,
+        material={'youngs_modulus': 3e5, 'shear_modulus': 1.2e5, 'law': 'linear', 'shear': True},
+        sections={'anchorage': [0.3], 'tendons': [3], 'offset_base': [0.004],
+                  'offset_anchorage': [0.004]},
+        tendons={'angle': [0.0, 1.0, 2.0], 'twist': [6.0, 0.0, 0.0]},
+    )  # fmt: skip
+    assert config.arm.material.poisson_ratio == pytest.approx(0.25)
+    backbone = config.solver().solve([[0.5, 0.0, 0.0]])
+    assert np.abs(backbone.tau).min() > 0.01
+    assert backbone.twist is not None
+    assert backbone.twist.shape[0] == 6
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'material': {'poisson_ratio': 0.4}}, 'material.youngs_modulus is missing'),
+        ({'material': {'table_s': [0.0, 0.3], 'table_youngs_modulus': [1e5]}},
+         'material.table_youngs_modulus has 1 values, expected 2, one for each'),
+        ({'material': {'table_s': [0.0, 0.3], 'table_youngs_modulus': [1e5, 1e5],
+                       'shear_modulus': 4e4}}, 'material.shear_modulus does not go with'),
+        ({'material': {'youngs_modulus': 1e5, 'law': 'steel'}}, "material.law is 'steel'"),
+        ({'material': {'youngs_modulus': 1e5, 'shear': 1}}, 'material.shear is 1, expected bool'),
+        ({'material': {'youngs_modulus': 1e5, 'shear': True}}, 'material.shear goes with'),
+        ({'body': {'length': 0.3, 'table_s': [0.0, 0.2], 'table_radius': [0.01, 0.01]}},
+         'last s of body.profile is 0.2, expected at least 0.3'),
+        ({'sections': {'anchorage': [0.3], 'tendons': [0], 'offset_base': [0.0],
+                       'offset_anchorage': [0.0]}}, 'sections.tendons is [0], expected'),
+        ({'sections': {'anchorage': [0.3], 'tendons': [3, 3], 'offset_base': [0.0],
+                       'offset_anchorage': [0.0]}}, 'sections.tendons has 2 values, expected 1'),
+        ({'sections': {'anchorage': [0.3]}}, 'sections.offset_base is missing'),
+        ({'tendons': {'angle': [0.0]}}, 'tendons.angle has 1 values, expected 4, one per tendon'),
+        ({'tendons': {'table_s': [0.0, 0.3], 'table_offset': [0.001] * 8}},
+         'sections.offset_base does not go with tendons.table_s'),
+        ({'sections': {'anchorage': [0.3]},
+          'tendons': {'table_s': [0.0, 0.3], 'table_offset': [0.001] * 7}},
+         'tendons.table_offset has 7 values, expected 8, 2 for each of 4 tendons'),
+        ({'loads': {'gravity': [0.0, 0.0]}}, 'loads.gravity is (0.0, 0.0), expected three finite'),
+        ({'loads': {'gravity': [0.0, 0.0, 9.81]}}, 'material.density is 0.0, expected'),
+        ({'loads': {'point_s': [0.1], 'point_force': [0.0]}},
+         'loads.point_force has 1 values, expected 3, three for each of'),
+        ({'loads': {'distributed_s': [0.1], 'distributed_force': [0.0] * 3}},
+         'loads.distributed.s is (0.1,), expected at least two'),
+        ({'uncertainty': {'tension': -0.1}}, 'uncertainty.tension is -0.1, expected'),
+    ],
+)  # fmt: skip
+def test_yaml_that_does_not_fit_together_is_named(
+    tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(OctoArmError) as refusal:
+        read(tmp_path, **changes).solver()
+    assert message in str(refusal.value)
+    assert '\n' not in str(refusal.value)
