@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from octo_arm_model.equilibrium import Condition, Equilibrium, State
 from octo_arm_model.errors import ConvergenceError
 from octo_arm_model.hints import FloatArray
@@ -14,8 +12,8 @@ _PER_STEP = 10  # iterations in one step of the condition
 _PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
 _PER_FALL = 200
-_HEAVY = 4.0  # damping at first, in units of the stiffness of the cross sections
-_HEAVIEST = 1e9
+_BEYOND = 0.05
+_HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness of the sections
 
 
 def follow(
@@ -44,10 +42,15 @@ def follow(
             last = twist, target - done
             step = last[1] * (2.0 if used <= 5 else 1.0)
         elif step <= _SMALLEST_STEP:
-            # The branch goes no further.
+            # The branch goes no further. Just beyond its end hardly anything pushes the arm on,
+            # and the fall would take long.
+            target = min(1.0, done + _BEYOND)
+            condition = wanted if target == 1.0 else known.towards(wanted, target)
             state, used = _fall(problem, condition, twist)
             iterations += used
-            last, step = None, 0.1
+            last, step = None, _BEYOND
+            if not state.residual <= TOLERANCE:
+                raise _lost(state, iterations)
         if state.residual <= TOLERANCE:
             if target == 1.0:
                 return state, iterations
@@ -55,9 +58,11 @@ def follow(
         else:
             step = max(0.25 * (target - done), _SMALLEST_STEP)
         if iterations > MAX_ITERATIONS:
-            raise ConvergenceError(
-                'the balance under load', state.residual, iterations, state.twist
-            )
+            raise _lost(state, iterations)
+
+
+def _lost(state: State, iterations: int) -> ConvergenceError:
+    return ConvergenceError('the balance under load', state.residual, iterations, state.twist)
 
 
 def _newton(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
@@ -79,27 +84,35 @@ def _newton(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tu
 
 
 def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
-    """Down the slope of the energy to a stable balance (pseudo-transient continuation).
+    """Down the slope of the energy to a stable balance; balanced or not.
 
-    Steps of an overdamped motion, implicit in time, which get longer as the residual gets
-    smaller and end as Newton's (Kelley and Keyes 1998).
+    Steps as if the cross sections were stiffer, by as much as it takes for a step to lead down
+    and not far up again; where it takes nothing they are Newton's (Levenberg and Marquardt).
     """
     state = problem.state(condition, twist)
     damping = _HEAVY
     for iteration in range(_PER_FALL):
         if state.residual <= TOLERANCE:
             return state, iteration
+        if damping > _HEAVIEST:
+            break
+        heavier = max(_HEAVY * damping, _LIGHT)
         try:
-            new = problem.state(condition, state.twist + problem.step(state, damping))
+            step = problem.step(state, damping)
         except ConvergenceError:
-            new = state._replace(residual=np.inf)
-        change = new.residual / state.residual
-        if not change <= 2.0:  # nor NaN
-            damping = _HEAVY * max(damping, 0.1)
-            if damping > _HEAVIEST:
-                break
+            damping = heavier
             continue
-        # On the way from one balance to another the residual has to rise for a while.
-        damping = 2.0 * max(damping, 0.05) if change > 1.0 else damping * min(change, 0.7)
+        down = problem.work(state, step)
+        if not down > 0.0:
+            damping = heavier
+            continue
+        new = problem.state(condition, state.twist + step)
+        left = problem.work(new, step)
+        if not left > -0.5 * down:  # nor NaN
+            damping = heavier
+            continue
+        # Still going down at its end, the step could have been longer.
+        damping *= 0.25 if left > 0.25 * down else 0.5
+        damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new
     return state, _PER_FALL

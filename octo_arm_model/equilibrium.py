@@ -24,6 +24,7 @@ from octo_arm_model.kinematics import Frame, node_frames
 from octo_arm_model.load_table import LoadTable
 from octo_arm_model.minimise import force_scale
 from octo_arm_model.physical import unscale
+from octo_arm_model.quadrature import integration_weights
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.symmetric import factorise, invert
@@ -86,6 +87,7 @@ class Equilibrium:
         # Only differences of positions matter here: from the base they keep their digits.
         self._base = Frame(np.zeros(3), base.rotation)
         self._problem = TwoPointProblem(grid.step)
+        self._weights = integration_weights(grid)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / float(grid.s[-1])
 
@@ -154,6 +156,13 @@ class Equilibrium:
         residual = np.zeros((6, 1, state.twist.shape[1]))
         residual[:count, 0] = state.imbalance
         return self.respond(state, self.compliance(state) / (1.0 + damping), residual)[:count, 0]
+
+    def work(self, state: State, step: FloatArray) -> float:
+        """What the imbalance of ``state`` does on a small ``step`` of the twist [J].
+
+        The rate at which the step takes energy from the arm and its loads.
+        """
+        return float(np.add.reduce(state.imbalance * step) @ self._weights)
 
 
 def into_section(rotation: Quaternions, vector: FloatArray) -> FloatArray:

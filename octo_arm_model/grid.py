@@ -17,11 +17,10 @@ from octo_arm_model.hints import FloatArray, IntArray
 
 DEFAULT_STATIONS = 101
 # Integration intervals are never longer than L / MIN_INTERVALS nor than STEP_PER_RADIUS times
-# the smallest radius they could span: curvature grows like 1 / R, and with it the error of a step.
-# A slender metal rod bends far less for its radius: this many intervals are always enough.
+# the smallest radius they could span, that of the body or of the tendons around it, whichever is
+# larger: curvature grows like its inverse, and with it the error of a step.
 MIN_INTERVALS = 100
 STEP_PER_RADIUS = 1.0
-MAX_INTERVALS = 400
 
 
 @dataclass(frozen=True)
@@ -157,11 +156,11 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
 
 def _subdivide(arm: Arm, stations: FloatArray) -> FloatArray:
     """Ends of the integration intervals between ``stations``, those among them."""
-    radius = arm.body.radius(stations)
+    lever = np.hypot(*arm.tendon_offsets(stations)).max(axis=0)
+    radius = np.maximum(arm.body.radius(stations), lever)
     smallest_radius = np.minimum(radius[:-1], radius[1:])
     # A little slack, so that the default stations need no cut where the arm is thick.
     longest = np.minimum(1.02 * arm.length / MIN_INTERVALS, STEP_PER_RADIUS * smallest_radius)
-    longest = np.maximum(longest, arm.length / MAX_INTERVALS)
     pieces = np.ceil(np.diff(stations) / longest).astype(np.int64)
     return np.interp(np.arange(pieces.sum() + 1), np.cumsum([0, *pieces]), stations)
 
