@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -55,18 +54,15 @@ def build_uncertainty(given: Values) -> Uncertainty:
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
     """
-    units = {'tension': 'N', 'youngs_modulus': '-', 'poisson_ratio': '-', 'offset': 'm'}
-    return Uncertainty(
-        **{
-            field.name: not_negative(
-                f'uncertainty.{field.name}',
-                given[f'uncertainty.{field.name}'],
-                'standard deviation',
-                units[field.name],
-            )
-            for field in dataclasses.fields(Uncertainty)
-        }
-    )
+    deviations = {}
+    for name, parameter, unit in (
+        ('tension', 'tension_stddev', 'N'),
+        ('youngs_modulus', 'material.youngs_modulus_stddev', '-'),
+        ('poisson_ratio', 'material.poisson_ratio_stddev', '-'),
+        ('offset', 'tendons.offset_stddev', 'm'),
+    ):
+        deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
+    return Uncertainty(**deviations)
 
 
 def _material(given: Values) -> Material:

@@ -29,7 +29,7 @@ class ClosedForm:
         """Twist at every node under ``tensions`` (batch, tendons) [N]; nothing is left over."""
         sums = self._weights.sums(tensions)
         bending = self._stiffness.bending
-        omega = np.zeros((3, *sums.axial.shape))
+        omega = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
         tau, xi, k = omega
         about_n, about_b = bending + sums.second_b, bending + sums.second_n
         if sums.mixed is None:

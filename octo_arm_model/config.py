@@ -71,6 +71,12 @@ class Config:
         if not given['base_frame']:
             raise ConfigError("base_frame is '', expected the name of a frame")
         base = Pose(given['base.position'], given['base.quaternion'])
+        uncertainty = build_uncertainty(given)
+        if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
+            raise ConfigError(
+                'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
+                f'with {given["model"]}'
+            )
         return cls(
             arm=build_arm(given),
             base=base,
@@ -80,7 +86,7 @@ class Config:
             law=given['material.law'],
             shear=given['material.shear'],
             loads=build_loads(given),
-            uncertainty=build_uncertainty(given),
+            uncertainty=uncertainty,
         )
 
     def solver(self, model: str | None = None, stations: int | None = None) -> Solver:

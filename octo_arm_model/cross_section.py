@@ -43,7 +43,7 @@ def twist_of(omega: FloatArray, sums: TendonSums, stiffness: Stiffness) -> Float
     """
     _, xi, k = omega
     force = k * sums.first_n - xi * sums.first_b - sums.axial
-    twist = np.empty((4, *force.shape))
+    twist = np.empty((4, *force.shape), force.dtype)
     stretch = np.divide(force, stiffness.axial, out=twist[3])
     stretch += 1.0
     np.multiply(omega, stretch, out=twist[:3])

@@ -16,6 +16,7 @@ COLLOCATION_POINTS = 20
 # leaves an error ten times smaller as each sweep gains more than one digit by then. Looking
 # costs as much as sweeping, so it is done after every few sweeps.
 TOLERANCE = 5e-8
+DERIVATIVE_TOLERANCE = 1e-13
 MAX_SWEEPS = 60
 _SWEEPS_BETWEEN_CHECKS = 2
 
@@ -48,7 +49,7 @@ class Coefficients:
         """Prepare for ``sums`` (batch, points) and ``stiffness`` (points,)."""
         a1, b1 = sums.second_n, sums.second_b
         polar = a1 + b1
-        self.force = np.zeros((3, *a1.shape))
+        self.force = np.zeros((3, *a1.shape), a1.dtype)
         np.negative(sums.first_b, out=self.force[1])
         self.force[2] = sums.first_n
         self.compliance = np.empty_like(self.force)
@@ -59,13 +60,16 @@ class Coefficients:
         _, self._xi_0, self._k_0 = self.compliance * self.force
         lift = (stiffness.bending + polar) * c_t
         # The two bending components side by side: p_nb' = p_t (linear + product * p_bn).
-        self._linear, self._product = np.empty((2, 2, *a1.shape))
+        self._linear, self._product = np.empty((2, 2, *a1.shape), a1.dtype)
         np.multiply(-lift, self._k_0, out=self._linear[0])
         np.multiply(lift, self._xi_0, out=self._linear[1])
         np.multiply(-b1 * c_t, c_b, out=self._product[0])
         np.multiply(a1 * c_t, c_n, out=self._product[1])
         self._product_t = (b1 - a1) * c_n * c_b
-        self._tolerance = TOLERANCE * np.abs(self.force).max(axis=(0, 2))[:, np.newaxis]
+        self._moment = np.abs(self.force).max(axis=(0, 2))[:, np.newaxis]
+        # Small enough to see that derivatives, which are imaginary parts, have settled as well.
+        part = DERIVATIVE_TOLERANCE if np.iscomplexobj(self.force) else TOLERANCE
+        self._tolerance = part * self._moment
 
     def sweep(self, piece: Piece, start: FloatArray) -> tuple[FloatArray, float, int]:
         """Return p (3, batch, points) in ``piece``, ``start`` (3, batch) at its tip end.
@@ -79,10 +83,10 @@ class Coefficients:
         linear, product = self._linear[..., points], self._product[..., points]
         product_t = self._product_t[:, points]
         # Slopes carry the initial value in one more column, for the last row of the matrix.
-        slope = np.empty((*start.shape, COLLOCATION_POINTS + 1))
+        slope = np.empty((*start.shape, COLLOCATION_POINTS + 1), start.dtype)
         slope[..., -1] = start
         slope_t, slope_nb = slope[0, :, :-1], slope[1:, :, :-1]
-        p = np.empty((*start.shape, COLLOCATION_POINTS))
+        p = np.empty((*start.shape, COLLOCATION_POINTS), start.dtype)
         p[:] = start[..., np.newaxis]
         p_t, p_n, p_b = p
         p_nb, p_bn = p[1:], p[:0:-1]
@@ -113,5 +117,5 @@ class Coefficients:
 
     def _relative(self, change: FloatArray) -> float:
         """Largest ``change`` over the largest moment in its arm."""
-        moment = np.maximum(self._tolerance, 1e-300)
-        return float((change / moment).max(initial=0.0)) * TOLERANCE
+        moment = np.maximum(self._moment, 1e-300)
+        return float((change / moment).max(initial=0.0))

@@ -6,23 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.errors import ConvergenceError
+from octo_arm_model.errors import ConvergenceError, SolveError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.symmetric import factorise, substitute
 
 # Balance is reached when what is left of a force or moment is below this part of its `scale`.
 TOLERANCE = 1e-11
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 200
 # A step is too long where the energy rises more steeply at its end than this part of how steeply
 # it fell at its start.
 _OVERSHOOT = 0.9
 # The Hessian of the tendons is worth its cost while a step leaves more than this of the residual.
 _SLOW = 1e-2
 # Where tendons cannot twist the arm it is next to nothing, and asked for after so many steps.
-_PATIENCE = 10
+_PATIENCE = 6
 # Below this the slopes that tell a step too long are rounding.
 _ROUNDING = 1e-6
+_SHORTEST_TENDON = 0.05  # of its reference length, where no balance is found
 
 
 class Minimum(NamedTuple):
@@ -66,6 +67,7 @@ def minimise(energy: SectionEnergy, pulls: FloatArray, start: FloatArray) -> Min
     """Strains of least energy under ``pulls`` (tendons, batch, nodes), from scaled ``start``.
 
     Raises:
+        SolveError: if a tendon would be shortened to nothing.
         ConvergenceError: if balance is not reached.
     """
     if energy.planar and not np.count_nonzero(start[0]):
@@ -116,4 +118,20 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
         slope = -np.add.reduce(gradient * step)
         strain = strain + step
         iterations += 1
-    raise ConvergenceError('balance of the cross sections', worst, iterations)
+    _refuse_short_tendons(energy, _full(strain), pulls)
+    raise ConvergenceError('the balance of the cross sections', worst, iterations, _full(strain))
+
+
+def _refuse_short_tendons(energy: SectionEnergy, strain: FloatArray, pulls: FloatArray) -> None:
+    """Say so where a tendon is shortened to nothing, which its energy does not resist smoothly.
+
+    Raises:
+        SolveError: if one is.
+    """
+    length = np.where(pulls > 0.0, energy.lengthening(strain)[0], np.inf)
+    if length.min(initial=np.inf) < _SHORTEST_TENDON:
+        _, number, node = np.unravel_index(np.argmin(length), length.shape)
+        raise SolveError(
+            f'tensions shorten a tendon to nothing at s = {energy.s[node]:.4g} m'
+            + (f' in set {number} of the batch' if length.shape[1] > 1 else '')
+        )

@@ -93,11 +93,11 @@ class Renda2012:
             ConvergenceError: if equation (10) could not be integrated.
         """
         sums = self._weights.sums(tensions)
-        imbalance = np.zeros((3, *sums.axial.shape))
+        imbalance = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
         residual, sweeps = self._imbalance(tensions, imbalance)
         p_t, p_n, p_b = imbalance
         bending = self._stiffness.bending
-        omega = np.empty((3, *sums.axial.shape))
+        omega = np.empty((3, *sums.axial.shape), sums.axial.dtype)
         tau, xi, k = omega
         np.divide(p_t, self._stiffness.torsion + sums.second_n + sums.second_b, out=tau)
         np.divide(p_n - sums.first_b, bending + sums.second_b, out=xi)
@@ -187,7 +187,7 @@ class _March:
         offset, bending = self._offset, self._bending
         by_section = tensions.reshape(len(tensions), -1, 4)
         t1, t2, t3, t4 = (by_section[..., j] for j in range(4))
-        added = np.zeros((3, *t1.shape))
+        added = np.zeros((3, *t1.shape), t1.dtype)
         added[1] = offset * (t4 - t2) / (offset**2 * (t4 + t2) + bending)
         added[2] = offset * (t1 - t3) / (offset**2 * (t1 + t3) + bending)
         return added

@@ -32,6 +32,7 @@ class SectionEnergy:
 
     Attributes:
         law: the elastic law.
+        s: arc coordinate of each node [m].
         strains: how many strains a cross section has: 4, or 6 with shear.
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
         stiffness: of the undeformed cross sections.
@@ -43,7 +44,7 @@ class SectionEnergy:
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
     ) -> None:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
-        self.law = law
+        self.law, self.s = law, nodes
         self.strains = 6 if shear else 4
         self.stiffness = Stiffness.at(arm, nodes)
         self.radius = arm.body.radius(nodes)

@@ -12,12 +12,13 @@ from octo_arm_model.backbone import Backbone
 from octo_arm_model.branch import follow
 from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.equilibrium import Condition, Equilibrium, State
+from octo_arm_model.derivatives import derivatives, papers_derivatives
+from octo_arm_model.equilibrium import Condition, Equilibrium
 from octo_arm_model.errors import ConfigError, LoadError, SolveError
 from octo_arm_model.exact import Exact, check_fibres, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.kinematics import Frame, Pose, backbone_frames
+from octo_arm_model.kinematics import Frame, Pose, backbone_frames, node_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
 from octo_arm_model.load_table import LoadTable
 from octo_arm_model.loads import Loads
@@ -25,7 +26,7 @@ from octo_arm_model.quadrature import integration_weights
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
-from octo_arm_model.sensitivity import Sensitivity, Uncertainty, sensitivity
+from octo_arm_model.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.statics import Solution, Statics
 from octo_arm_model.tendons import check_tensions
 
@@ -107,7 +108,7 @@ class Solver:
     @functools.cached_property
     def equilibrium(self) -> Equilibrium:
         """The balance of the loaded arm (model exact)."""
-        return Equilibrium(self._exact.at_nodes, self.grid, self._load_table, self._base)
+        return Equilibrium(self._sections, self.grid, self._load_table, self._base)
 
     def solve(
         self,
@@ -192,14 +193,20 @@ class Solver:
         )
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
-        """First derivatives of a single solution of this solver (model exact).
+        """First derivatives of a single solution of this solver.
 
         Raises:
-            ConfigError: if the model has none.
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        problem, state = self._balanced(backbone)
-        tensions = backbone.tensions.ravel()
-        return sensitivity(self._exact.at_nodes, self.grid, problem, state, tensions)
+        twist, tensions = self._own_twist(backbone), backbone.tensions.ravel()
+        if self.model == 'exact':
+            condition = Condition(tensions, backbone.tip_wrench, 1.0)
+            state = self.equilibrium.state(condition, twist)
+            return derivatives(self._sections, self.grid, self.equilibrium, state, tensions)
+        _, frames = node_frames(twist[:, np.newaxis], self.grid, self._base)
+        return papers_derivatives(
+            self._statics, self._sections, self.grid, twist, frames, tensions
+        )
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
@@ -207,7 +214,7 @@ class Solver:
         To first order; zero where ``uncertainty`` is nothing.
 
         Raises:
-            ConfigError: if there is uncertainty, but the model has no derivatives.
+            ConfigError: if the model has no derivative by something that is uncertain.
         """
         if uncertainty == Uncertainty():
             return np.zeros((6, 6))
@@ -256,17 +263,6 @@ class Solver:
             raise ConfigError('the backbone was solved by another solver')
         return backbone.twist
 
-    def _balanced(self, backbone: Backbone) -> tuple[Equilibrium, State]:
-        problem = self.equilibrium
-        condition = Condition(backbone.tensions.ravel(), backbone.tip_wrench, 1.0)
-        return problem, problem.state(condition, self._own_twist(backbone))
-
-    @property
-    def _exact(self) -> Exact:
-        if not isinstance(self._statics, Exact):
-            raise ConfigError(f'model is {self.model!r}, which has no derivatives: choose exact')
-        return self._statics
-
     def _load(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:
@@ -279,7 +275,7 @@ class Solver:
             twist = self._own_twist(start)
         wanted = Condition(tensions[0], tip_wrench, 1.0)
         state, iterations = follow(self.equilibrium, known, twist, wanted)
-        sections = self._exact.at_nodes
+        sections = self._sections
         strain = to_scaled(sections.law, state.twist[:, np.newaxis])
         check_fibres(sections, strain, self.grid.nodes)
         return Solution(

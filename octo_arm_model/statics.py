@@ -29,6 +29,8 @@ class Statics(Protocol):
     def solve(self, tensions: FloatArray) -> Solution:
         """Solve for ``tensions`` (batch, tendons) [N].
 
+        The paper's models take complex tensions too: their derivatives are the imaginary part.
+
         Raises:
             ConvergenceError: if the model's equations were not solved.
         """

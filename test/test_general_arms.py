@@ -30,6 +30,7 @@ from octo_arm_model import (
     Table,
     Tendon,
     TensionError,
+    Uncertainty,
     load_config,
 )
 
@@ -211,6 +212,7 @@ def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
             'table_youngs_modulus': [2e5, 1e5, 1e5],
             'table_poisson_ratio': [0.5, 0.4, 0.4],
             'density': 1080.0,
+            'youngs_modulus_stddev': 0.05,
         },
         body={'length': 0.3, 'table_s': [0.0, 0.2, 0.3], 'table_radius': [0.02, 0.01, 0.006]},
         sections={'anchorage': [0.3, 0.2], 'tendons': [1, 2]},
@@ -229,7 +231,7 @@ def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
             'distributed_s': [0.0, 0.1],
             'distributed_force': [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
         },
-        uncertainty={'tension': 0.1, 'youngs_modulus': 0.05, 'offset': 1e-4},
+        tension_stddev=0.1,
     )
     arm = config.arm
     assert arm.tension_shape == (3,)
@@ -239,7 +241,7 @@ def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
     n, b = arm.tendon_offsets(np.array([0.3]))
     np.testing.assert_allclose(np.arctan2(b[0], n[0]), 2.0)
     assert config.loads.points[1] == PointLoad(0.2, (0.0, 0.01, 0.0))
-    assert config.uncertainty.offset == 1e-4
+    assert config.uncertainty == Uncertainty(0.1, 0.05)
     backbone = config.solver().solve([0.1, 0.2, 0.0])
     assert backbone.residual < 1e-10
 
@@ -289,7 +291,7 @@ def test_helices_by_twist_and_shear_by_a_word(tmp_path: Path) -> None:
          'loads.point_force has 1 values, expected 3, three for each of'),
         ({'loads': {'distributed_s': [0.1], 'distributed_force': [0.0] * 3}},
          'loads.distributed.s is (0.1,), expected at least two'),
-        ({'uncertainty': {'tension': -0.1}}, 'uncertainty.tension is -0.1, expected'),
+        ({'tension_stddev': -0.1}, 'tension_stddev is -0.1, expected a finite standard deviation'),
     ],
 )  # fmt: skip
 def test_yaml_that_does_not_fit_together_is_named(

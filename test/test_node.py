@@ -281,11 +281,11 @@ LOADED = """\
 /**:
   ros__parameters:
     model: exact
-    material: {youngs_modulus: 110000.0, density: 1080.0}
+    material: {youngs_modulus: 110000.0, density: 1080.0, youngs_modulus_stddev: 0.05}
     body: {length: 0.27, radius_base: 0.015, radius_tip: 0.0074}
     sections: {anchorage: [0.27], offset_base: [0.005], offset_anchorage: [0.0025]}
     loads: {gravity: [0.0, 0.0, -9.81], fluid_density: 1000.0}
-    uncertainty: {tension: 0.02, youngs_modulus: 0.05}
+    tension_stddev: 0.02
 """
 PULL = np.array([[1.0, 0.3, 0.0, 0.0]])
 

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import Config
-from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, OctoArmError
+from octo_arm_model.errors import ConvergenceError, LoadError, OctoArmError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.ros.declare import read_parameters
 from octo_arm_model.ros.health import Health
@@ -35,7 +35,6 @@ from octo_arm_model.ros.messages import (
     wrench_from_stamped,
 )
 from octo_arm_model.ros.services import answer_find_tensions, answer_solve
-from octo_arm_model.sensitivity import Uncertainty
 
 # The newest tensions are the ones to answer; best effort hears reliable publishers as well.
 INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -60,8 +59,6 @@ class OctoArmNode(Node):
         )
         config = Config.from_parameters(read_parameters(self))
         self._solver = config.solver()
-        if config.uncertainty != Uncertainty() and config.model != 'exact':
-            raise ConfigError(f'uncertainty goes with model exact, not with {config.model}')
         self._uncertainty = config.uncertainty
         self._frame = config.base_frame
         self._tip_wrench: FloatArray | None = None
