@@ -40,7 +40,23 @@ class TargetError(OctoArmError, ValueError):
 
 
 class SolveError(OctoArmError, ArithmeticError):
-    """The model has no trustworthy answer for these tensions, so none is returned."""
+    """The model has no trustworthy answer for these tensions, so none is returned.
+
+    Attributes:
+        number: which of the arms solved side by side; the message names it where known.
+    """
+
+    def __init__(self, message: str, number: int | None = None) -> None:
+        """Say why, and for which one of several arms."""
+        super().__init__(message)
+        self.number = number
+
+    def in_batch(self, first: int, count: int) -> None:
+        """Say which set of a batch it was, or among which ``count`` from ``first`` on."""
+        where = f'sets {first} to {first + count - 1}'
+        if self.number is not None or count == 1:
+            where = f'set {first + (self.number or 0)}'
+        self.args = (f'{self} in {where}',)
 
 
 class ConvergenceError(SolveError):

@@ -49,8 +49,7 @@ class Exact:
                 self._spans.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self._s = np.concatenate(s)
-        self._at_points = self._make(self._s, np.array(numbers))
+        self._at_points = self._make(np.concatenate(s), np.array(numbers))
         self._tail = tail_matrix(POINTS)
 
     @functools.cached_property
@@ -67,7 +66,7 @@ class Exact:
         energy = self._at_points
         pulls = energy.pulls(tensions)
         found = minimise(energy, pulls, initial_strain(energy, pulls))
-        check_fibres(energy, found.strain, self._s)
+        check_fibres(energy, found.strain)
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
@@ -95,8 +94,8 @@ class Exact:
         )
 
 
-def check_fibres(energy: SectionEnergy, strain: FloatArray, s: FloatArray) -> None:
-    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing, at any of ``s``.
+def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
+    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing.
 
     The elastic laws that widen resist that without end, which no material does.
 
@@ -110,9 +109,9 @@ def check_fibres(energy: SectionEnergy, strain: FloatArray, s: FloatArray) -> No
     if not shortest.min(initial=1.0) > SHORTEST_FIBRE:
         number, node = np.unravel_index(np.argmin(shortest), shortest.shape)
         raise SolveError(
-            f'tensions compress a fibre of the arm to nothing at s = {s[node]:.4g} m (to '
-            f'{shortest[number, node]:.2g} of its length, must be > {SHORTEST_FIBRE})'
-            + (f' in set {number} of the batch' if len(shortest) > 1 else '')
+            f'tensions compress a fibre of the arm to nothing at s = {energy.s[node]:.4g} m (to '
+            f'{shortest[number, node]:.2g} of its length, must be > {SHORTEST_FIBRE})',
+            int(number),
         )
 
 

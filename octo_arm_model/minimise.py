@@ -132,6 +132,5 @@ def _refuse_short_tendons(energy: SectionEnergy, strain: FloatArray, pulls: Floa
     if length.min(initial=np.inf) < _SHORTEST_TENDON:
         _, number, node = np.unravel_index(np.argmin(length), length.shape)
         raise SolveError(
-            f'tensions shorten a tendon to nothing at s = {energy.s[node]:.4g} m'
-            + (f' in set {number} of the batch' if length.shape[1] > 1 else '')
+            f'tensions shorten a tendon to nothing at s = {energy.s[node]:.4g} m', int(number)
         )

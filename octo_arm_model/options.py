@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config import Config, load_config
-from octo_arm_model.errors import TensionError
+from octo_arm_model.errors import ConfigError, TensionError
 from octo_arm_model.laws import LAWS
 from octo_arm_model.paper import preset_path
 from octo_arm_model.solver import MODELS
@@ -53,13 +53,16 @@ def read_config(options: argparse.Namespace) -> Config:
     """The config that `add_config`'s options ask for.
 
     Raises:
-        ConfigError: if there is no such file or preset, or it does not describe an arm.
+        ConfigError: if there is no such file or preset, or it does not describe an arm, or the
+            model has no choice of material.
         ArmDefinitionError: if a value given on the command line is impossible.
     """
     config = find_config(options.config)
     if options.density is not None:
         arm = config.arm.with_density(options.density)
         config = dataclasses.replace(config, arm=arm)
+    if options.material and (options.model or config.model) != 'exact':
+        raise ConfigError('--material goes with --model exact; the others are linear')
     names = ('gravity', 'fluid_density', 'tip_force', 'tip_moment')
     given = {name: getattr(options, name) for name in names}
     loads: dict[str, Any] = {

@@ -9,25 +9,26 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.branch import follow
 from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.derivatives import derivatives, papers_derivatives
-from octo_arm_model.equilibrium import Condition, Equilibrium
+from octo_arm_model.equilibrium import Condition
 from octo_arm_model.errors import ConfigError, LoadError, SolveError
-from octo_arm_model.exact import Exact, check_fibres, to_scaled
+from octo_arm_model.exact import Exact, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.kinematics import Frame, Pose, backbone_frames, node_frames
+from octo_arm_model.kinematics import Frame, Pose, node_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
 from octo_arm_model.load_table import LoadTable
+from octo_arm_model.loaded import LoadedArm
 from octo_arm_model.loads import Loads
 from octo_arm_model.quadrature import integration_weights
 from octo_arm_model.renda2012 import Renda2012
+from octo_arm_model.results import Results
 from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.sensitivity import Sensitivity, Uncertainty
-from octo_arm_model.statics import Solution, Statics
+from octo_arm_model.statics import Statics
 from octo_arm_model.tendons import check_tensions
 
 MODELS = ('renda2012', 'closed_form', 'exact')
@@ -106,9 +107,9 @@ class Solver:
             self._statics = papers_model(arm, nodes, section)
 
     @functools.cached_property
-    def equilibrium(self) -> Equilibrium:
-        """The balance of the loaded arm (model exact)."""
-        return Equilibrium(self._sections, self.grid, self._load_table, self._base)
+    def _loaded(self) -> LoadedArm:
+        assert isinstance(self._statics, Exact)
+        return LoadedArm(self._statics, self.grid, self._load_table, self._base)
 
     def solve(
         self,
@@ -148,49 +149,26 @@ class Solver:
             raise ConfigError(_NO_LOADS.format(self.model))
         wrenches = np.broadcast_to(wrench, (*lead, 6)).reshape(-1, 6).copy()
 
-        batch, count = len(flat), self.grid.s.size
-        position = np.empty((batch, count, 3))
-        quaternion = np.empty((batch, count, 4))
-        strains = np.empty((4, batch, count))
-        residual, iterations = np.empty(batch), np.empty(batch, np.int64)
+        if start is not None:
+            self._own_twist(start)
+
+        batch = len(flat)
+        results = Results(batch, self.grid, self._base)
         size = 1 if is_loaded else self._batch
         for first in range(0, batch, size):
-            part = slice(first, first + size)
-            with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                if is_loaded:
-                    solution = self._load(flat[part], wrenches[first], start)
-                else:
-                    solution = self._statics.solve(flat[part])
-            self._check_shape(solution.twist, first, batch)
-            twist = solution.twist
-            backbone_frames(twist, self.grid, self._base, position[part], quaternion[part])
-            at_stations = twist[:4, :, self.grid.station_node]
-            np.divide(at_stations[:3], at_stations[3], out=strains[:3, part])
-            np.subtract(at_stations[3], 1.0, out=strains[3, part])
-            residual[part], iterations[part] = solution.residual, solution.iterations
-        # Of a large batch the nodes would be most of the memory.
-        kept = twist[:, 0] if lead == () else None
-        for array in (position, quaternion, strains, checked, wrenches, residual, iterations):
-            array.setflags(write=False)
-        if kept is not None:
-            kept.setflags(write=False)
-        tau, xi, k, q = (values.reshape(*lead, count) for values in strains)
-        return Backbone(
-            model=self.model,
-            s=self.grid.s,
-            section=self.grid.section,
-            position=position.reshape(*lead, count, 3),
-            quaternion=quaternion.reshape(*lead, count, 4),
-            tau=tau,
-            xi=xi,
-            k=k,
-            q=q,
-            tensions=checked,
-            tip_wrench=wrenches.reshape(*lead, 6),
-            residual=residual.reshape(lead),
-            iterations=iterations.reshape(lead),
-            twist=kept,
-        )
+            part = slice(first, min(first + size, batch))
+            try:
+                with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+                    if is_loaded:
+                        solution = self._loaded.solve(flat[part], wrenches[first], start)
+                    else:
+                        solution = self._statics.solve(flat[part])
+                results.add(part, solution)
+            except SolveError as error:
+                if batch > 1:
+                    error.in_batch(first, part.stop - first)
+                raise
+        return results.backbone(self.model, checked, wrenches, lead)
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this solver.
@@ -201,8 +179,9 @@ class Solver:
         twist, tensions = self._own_twist(backbone), backbone.tensions.ravel()
         if self.model == 'exact':
             condition = Condition(tensions, backbone.tip_wrench, 1.0)
-            state = self.equilibrium.state(condition, twist)
-            return derivatives(self._sections, self.grid, self.equilibrium, state, tensions)
+            problem = self._loaded.equilibrium
+            state = problem.state(condition, twist)
+            return derivatives(self._sections, self.grid, problem, state, tensions)
         _, frames = node_frames(twist[:, np.newaxis], self.grid, self._base)
         return papers_derivatives(
             self._statics, self._sections, self.grid, twist, frames, tensions
@@ -258,40 +237,10 @@ class Solver:
         """
         if backbone.twist is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
-        nodes = self.grid.nodes.size
-        if backbone.model != self.model or backbone.twist.shape[-1] != nodes:
+        shape = self._sections.strains, self.grid.nodes.size
+        if backbone.model != self.model or backbone.twist.shape != shape:
             raise ConfigError('the backbone was solved by another solver')
         return backbone.twist
-
-    def _load(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
-    ) -> Solution:
-        """Balance of one arm, from its unloaded shape or a solution before."""
-        if start is None:
-            known = Condition(tensions[0], np.zeros(6), 0.0)
-            twist = self._statics.solve(tensions).twist[:, 0]
-        else:
-            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-            twist = self._own_twist(start)
-        wanted = Condition(tensions[0], tip_wrench, 1.0)
-        state, iterations = follow(self.equilibrium, known, twist, wanted)
-        sections = self._sections
-        strain = to_scaled(sections.law, state.twist[:, np.newaxis])
-        check_fibres(sections, strain, self.grid.nodes)
-        return Solution(
-            state.twist[:, np.newaxis], np.array([state.residual]), np.array([iterations])
-        )
-
-    def _check_shape(self, twist: FloatArray, number: int, batch: int) -> None:
-        """Refuse what is turned inside out; NaN fails too."""
-        stretch = twist[3]
-        if not stretch.min(initial=1.0) > 0.0:
-            arm_in_batch, node = np.unravel_index(np.argmin(stretch), stretch.shape)
-            raise SolveError(
-                f'tensions compress the arm to nothing at s = {self.grid.nodes[node]:.4g} m '
-                f'(q = {stretch[arm_in_batch, node] - 1.0:.4g}, must be > -1)'
-                + (f' in set {number + arm_in_batch}' if batch > 1 else '')
-            )
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:

@@ -1,0 +1,83 @@
+"""From strains at the nodes of a grid to the `Backbone` that users see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.errors import SolveError
+from octo_arm_model.grid import StationGrid
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.kinematics import Frame, backbone_frames
+from octo_arm_model.statics import Solution
+
+
+class Results:
+    """Room for the shapes of a batch, filled part by part."""
+
+    def __init__(self, batch: int, grid: StationGrid, base: Frame) -> None:
+        """Make room for ``batch`` arms at the stations of ``grid``, standing on ``base``."""
+        self._grid, self._base = grid, base
+        count = grid.s.size
+        self._position = np.empty((batch, count, 3))
+        self._quaternion = np.empty((batch, count, 4))
+        self._strains = np.empty((4, batch, count))
+        self._residual, self._iterations = np.empty(batch), np.empty(batch, np.int64)
+        self._twist = np.empty((4, 0, grid.nodes.size))
+
+    def add(self, part: slice, solution: Solution) -> None:
+        """Take the arms ``part`` of the batch.
+
+        Raises:
+            SolveError: if a cross section is turned inside out.
+        """
+        twist = solution.twist
+        self._check(twist[3])
+        position, quaternion = self._position[part], self._quaternion[part]
+        backbone_frames(twist, self._grid, self._base, position, quaternion)
+        at_stations = twist[:4, :, self._grid.station_node]
+        np.divide(at_stations[:3], at_stations[3], out=self._strains[:3, part])
+        np.subtract(at_stations[3], 1.0, out=self._strains[3, part])
+        self._residual[part], self._iterations[part] = solution.residual, solution.iterations
+        self._twist = twist
+
+    def _check(self, stretch: FloatArray) -> None:
+        # NaN fails too.
+        if not stretch.min(initial=1.0) > 0.0:
+            arm, node = np.unravel_index(np.argmin(stretch), stretch.shape)
+            raise SolveError(
+                f'tensions compress the arm to nothing at s = {self._grid.nodes[node]:.4g} m '
+                f'(q = {stretch[arm, node] - 1.0:.4g}, must be > -1)',
+                int(arm),
+            )
+
+    def backbone(
+        self, model: str, tensions: FloatArray, tip_wrench: FloatArray, lead: tuple[int, ...]
+    ) -> Backbone:
+        """All of it, read-only, in the shape of the leading axes ``lead``."""
+        count = self._grid.s.size
+        # Of a large batch the nodes would be most of the memory.
+        twist = self._twist[:, 0] if lead == () else None
+        for array in (
+            self._position, self._quaternion, self._strains, self._residual, self._iterations,
+            tensions, tip_wrench, twist,
+        ):  # fmt: skip
+            if array is not None:
+                array.setflags(write=False)
+        tau, xi, k, q = (values.reshape(*lead, count) for values in self._strains)
+        return Backbone(
+            model=model,
+            s=self._grid.s,
+            section=self._grid.section,
+            position=self._position.reshape(*lead, count, 3),
+            quaternion=self._quaternion.reshape(*lead, count, 4),
+            tau=tau,
+            xi=xi,
+            k=k,
+            q=q,
+            tensions=tensions,
+            tip_wrench=tip_wrench.reshape(*lead, 6),
+            residual=self._residual.reshape(lead),
+            iterations=self._iterations.reshape(lead),
+            twist=twist,
+        )
