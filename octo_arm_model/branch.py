@@ -11,8 +11,12 @@ MAX_ITERATIONS = 1000
 _PER_STEP = 10  # iterations in one step of the condition
 _PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
+# A branch bends where Newton's method turns the arm further than this from where its first step
+# led [rad]: then smaller steps make sure that it is still the same one.
+_STRAY = 0.25
 _PER_FALL = 200
-_BEYOND = 0.05
+_BEYOND = 0.05  # part of the way by which a fall begins beyond the end of a branch
+_NUDGE = 0.02  # turn of the arm that makes it fall off an unstable balance [rad]
 _HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness of the sections
 
 
@@ -22,36 +26,43 @@ def follow(
     """From the balanced ``twist`` (n, nodes) in ``known`` to balance in ``wanted``.
 
     In one step where that converges, in as many as it takes where it does not. Where the branch
-    ends on the way (the arm buckles) the arm goes where it would fall. Returns the balanced state
-    and the number of iterations.
+    ends on the way, or its balance is no longer stable (the arm buckles), the arm goes where it
+    would fall. Returns the balanced, stable state and the number of iterations.
 
     Raises:
         ConvergenceError: if no balance was found; it carries the last iterate.
     """
     done, step, iterations = 0.0, 1.0, 0
     last: tuple[FloatArray, float] | None = None
+    sign = 1
     while True:
         target = min(1.0, done + step)
         condition = wanted if target == 1.0 else known.towards(wanted, target)
         guess = twist
         if last is not None:
             guess = twist + (twist - last[0]) * ((target - done) / last[1])
-        state, used = _newton(problem, condition, guess)
+        state, used, strayed = _newton(problem, condition, guess)
         iterations += used
-        if state.residual <= TOLERANCE:
+        is_found = False
+        if state.residual <= TOLERANCE and (strayed <= _STRAY or step <= _SMALLEST_STEP):
+            # Where two branches are near, Newton's method may jump to one on which no arm stays.
+            judgement = problem.judge(state)
+            is_found = bool(judgement.is_stable)
+            if judgement.is_stable is None:
+                is_found = judgement.sign == sign or step <= _SMALLEST_STEP
+                sign = judgement.sign if is_found else sign
+        if is_found:
             last = twist, target - done
             step = last[1] * (2.0 if used <= 5 else 1.0)
         elif step <= _SMALLEST_STEP:
-            # The branch goes no further. Just beyond its end hardly anything pushes the arm on,
-            # and the fall would take long.
+            # The branch goes no further, or no arm follows it. Just beyond its end hardly anything
+            # pushes the arm on, and the fall would take long.
             target = min(1.0, done + _BEYOND)
             condition = wanted if target == 1.0 else known.towards(wanted, target)
             state, used = _fall(problem, condition, twist)
             iterations += used
-            last, step = None, _BEYOND
-            if not state.residual <= TOLERANCE:
-                raise _lost(state, iterations)
-        if state.residual <= TOLERANCE:
+            last, step, is_found = None, _BEYOND, True
+        if is_found:
             if target == 1.0:
                 return state, iterations
             done, twist = target, state.twist
@@ -65,35 +76,52 @@ def _lost(state: State, iterations: int) -> ConvergenceError:
     return ConvergenceError('the balance under load', state.residual, iterations, state.twist)
 
 
-def _newton(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
-    """Newton's method for as long as it makes progress; balanced or not."""
+def _newton(
+    problem: Equilibrium, condition: Condition, twist: FloatArray
+) -> tuple[State, int, float]:
+    """Newton's method for as long as it makes progress; balanced or not.
+
+    Returns the state, the number of iterations, and how far all of them but the first, which goes
+    along the branch, have turned the arm [rad].
+    """
     state = problem.state(condition, twist)
+    strayed = 0.0
     for iteration in range(_PER_STEP):
         if state.residual <= TOLERANCE:
-            return state, iteration
+            return state, iteration, strayed
         try:
             step = problem.step(state)
         except ConvergenceError:
-            return state, iteration
+            return state, iteration, strayed
         new = problem.state(condition, state.twist + step)
         # Not where NaN. The first step may lead uphill: it is the one that follows the condition.
         if not new.residual <= (_PROGRESS if iteration else 3.0) * state.residual:
-            return state, iteration + 1
+            return state, iteration + 1, strayed
         state = new
-    return state, _PER_STEP
+        if iteration:
+            strayed += problem.turn(step)
+    return state, _PER_STEP, strayed
 
 
 def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
-    """Down the slope of the energy to a stable balance; balanced or not.
+    """Down the slope of the energy to a stable balance.
 
     Steps as if the cross sections were stiffer, by as much as it takes for a step to lead down
     and not far up again; where it takes nothing they are Newton's (Levenberg and Marquardt).
+
+    Raises:
+        ConvergenceError: if there is none.
     """
     state = problem.state(condition, twist)
     damping = _HEAVY
     for iteration in range(_PER_FALL):
         if state.residual <= TOLERANCE:
-            return state, iteration
+            judgement = problem.judge(state)
+            if judgement.is_stable is not False:
+                return state, iteration
+            # On top of the hill: one side is as good as the other.
+            nudged = state.twist + _NUDGE * judgement.way
+            state, damping = problem.state(condition, nudged), _HEAVY
         if damping > _HEAVIEST:
             break
         heavier = max(_HEAVY * damping, _LIGHT)
@@ -115,4 +143,4 @@ def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tupl
         damping *= 0.25 if left > 0.25 * down else 0.5
         damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new
-    return state, _PER_FALL
+    raise _lost(state, _PER_FALL)

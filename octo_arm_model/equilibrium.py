@@ -31,6 +31,9 @@ from octo_arm_model.symmetric import factorise, invert
 from octo_arm_model.two_point import TwoPointProblem
 from octo_arm_model.vectors import skew
 
+# A compliance this many times the others is that of something that moves freely.
+_FREE = 1e6
+
 
 class State(NamedTuple):
     """A loaded arm, in balance or not, at every node.
@@ -76,6 +79,22 @@ class Condition(NamedTuple):
         )
 
 
+class Judgement(NamedTuple):
+    """What a balanced arm would do if it were touched.
+
+    Attributes:
+        is_stable: whether it would come back; None under moments, where that is not known.
+        sign: of the determinant of its equations, over that without loads, 1 or -1; where it
+            changes, one branch has been left for another.
+        way: the way it gives in most easily, or falls, as a change of twist (n, nodes) that turns
+            it by about one radian.
+    """
+
+    is_stable: bool | None
+    sign: int
+    way: FloatArray
+
+
 class Equilibrium:
     """The equations of one arm under loads."""
 
@@ -90,6 +109,9 @@ class Equilibrium:
         self._weights = integration_weights(grid)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / float(grid.s[-1])
+        # Without loads every balance is stable.
+        nothing = np.zeros((6, 6, grid.nodes.size))
+        _, self._sign = self._problem.solve(nothing, nothing[:, :1])
 
     def state(self, condition: Condition, twist: FloatArray) -> State:
         """Evaluate the balance of ``twist`` (n, nodes)."""
@@ -126,10 +148,16 @@ class Equilibrium:
 
         It acts on the cross sections, in their axes; what moving loads add is taken into account.
         """
+        return self._respond(state, compliance, wrench)[0]
+
+    def _respond(
+        self, state: State, compliance: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, int]:
+        """`respond`, and the sign of the determinant of what it solves."""
         direct = np.einsum('ijn,jcn->icn', compliance, wrench)
         moment, force = state.wrench[:3], state.wrench[3:]
         if not (np.count_nonzero(moment) or np.count_nonzero(force)):
-            return direct  # Nothing outside to turn against.
+            return direct, self._sign  # Nothing outside to turn against.
         angular = state.twist[:3]
         linear = np.zeros_like(angular)
         linear[: len(state.twist) - 3] = state.twist[3:]
@@ -146,9 +174,9 @@ class Equilibrium:
         a[3:, :3] = np.einsum('ijn,jkn->ikn', over, kappa_by_phi[3:] - skew(linear))
         a[3:, 3:] = np.einsum('ijn,jkn->ikn', over, kappa_by_mu[3:]) - turn
         f = np.concatenate([direct[:3], np.einsum('ijn,jcn->icn', over, direct[3:])])
-        y = self._problem.solve(a, f)
+        y, sign = self._problem.solve(a, f)
         changes = np.concatenate([kappa_by_phi, kappa_by_mu], axis=1)
-        return direct + np.einsum('ijn,jcn->icn', changes, y)
+        return direct + np.einsum('ijn,jcn->icn', changes, y), sign
 
     def step(self, state: State, damping: float = 0.0) -> FloatArray:
         """Newton's step of the twist, (n, nodes), for cross sections stiffer by ``damping``."""
@@ -156,6 +184,41 @@ class Equilibrium:
         residual = np.zeros((6, 1, state.twist.shape[1]))
         residual[:count, 0] = state.imbalance
         return self.respond(state, self.compliance(state) / (1.0 + damping), residual)[:count, 0]
+
+    def judge(self, state: State) -> Judgement:
+        """Whether a balanced ``state`` is stable.
+
+        A stable arm yields to every small wrench on its tip in the direction of the wrench, and
+        the determinant of its equations has the sign it has without loads: of one mode of
+        buckling it is the other one, of two at once the compliance tells.
+        """
+        rotation = Quaternions(state.rotation.a[0], state.rotation.b[0]).matrix()
+        lever = state.position[:, self._grid.step.size, np.newaxis] - state.position
+        # Unit forces and moments (over a length, so that they compare) in the axes of each.
+        wrench = np.zeros((6, 6, lever.shape[1]))
+        wrench[3:, :3] = rotation.transpose(1, 0, 2)
+        wrench[:3, :3] = np.einsum('jin,jkn->ikn', rotation, skew(lever))
+        wrench[:3, 3:] = rotation.transpose(1, 0, 2) * float(self._grid.s[-1])
+        changes, sign = self._respond(state, self.compliance(state), wrench)
+        compliance = np.tensordot(wrench * self._weights, changes, axes=([0, 2], [0, 2]))
+        values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
+        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
+        way = np.einsum('icn,c->in', changes, vectors[:, worst])[: len(state.twist)]
+        way /= self.turn(way)
+        # What yields without end in one direction is neither: an arm that may turn about the
+        # vertical, say. Rounding gives that any sign.
+        is_free = np.abs(values) > _FREE * np.median(np.abs(values))
+        is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
+        if not is_free.any() and sign != self._sign:
+            is_stable = False
+        # A moment that keeps its direction has no energy, and nothing follows from compliance.
+        if self._loads.has_moments or np.abs(state.wrench[:3, self._grid.step.size]).any():
+            is_stable = None
+        return Judgement(is_stable, sign * self._sign, way)
+
+    def turn(self, step: FloatArray) -> float:
+        """How far a small ``step`` of the twist turns the arm, all its bends added up [rad]."""
+        return float(np.sqrt(np.add.reduce(step[:3] * step[:3])) @ self._weights)
 
     def work(self, state: State, step: FloatArray) -> float:
         """What the imbalance of ``state`` does on a small ``step`` of the twist [J].

@@ -18,6 +18,8 @@ class LoadTable:
 
     Attributes:
         force: resultant of everything beyond each node but the tip's wrench [N], (3, nodes).
+        is_empty: whether there is nothing.
+        has_moments: whether a point load has a moment.
     """
 
     def __init__(self, arm: Arm, grid: StationGrid, loads: Loads) -> None:
@@ -48,6 +50,7 @@ class LoadTable:
             self.force[:, beyond] += np.array(point.force)[:, np.newaxis]
             node = int(np.abs(ends - point.s).argmin())
             self._points.append((node, beyond, np.array(point.force), np.array(point.moment)))
+        self.has_moments = any(any(point.moment) for point in loads.points)
         self.is_empty = not (self._density.any() or loads.points)
 
     def moment(

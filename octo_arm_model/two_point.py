@@ -35,10 +35,11 @@ class TwoPointProblem:
         )
         self._last = self._first[0] - 6, self._first[1] + 6
 
-    def solve(self, a: FloatArray, f: FloatArray) -> FloatArray:
+    def solve(self, a: FloatArray, f: FloatArray) -> tuple[FloatArray, int]:
         """Solution y (6, columns, nodes) for A (6, 6, nodes) and f (6, columns, nodes).
 
-        Nodes are the ends of the intervals, then their middles.
+        Nodes are the ends of the intervals, then their middles. Also the sign of the determinant
+        of the whole system, 1 or -1.
 
         Raises:
             ConvergenceError: if the problem is singular.
@@ -66,7 +67,7 @@ class TwoPointProblem:
             band[2 * _BAND, self._size - 3 + i] = 1.0
         sides = np.zeros((self._size, columns))
         sides[3:-3] = right.transpose(2, 0, 1).reshape(-1, columns)
-        _, _, solution, singular = dgbsv(_BAND, _BAND, band, sides, overwrite_ab=True)
+        factors, pivots, solution, singular = dgbsv(_BAND, _BAND, band, sides, overwrite_ab=True)
         if singular:
             raise ConvergenceError('the balance under load', np.inf, 0)
         ends = solution.reshape(count + 1, 6, columns).transpose(1, 2, 0)
@@ -75,4 +76,6 @@ class TwoPointProblem:
         slope = np.einsum('ijn,jcn->icn', a_ends, ends) + f_ends
         middle = 0.5 * (ends[..., :-1] + ends[..., 1:])
         y[..., count + 1 :] = middle + (h / 8.0) * (slope[..., :-1] - slope[..., 1:])
-        return y
+        exchanges = np.count_nonzero(pivots != np.arange(self._size))
+        negative = np.count_nonzero(factors[2 * _BAND] < 0.0)
+        return y, 1 - 2 * int((exchanges + negative) % 2)
