@@ -1,0 +1,494 @@
+"""The physics of the model exact, stated and solved a second time, for the tests to compare with.
+
+Nothing here uses the package but the plain numbers of an `Arm` and of its `Loads`. Where the
+package has closed forms, Newton's method and an integrator of its own, this has vectors, a sum
+over the fibres of a cross section, and SciPy's root finding, boundary value problems and
+minimisation.
+
+A strain is (kappa, v): rotation of the frame and motion of the midline per reference length, in
+the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import OptimizeResult, minimize, root
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import Arm, Loads, Pose
+
+
+class Fibre(NamedTuple):
+    """Energy per volume over E of a fibre stretched by l, and its derivative."""
+
+    energy: Callable[[np.ndarray], np.ndarray]
+    stress: Callable[[np.ndarray], np.ndarray]
+
+
+# Incompressible rubber, E = 3 mu; the linear law is none of fibres that change their place.
+NEO_HOOKEAN = Fibre(lambda x: (x**2 + 2 / x - 3) / 6, lambda x: (x - x**-2) / 3)
+
+
+def disc(rings: int = 8, spokes: int = 16) -> tuple[np.ndarray, np.ndarray]:
+    """Fibres of the unit disc: places (3, fibres) and areas (fibres,)."""
+    points, weights = np.polynomial.legendre.leggauss(rings)
+    radius, weights = (points + 1) / 2, weights / 2
+    angle = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
+    place = np.stack([
+        np.zeros((rings, spokes)), np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))
+    ])  # fmt: skip
+    area = np.outer(weights * radius, np.full(spokes, 2 * np.pi / spokes))
+    return place.reshape(3, -1), area.ravel()
+
+
+DISC = disc()
+# Every fibre weighed and counted: for cross sections bent so much that 128 fibres are too few.
+FINE_DISC = disc(24, 64)
+
+
+def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Cross product along the first axis."""
+    return np.stack([
+        u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+    ])  # fmt: skip
+
+
+class Cut:
+    """Cross sections of an arm at ``s`` (nodes,), all in one panel with ``active`` sections."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        s: np.ndarray,
+        active: int,
+        tensions: np.ndarray,
+        law: str | Fibre = 'linear',
+        fibres: tuple[np.ndarray, np.ndarray] = DISC,
+    ) -> None:
+        s = np.atleast_1d(s).astype(float)
+        body, material = arm.body, arm.material
+        self.fibre = NEO_HOOKEAN if law == 'neo_hookean' else law
+        self.disc = fibres
+        self.radius = body.radius_base + (body.radius_tip - body.radius_base) * s / body.length
+        self.young = float(material.youngs_modulus)
+        self.rigidity = self.young / (2 * (1 + float(material.poisson_ratio)))
+        self.area = np.pi * self.radius**2
+        self.inertia = np.pi * self.radius**4 / 4
+        places, slopes, pulls = [], [], []
+        flat = iter(np.ravel(tensions))
+        for number, section in enumerate(arm.sections, start=1):
+            rate = (section.offset_anchorage - section.offset_base) / section.anchorage
+            y = section.offset_base + rate * s
+            for angle, twist in zip(section.angles, section.twist or 99 * (0.0,)):
+                turn = twist / section.anchorage
+                phi = angle + turn * s
+                zero = np.zeros_like(s)
+                out = np.stack([zero, np.cos(phi), np.sin(phi)])
+                around = np.stack([zero, -np.sin(phi), np.cos(phi)])
+                pull = next(flat)
+                if number <= active:
+                    places.append(y * out)
+                    slopes.append(rate * out + y * turn * around)
+                    pulls.append(pull)
+        self.r = np.stack(places, axis=1) if places else np.zeros((3, 0, s.size))
+        self.slope = np.stack(slopes, axis=1) if places else np.zeros((3, 0, s.size))
+        self.pulls = np.array(pulls).reshape(-1, 1)
+
+    @property
+    def scale(self) -> tuple[np.ndarray, np.ndarray]:
+        """Moment and force to measure an imbalance by, (nodes,): tensions and their moments."""
+        force = self.pulls.sum() + 1e-4 * self.young * self.area
+        lever = np.maximum(self.radius, np.linalg.norm(self.r, axis=0).max(axis=0, initial=0))
+        return force * lever, force
+
+    def _tendons(self, strain: np.ndarray, width: np.ndarray) -> np.ndarray:
+        """Motion u of the tendons per reference length, (3, tendons, ..., nodes)."""
+        middle = strain[3:]
+        middle = np.concatenate([middle, np.zeros((6 - len(strain), *strain.shape[1:]))])
+        shape = (3, -1, *(1,) * (strain.ndim - 2), self.radius.size)
+        r, slope = self.r.reshape(shape), self.slope.reshape(shape)
+        return middle[:, np.newaxis] + width * (cross(strain[:3, np.newaxis], r) + slope)
+
+    def _fibre_places(self, ndim: int) -> tuple[np.ndarray, np.ndarray]:
+        places, areas = self.disc
+        shape = (-1, *(1,) * (ndim - 1))
+        places = np.stack([p.reshape(shape) for p in places]) * self.radius
+        return places, areas.reshape(shape) * self.radius**2
+
+    def energy(self, strain: np.ndarray) -> np.ndarray:
+        """Energy per reference length of ``strain`` (n, ..., nodes), complex numbers included."""
+        kappa, stretch = strain[:3], strain[3]
+        if isinstance(self.fibre, Fibre):
+            width = stretch**-0.5
+            place, area = self._fibre_places(strain.ndim - 1 + 1)
+            fibre = stretch + width * (kappa[1] * place[2] - kappa[2] * place[1])
+            value = (self.young * self.fibre.energy(fibre) * area).sum(axis=0)
+        else:
+            width = np.ones_like(stretch)
+            value = self.young * self.area * (stretch - 1) ** 2 / 2
+            value = value + self.young * self.inertia * (kappa[1] ** 2 + kappa[2] ** 2) / 2
+            value = value + self.rigidity * self.area * (strain[4:] ** 2).sum(axis=0) / 2
+        value = value + self.rigidity * 2 * self.inertia * (width * kappa[0]) ** 2 / 2
+        u = self._tendons(strain, width)
+        lengths = np.sqrt((u * u).sum(axis=0))
+        pulls = self.pulls.reshape(-1, *(1,) * (lengths.ndim - 1))
+        return value + (pulls * lengths).sum(axis=0)
+
+    def resultants(self, strain: np.ndarray) -> np.ndarray:
+        """Moment and force (n, nodes) that the rod and its tendons together answer with."""
+        kappa, stretch = strain[:3], strain[3]
+        answer = np.zeros_like(strain)
+        if isinstance(self.fibre, Fibre):
+            width, widening = stretch**-0.5, -0.5 * stretch**-1.5
+            place, area = self._fibre_places(2)
+            lever = kappa[1] * place[2] - kappa[2] * place[1]
+            pressed = self.young * self.fibre.stress(stretch + width * lever) * area
+            answer[1] = width * (pressed * place[2]).sum(axis=0)
+            answer[2] = -width * (pressed * place[1]).sum(axis=0)
+            answer[3] = (pressed * (1 + widening * lever)).sum(axis=0)
+        else:
+            width, widening = np.ones_like(stretch), np.zeros_like(stretch)
+            answer[1:3] = self.young * self.inertia * kappa[1:]
+            answer[3] = self.young * self.area * (stretch - 1)
+            answer[4:] = self.rigidity * self.area * strain[4:]
+        torsion = self.rigidity * 2 * self.inertia
+        answer[0] = torsion * width**2 * kappa[0]
+        answer[3] += torsion * width * widening * kappa[0] ** 2
+        u = self._tendons(strain, width)
+        pull = self.pulls * u / np.sqrt((u * u).sum(axis=0))
+        answer[:3] += width * cross(self.r, pull).sum(axis=1)
+        answer[3:] += pull.sum(axis=1)[: len(strain) - 3]
+        carried = cross(kappa[:, np.newaxis], self.r) + self.slope
+        answer[3] += widening * (pull * carried).sum(axis=(0, 1))
+        return answer
+
+    def balance(
+        self, wrench: np.ndarray, start: np.ndarray, tolerance: float = 1e-12
+    ) -> np.ndarray:
+        """Strain (n, nodes) that answers ``wrench`` (n, nodes): damped Newton's method."""
+        strain = start.copy()
+        scale = np.concatenate([np.tile(self.scale[0], (3, 1)),
+                                np.tile(self.scale[1], (len(start) - 3, 1))])  # fmt: skip
+        scale = scale + np.abs(wrench)
+
+        def imbalance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            left = self.resultants(x) - wrench
+            return left, np.abs(left / scale).max(axis=0)
+
+        left, size = imbalance(strain)
+        for _ in range(60):
+            if (size <= tolerance).all():
+                return strain
+            columns = []
+            for axis in range(len(strain)):
+                moved = strain.astype(complex)
+                moved[axis] += 1e-30j
+                columns.append(self.resultants(moved).imag / 1e-30)
+            matrix = np.stack(columns, axis=1)
+            step = -np.linalg.solve(matrix.transpose(2, 0, 1), left.T[..., np.newaxis])[..., 0].T
+            part = np.minimum(1.0, 0.5 * strain[3] / (np.abs(step[3]) + 1e-300))
+            for _ in range(12):
+                new = strain + part * step
+                new_left, new_size = imbalance(new)
+                worse = ~(new_size <= np.maximum((1 - 0.1 * part) * size, tolerance))
+                if not worse.any():
+                    break
+                part = np.where(worse, part / 2, part)
+            strain, left, size = new, new_left, new_size
+        raise AssertionError(f'no balance of a cross section: {size.max():.1e}')
+
+
+def active_at(arm: Arm, s: float) -> int:
+    """Sections whose tendons act at ``s``; at an anchorage on the side of the base."""
+    return sum(section.anchorage >= s for section in arm.sections)
+
+
+def least_strain(
+    arm: Arm, tensions: np.ndarray, s: float, law: str | Fibre, shear: bool = False
+) -> np.ndarray:
+    """Strain (4,) or (6,) of least energy at ``s``, by a general-purpose optimiser."""
+    cut = Cut(arm, np.array([s]), active_at(arm, s), tensions, law, FINE_DISC)
+    radius = cut.radius[0]
+    unit = np.array([1 / radius] * 3 + [1.0] * (3 if shear else 1))
+    rest = np.zeros(unit.size)
+    rest[3] = 1.0
+    size = cut.young * cut.area[0]
+
+    def value(x: np.ndarray) -> float:
+        strain = (unit * x)[:, np.newaxis]
+        if isinstance(cut.fibre, Fibre):
+            crushed = strain[3] <= 0.05 or strain[3] ** 1.5 < 1.05 * np.hypot(*x[1:3])
+            if crushed:
+                return np.inf
+        return float(cut.energy(strain)[0] / size)
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        # By complex steps: exact to rounding, and of the energy alone.
+        moved = np.diag(np.full(x.size, 1e-30j)) + x[:, np.newaxis]
+        return cut.energy((unit[:, np.newaxis] * moved)[..., np.newaxis])[:, 0].imag / (
+            1e-30 * size
+        )
+
+    found = minimize(value, rest, jac=slope, method='BFGS', options={'gtol': 1e-9})
+    assert np.abs(found.jac).max() < 1e-6, found.message
+    # The energy is flat at its bottom: to the last digits by its slope.
+    polished = root(slope, found.x, tol=1e-13)
+    assert np.abs(polished.x - found.x).max() < 1e-4
+    return unit * polished.x
+
+
+class Shape(NamedTuple):
+    """A loaded arm: positions (n, 3), rotation matrices (n, 3, 3) with columns t, n, b."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+
+class _Panel(NamedTuple):
+    start: float
+    stop: float
+    active: int
+    force_beyond: np.ndarray
+    point_moment: np.ndarray  # at its stop, zero at the tip
+
+
+def _load_density(arm: Arm, loads: Loads, s: np.ndarray, middle: float) -> np.ndarray:
+    """Force per reference length at ``s`` in the panel around ``middle``, (3, ...)."""
+    body = arm.body
+    radius = body.radius_base + (body.radius_tip - body.radius_base) * s / body.length
+    weight = (arm.material.density - loads.fluid_density) * np.pi * radius**2
+    density = np.multiply.outer(np.array(loads.gravity), weight)
+    for load in loads.distributed:
+        if load.s[0] < middle < load.s[-1]:
+            density = density + np.stack([np.interp(s, load.s, f) for f in zip(*load.force)])
+    return density
+
+
+def force_beyond(
+    arm: Arm, loads: Loads, s: np.ndarray, stop: float, at_stop: np.ndarray
+) -> np.ndarray:
+    """Resultant (3, n) of the loads beyond ``s`` in a smooth stretch up to ``stop``."""
+    points, weights = np.polynomial.legendre.leggauss(8)
+    half = (stop - s) / 2
+    where = s + np.multiply.outer(points + 1, half)
+    density = _load_density(arm, loads, where, float((np.min(s) + stop) / 2))
+    return at_stop[:, np.newaxis] + half * np.einsum('g,dgn->dn', weights, density)
+
+
+def _panels(arm: Arm, loads: Loads) -> list[_Panel]:
+    borders = {0.0, arm.length, *(section.anchorage for section in arm.sections)}
+    borders |= {load.s for load in loads.points}
+    borders |= {s for load in loads.distributed for s in load.s}
+    ends = sorted(borders)
+    panels: list[_Panel] = []
+    force, moment = np.zeros(3), np.zeros(3)
+    for start, stop in zip(ends[-2::-1], ends[:0:-1]):
+        for load in loads.points:
+            if load.s == stop:
+                force = force + np.array(load.force)
+                moment = moment + np.array(load.moment)
+        active = active_at(arm, stop)
+        panels.append(_Panel(start, stop, active, force, moment))
+        force = force_beyond(arm, loads, np.array([start]), stop, force)[:, 0]
+        moment = np.zeros(3)
+    return panels[::-1]
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Matrices (3, 3, n) of quaternions x, y, z, w (4, n) of any length."""
+    return Rotation.from_quat(quaternion.T).as_matrix().transpose(1, 2, 0)
+
+
+def loaded_bvp(
+    arm: Arm,
+    tensions: np.ndarray,
+    stations: np.ndarray,
+    loads: Loads,
+    law: str | Fibre = 'linear',
+    *,
+    shear: bool = False,
+    base: Pose = Pose(),
+    tol: float = 1e-8,
+    steps: int = 1,
+) -> Shape:
+    """Shape of the loaded arm at ``stations``, as a boundary value problem of all panels at once.
+
+    From the unloaded shape in ``steps`` equal parts of the loads. The unknowns of each panel are
+    position, quaternion and moment; the force is known, as all loads are dead.
+    """
+    tensions = np.asarray(tensions, dtype=float)
+    panels = _panels(arm, loads)
+    count = len(panels)
+    tip_force, tip_moment = np.array(loads.tip_force), np.array(loads.tip_moment)
+    start_pose = np.concatenate([base.position, base.quaternion])
+    size = 6 if shear else 4
+    rest = np.zeros(size)
+    rest[3] = 1.0
+    warm: dict[tuple[int, int], np.ndarray] = {}
+
+    def rates(number: int, s: np.ndarray, y: np.ndarray, factor: float) -> np.ndarray:
+        panel = panels[number]
+        cut = Cut(arm, s, panel.active, tensions, law)
+        axes = _rotation(y[3:7])
+        force = factor * (
+            force_beyond(arm, loads, s, panel.stop, panel.force_beyond) + tip_force[:, np.newaxis]
+        )
+        local = np.concatenate([
+            np.einsum('ijn,in->jn', axes, y[7:]), np.einsum('ijn,in->jn', axes, force)
+        ])[:size]  # fmt: skip
+        start = warm.get((number, s.size), np.tile(rest[:, np.newaxis], s.size))
+        strain = cut.balance(local, start)
+        warm[number, s.size] = strain
+        forward = np.zeros((3, s.size))
+        forward[: size - 3] = strain[3:]
+        velocity = np.einsum('ijn,jn->in', axes, forward)
+        kappa, (vector, scalar) = strain[:3], (y[3:6], y[6])
+        turn = 0.5 * np.concatenate([
+            scalar * kappa + cross(vector, kappa), [-(vector * kappa).sum(axis=0)]
+        ])  # fmt: skip
+        return np.concatenate([velocity, turn, -cross(velocity, force)])
+
+    def everywhere(x: np.ndarray, y: np.ndarray, factor: float) -> np.ndarray:
+        return np.concatenate(
+            [
+                (panel.stop - panel.start)
+                * rates(number, panel.start + (panel.stop - panel.start) * x, part, factor)
+                for number, (panel, part) in enumerate(zip(panels, np.split(y, count)))
+            ]
+        )
+
+    def borders(first: np.ndarray, last: np.ndarray, factor: float) -> np.ndarray:
+        begin, end = first.reshape(count, 10), last.reshape(count, 10)
+        jumps = begin[1:] - end[:-1]
+        moments = np.array([panel.point_moment for panel in panels])
+        jumps[:, 7:] += factor * moments[:-1]
+        return np.concatenate([
+            begin[0, :7] - start_pose, jumps.ravel(),
+            end[-1, 7:] - factor * (tip_moment + moments[-1]),
+        ])  # fmt: skip
+
+    x = np.linspace(0, 1, 15)
+    y = _unloaded(rates, panels, np.concatenate([start_pose, np.zeros(3)]), x)
+    solution: OptimizeResult | None = None
+    for factor in np.linspace(0, 1, steps + 1)[1:]:
+        # Coarse on the way, for the guess alone.
+        accuracy = tol if factor == 1 else max(tol, 1e-3)
+        solution = solve_bvp(
+            lambda x, y, f=factor: everywhere(x, y, f), lambda a, b, f=factor: borders(a, b, f),
+            x, y, tol=accuracy, bc_tol=1e-12 if factor == 1 else None, max_nodes=4000,
+        )  # fmt: skip
+        assert solution.success, solution.message
+        x, y = solution.x, solution.y
+    columns = []
+    for s in np.atleast_1d(stations):
+        number = next(i for i, panel in enumerate(panels) if s <= panel.stop)
+        panel = panels[number]
+        at = solution.sol((s - panel.start) / (panel.stop - panel.start))
+        columns.append(at[10 * number : 10 * number + 7])
+    poses = np.array(columns).T
+    return Shape(poses[:3].T, _rotation(poses[3:]).transpose(2, 0, 1))
+
+
+def _unloaded(
+    rates: Callable[[int, np.ndarray, np.ndarray, float], np.ndarray],
+    panels: list[_Panel],
+    state: np.ndarray,
+    x: np.ndarray,
+) -> np.ndarray:
+    """Shape of the arm without loads at parts ``x`` of every panel, (10 panels, n)."""
+    states = []
+    for number, panel in enumerate(panels):
+        s = panel.start + (panel.stop - panel.start) * x
+        found = solve_ivp(
+            lambda s, y, i=number: rates(i, np.array([s]), y[:, np.newaxis], 0.0)[:, 0],
+            (panel.start, panel.stop), state, t_eval=s, rtol=1e-6, atol=1e-9,
+        )  # fmt: skip
+        assert found.success
+        states.append(found.y)
+        state = found.y[:, -1]
+    return np.concatenate(states)
+
+
+def least_energy(
+    arm: Arm, tensions: np.ndarray, elements: int, loads: Loads, law: str | Fibre = 'linear'
+) -> np.ndarray:
+    """Ends (n, 3) of ``elements`` pieces of constant strain in every panel, of least energy.
+
+    The energy of a coarse arm, with its weight and the force on its tip (a dead moment has no
+    energy), minimised by a general-purpose optimiser from the straight arm.
+    """
+    tensions = np.asarray(tensions, dtype=float)
+    assert not any(loads.tip_moment) and not loads.points and not loads.distributed
+    cuts, steps, middles = [], [], []
+    for panel in _panels(arm, loads):
+        ends = np.linspace(panel.start, panel.stop, elements + 1)
+        middle = (ends[:-1] + ends[1:]) / 2
+        cuts.append(Cut(arm, middle, panel.active, tensions, law))
+        steps.append(np.diff(ends))
+        middles.append(middle)
+    h, s = np.concatenate(steps), np.concatenate(middles)
+    weight = _load_density(arm, loads, s, 0.0) * h
+    bending = np.concatenate([cut.young * cut.inertia for cut in cuts])
+    axial = np.concatenate([cut.young * cut.area for cut in cuts])
+    # Unknowns in which the energy of a free arm is a sphere.
+    unit = 1 / np.sqrt(np.stack([bending, bending, bending, axial]) * h)
+    rest = np.array([0.0, 0.0, 0.0, 1.0])[:, np.newaxis]
+    count = h.size
+
+    def ends_of(strain: np.ndarray) -> np.ndarray:
+        """Positions (3, batch, ends) for ``strain`` (4, batch, elements)."""
+        turn, move = strain[:3] * h, strain[3] * h
+        angle = np.sqrt((turn * turn).sum(axis=0) + 1e-24)
+        half = np.sin(angle / 2) / angle
+        quaternion = np.concatenate([half * turn, [np.cos(angle / 2)]])
+        sinc, versine = np.sin(angle) / angle, 2 * half**2
+        along = (1 - sinc) / angle**2 * turn[0]
+        zero = np.zeros_like(move)
+        step = move * np.stack([
+            sinc + along * turn[0],
+            versine * turn[2] + along * turn[1],
+            -versine * turn[1] + along * turn[2],
+        ])  # fmt: skip
+        vector, scalar = np.stack([zero[:, 0]] * 3), zero[:, 0] + 1.0
+        position = np.stack([zero[:, 0]] * 3)
+        found = [position]
+        for i in range(count):
+            p = step[..., i]
+            twice = 2 * cross(vector, p)
+            position = position + p + scalar * twice + cross(vector, twice)
+            found.append(position)
+            u, c = quaternion[:3, :, i], quaternion[3, :, i]
+            vector, scalar = (
+                scalar * u + c * vector + cross(vector, u), scalar * c - (vector * u).sum(axis=0)
+            )  # fmt: skip
+        return np.stack(found, axis=-1)
+
+    def total(x: np.ndarray) -> np.ndarray:
+        """Energies (batch,) of the unknowns ``x`` (batch, 4 elements)."""
+        strain = rest[..., np.newaxis] + unit[:, np.newaxis] * x.reshape(-1, 4, count).transpose(
+            1, 0, 2
+        )
+        ends = ends_of(strain)
+        value = -np.einsum('i,ib->b', np.array(loads.tip_force), ends[..., -1])
+        value = value - np.einsum('in,ibn->b', weight, (ends[..., :-1] + ends[..., 1:]) / 2)
+        for cut, part in zip(cuts, np.split(np.arange(count), len(cuts))):
+            value = value + (h[part] * cut.energy(strain[..., part])).sum(axis=-1)
+        return value
+
+    def value(x: np.ndarray) -> tuple[float, np.ndarray]:
+        moved = x + np.diag(np.full(x.size, 1e-30j))
+        values = total(np.concatenate([x[np.newaxis].astype(complex), moved]))
+        return float(values[0].real), values[1:].imag / 1e-30
+
+    start = np.zeros(4 * count)
+    tolerance = 1e-9 * np.sqrt(bending.mean() / arm.length)
+    found = minimize(
+        value, start, jac=True, method='BFGS', options={'gtol': tolerance, 'maxiter': 3000}
+    )
+    assert np.abs(found.jac).max() < 1e3 * tolerance, found.message
+    strain = rest[..., np.newaxis] + unit[:, np.newaxis] * found.x.reshape(4, 1, count)
+    return ends_of(strain.astype(complex))[:, 0].real.T
