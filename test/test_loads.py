@@ -198,14 +198,16 @@ def test_a_moment_along_the_arm_twists_it() -> None:
 def test_a_hanging_arm_stretches_and_a_standing_one_shrinks_by_its_weight(
     law: str, gravity: float
 ) -> None:
-    arm = rod_of(0.5, 0.02, 0.012, 1e5)
+    # Short enough to stand: it would buckle under its weight at about twice this length.
+    length = 0.15
+    arm = rod_of(length, 0.02, 0.012, 1e5)
     loads = Loads(gravity=(gravity, 0.0, 0.0), fluid_density=200.0)
     found = Solver(arm, 'exact', 11, material=law, loads=loads).solve([[0.0]])
 
     def stretch(s: float) -> float:
         radius, tip = float(arm.body.radius(s)), 0.012
         # A frustum hangs on the cross section.
-        weight = 1000 * gravity * math.pi * (0.5 - s) / 3 * (radius**2 + radius * tip + tip**2)
+        weight = 1000 * gravity * math.pi * (length - s) / 3 * (radius**2 + radius * tip + tip**2)
         stress = weight / (1e5 * math.pi * radius**2)
         if law == 'linear':
             return 1.0 + stress
@@ -215,9 +217,9 @@ def test_a_hanging_arm_stretches_and_a_standing_one_shrinks_by_its_weight(
         assert q == pytest.approx(stretch(s) - 1.0, abs=1e-9)
         assert position[0] == pytest.approx(quad(stretch, 0.0, s, epsabs=1e-12)[0], abs=1e-9)
     if law == 'linear':
-        uniform = Solver(rod_of(0.5, 0.02, young=1e5), 'exact', material='linear', loads=loads)
-        longer = 1000 * gravity * 0.5**2 / (2 * 1e5)
-        assert uniform.solve([[0.0]]).tip[0] == pytest.approx(0.5 + longer, abs=1e-10)
+        uniform = Solver(rod_of(length, 0.02, young=1e5), 'exact', material='linear', loads=loads)
+        longer = 1000 * gravity * length**2 / (2 * 1e5)
+        assert uniform.solve([[0.0]]).tip[0] == pytest.approx(length + longer, abs=1e-10)
 
 
 def test_below_eulers_load_a_column_stays_straight() -> None:
@@ -453,13 +455,14 @@ def test_the_arm_of_table_4_in_water_is_too(table4: Config, law: str) -> None:
 
 @pytest.mark.parametrize('shear', [False, True])
 def test_so_is_a_helical_arm_under_every_load(shear: bool) -> None:
-    solver = Solver(HELICAL, 'exact', 21, material='linear', shear=shear, loads=EVERYTHING)
+    # Not all of the loads: they would fold the arm, and another method might find another shape.
+    loads = eased(EVERYTHING, 0.3)
+    solver = Solver(HELICAL, 'exact', 21, material='linear', shear=shear, loads=loads)
     found = solver.solve(HELICAL_TENSIONS)
     expected = reference.loaded_bvp(
-        HELICAL, HELICAL_TENSIONS, found.s, EVERYTHING, shear=shear, tol=1e-4, steps=6
+        HELICAL, HELICAL_TENSIONS, found.s, loads, shear=shear, tol=1e-5
     )
-    # The loads fold it far: both have errors of some 1e-6 of its length.
-    np.testing.assert_allclose(found.position, expected.position, atol=5e-6 * 0.4)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * 0.4)
 
 
 @pytest.mark.parametrize(
