@@ -68,8 +68,10 @@ def add_command(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    # The model whose answer is nearest to a real arm, unless another is asked for.
+    options.model = options.model or 'exact'
     config = read_config(options)
-    solver = config.solver('exact' if options.model is None else None)
+    solver = config.solver()
     stiffness = None
     if options.stiffness:
         stiffness = Stiffness(np.array(options.stiffness[:3]), options.stiffness[3])
@@ -119,6 +121,7 @@ def _summary(found: Inverse, arm: Arm) -> str:
     word = 'reached' if found.reached else 'NOT REACHED, this is as near as it was found to go'
     lines = [
         word,
+        f'model     {found.backbone.model}',
         f'error     {found.error * 1e3:.4g} mm, after {found.iterations} solves',
         f'tip       {millimetres(found.backbone.tip)} mm',
     ]
