@@ -32,6 +32,7 @@ class Config:
         model: name of the model.
         stations: number of stations along the backbone.
         base_frame: name of the frame the backbone is expressed in.
+        frame_prefix: what the names of the frames of tip and anchorages begin with.
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: what loads the arm but its tendons.
@@ -43,6 +44,7 @@ class Config:
     model: str
     stations: int
     base_frame: str
+    frame_prefix: str = ''
     law: str = DEFAULT_LAW
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
@@ -83,6 +85,7 @@ class Config:
             model=given['model'],
             stations=given['stations'],
             base_frame=given['base_frame'],
+            frame_prefix=given['frame_prefix'],
             law=given['material.law'],
             shear=given['material.shear'],
             loads=build_loads(given),

@@ -71,6 +71,8 @@ PARAMETERS = (
     Parameter('stations', int, 'stations along the backbone, anchorages and loads among them',
               DEFAULT_STATIONS),
     Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),
+    Parameter('frame_prefix', str,
+              'what the names of the frames of tip and anchorages begin with', ''),
     Parameter('base.position', float, 'position of the base in base_frame [m]', (0.0, 0.0, 0.0),
               is_array=True),
     Parameter('base.quaternion', float,

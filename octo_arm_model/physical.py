@@ -34,6 +34,12 @@ def unscale(
         2.0 * np.add.reduce(kappa * hessian[:3, 3]) + slope * np.add.reduce(kappa * by_kappa)
     )
     new_hessian[3, 3] += bend * work
+    if energy.strains == 6:
+        sheared = hessian[:3, 4:]
+        new_hessian[:3, 4:] *= width
+        new_hessian[3, 4:] += slope * np.einsum('ibn,ijbn->jbn', kappa, sheared)
+        new_hessian[4:, :3] = new_hessian[:3, 4:].swapaxes(0, 1)
+        new_hessian[4:, 3] = new_hessian[3, 4:]
     return new_gradient, new_hessian
 
 

@@ -241,6 +241,9 @@ class SectionEnergy:
             straight = np.add.reduce(weight * (dx * u_n + dy * u_b))
             squares = np.add.reduce(weight * self._slope_squared)
             hessian[3, 3] += slope * slope * squares + bend * straight
+            if count == 6:
+                hessian[4, 3] += slope * np.add.reduce(weight * dx)
+                hessian[5, 3] += slope * np.add.reduce(weight * dy)
         if count == 6:
             hessian[4, 0] -= moment_y
             hessian[5, 0] += moment_x

@@ -423,7 +423,8 @@ def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # Shear with rubber is refused by the solver.
 @pytest.mark.parametrize(
-    ('law', 'shear'), [('linear', False), ('linear', True), ('neo_hookean', False)]
+    ('law', 'shear'),
+    [('linear', False), ('linear', True), ('neo_hookean', False), ('neo_hookean', True)],
 )
 def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear: bool) -> None:
     nodes, section = np.array([0.05, 0.3]), np.array([2, 1])

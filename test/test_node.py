@@ -13,16 +13,17 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import DescribeParameters
-from rclpy.qos import QoSProfile
+from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 from octo_arm_model import load_config
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
@@ -255,7 +256,7 @@ def test_refusal_is_explained_in_the_log_but_not_for_every_message(client):
     assert len(refusals()) < 20
 
 
-def test_parameters_are_described_with_their_unit_and_read_only(client):
+def test_parameters_are_described_with_their_unit(client):
     service = client.node.create_client(DescribeParameters, 'octo_arm/describe_parameters')
     client.wait(service.service_is_ready, 'the parameter service')
     names = [parameter.name for parameter in PARAMETERS]
@@ -264,7 +265,7 @@ def test_parameters_are_described_with_their_unit_and_read_only(client):
     for parameter, descriptor in zip(PARAMETERS, answer.result().descriptors):
         assert descriptor.name == parameter.name
         assert descriptor.description == parameter.description
-        assert descriptor.read_only
+        assert not descriptor.read_only
 
 
 def test_a_wrench_is_refused_by_a_model_without_loads(client):
@@ -273,6 +274,131 @@ def test_a_wrench_is_refused_by_a_model_without_loads(client):
     for _ in range(3):
         client.wrench.publish(message)
         assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+def call(client, kind, name, request):
+    service = client.node.create_client(kind, name)
+    client.wait(service.service_is_ready, f'the service {name}')
+    answer = service.call_async(request)
+    client.wait(answer.done, f'an answer of {name}')
+    return answer.result()
+
+
+def change(client, **values):
+    """Set parameters of the node together; returns whether it took them, and why not."""
+    parameters = [
+        Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+    request = SetParametersAtomically.Request(parameters=parameters)
+    answer = call(client, SetParametersAtomically, 'octo_arm/set_parameters_atomically', request)
+    return answer.result.successful, answer.result.reason
+
+
+def test_parameters_change_the_arm_between_two_messages(client):
+    try:
+        assert change(client, stations=31, model='closed_form') == (True, '')
+        path, _, strains, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        assert (len(path.poses), strains.model) == (31, 'closed_form')
+        assert change(client, material__youngs_modulus=2.2e5)[0]
+        stiffer = client.ask('tendon_tensions', FETCHING_IN_PLANE)[2]
+        assert np.abs(stiffer.q).max() < 0.6 * np.abs(strains.q).max()
+    finally:
+        restored = change(client, stations=101, model='renda2012', material__youngs_modulus=1.1e5)
+    assert restored == (True, '')
+    assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ({'stations': 3}, 'stations is 3, expected at least 4'),
+        ({'model': 'octopus'}, "model is 'octopus', expected one of renda2012"),
+        ({'body__length': 0.2}, 'sections[1].anchorage is 0.45, expected at most the length'),
+        ({'sections__anchorage': [0.45, 0.315]}, 'sections.offset_base has 3 values, expected 2'),
+        ({'loads__gravity': [0.0, 0.0, -9.81]}, "model is 'renda2012', which has no loads"),
+        ({'stations': 51, 'body__length': -1.0}, 'body.length is -1.0, expected a finite number'),
+    ],
+)
+def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason):
+    is_taken, why = change(client, **values)
+    assert not is_taken
+    assert reason in why
+    assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+@pytest.mark.parametrize('data', [b'', b'\x00\x01', bytes(range(80)), b'\xff' * 200])
+def test_bytes_that_are_no_message_are_refused(client, data):
+    client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    client.forget()
+    client.publishers['tendon_tensions'].publish(data)
+    client.ask('tendon_tensions/array', FETCHING_IN_SPACE)
+    assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+    assert {name: len(got) for name, got in client.answers.items()} == dict.fromkeys(OUTPUTS, 2)
+
+
+def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
+    heard = []
+    qos = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    client.node.create_subscription(String, 'arm_description', heard.append, qos)
+    client.wait(lambda: heard, 'the description of the arm')
+    path = tmp_path / 'heard.yaml'
+    path.write_text(heard[-1].data)
+    assert load_config(path).arm == CONFIG.arm
+
+
+def statuses(client, name):
+    """Newest diagnosis of one part of the node."""
+    seen = len(client.health)
+    client.wait(lambda: len(client.health) > seen + 1, 'a diagnosis')
+    (status,) = [s for s in client.health[-1].status if s.name == f'octo_arm: {name}']
+    return status, {value.key: value.value for value in status.values}
+
+
+def test_a_burst_is_answered_with_its_newest_and_the_rest_is_counted(client):
+    before = statuses(client, 'output')[1]
+    client.forget()
+    burst = 60
+    stamps = [client.send('tendon_tensions', FETCHING_IN_PLANE) for _ in range(burst)]
+
+    def newest_is_answered():
+        got = client.answers['backbone/path']
+        return got and got[-1].header.stamp.sec == stamps[-1]
+
+    client.wait(newest_is_answered, 'an answer to the newest')
+    after = statuses(client, 'output')[1]
+    counted = sum(int(after[key]) - int(before[key]) for key in ('answered', 'skipped'))
+    assert counted == burst
+
+
+def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
+    client.stamps = itertools.count(1000)
+    client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    client.stamps = itertools.count(500)
+    path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    assert path.header.stamp.sec == 500
+    client.ask('tendon_tensions/joint_state', FETCHING_IN_PLANE)
+
+    def told():
+        words = ' '.join(s.message for m in client.health for s in m.status)
+        return 'running backwards' in words and 'several sources' in words
+
+    client.wait(told, 'the diagnosis')
+    _, values = statuses(client, 'input')
+    assert int(values['stamps running backwards']) >= 1
+    assert float(values['age of the newest stamp [s]']) > 1e6
+
+
+def test_silence_is_diagnosed(client):
+    def silent():
+        status, _ = statuses(client, 'input')
+        return 'silent' in status.message and status.level == DiagnosticStatus.WARN
+
+    client.wait(silent, 'a warning')
 
 
 # The model exact, with loads, in a node of its own ----------------------------------------------
@@ -395,14 +521,6 @@ def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
     loaded.forget()
     answers = ask_loaded(loaded)
     np.testing.assert_allclose(tip_of(answers), loaded.config.solver().solve(PULL).tip, atol=1e-8)
-
-
-def call(client, kind, name, request):
-    service = client.node.create_client(kind, name)
-    client.wait(service.service_is_ready, f'the service {name}')
-    answer = service.call_async(request)
-    client.wait(answer.done, f'an answer of {name}')
-    return answer.result()
 
 
 def test_the_service_solve_answers_like_the_core_and_explains_refusals(loaded):

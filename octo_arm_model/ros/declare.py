@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -35,15 +36,14 @@ def read_parameters(node: Node) -> dict[str, Any]:
         for name in node.get_parameters_by_prefix('')
         if name not in _RCLPY_PARAMETERS and not name.startswith('qos_overrides.')
     }
+    check_types(given)
     for parameter in PARAMETERS:
         descriptor = ParameterDescriptor(
             name=parameter.name,
             description=parameter.description,
             type=_ROS_TYPES[parameter.type_name].value,
-            read_only=True,
         )
         if parameter.name in given:
-            _explain_integers(parameter, given[parameter.name])
             node.set_descriptor(parameter.name, descriptor)
         elif parameter.default not in (None, ()):
             value = parameter.default
@@ -53,6 +53,17 @@ def read_parameters(node: Node) -> dict[str, Any]:
             ros_type = _ROS_TYPES[parameter.type_name]
             node.declare_parameter(parameter.name, ros_type, descriptor)
     return {name: list(v) if hasattr(v, 'typecode') else v for name, v in given.items()}
+
+
+def check_types(given: Mapping[str, Any]) -> None:
+    """Explain what ROS would not take.
+
+    Raises:
+        ConfigError: if an integer is given where ROS needs a double.
+    """
+    for parameter in PARAMETERS:
+        if parameter.name in given:
+            _explain_integers(parameter, given[parameter.name])
 
 
 def _explain_integers(parameter: Parameter, value: Any) -> None:

@@ -25,7 +25,7 @@ from octo_arm_model.config import load_config
 from octo_arm_model.errors import OctoArmError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.ros.node import OUTPUT_QOS
+from octo_arm_model.ros.outbox import OUTPUT_QOS
 
 RATE = 50.0  # [Hz] of the tensions
 MOVE_TIME = 3.0  # [s] from one posture to the next

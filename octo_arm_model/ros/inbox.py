@@ -1,0 +1,92 @@
+"""Tensions as they come in: the newest of what has arrived, as bytes until it is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.errors import TensionError
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.ros.messages import (
+    tensions_from_array,
+    tensions_from_joint_state,
+    tensions_from_tendon_tensions,
+)
+
+# Best effort hears reliable publishers as well. What waits is passed over for the newest, but
+# while there is room it is counted.
+INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+TYPES: dict[str, tuple[Any, Callable[[Any, Arm], FloatArray]]] = {
+    'tendon_tensions': (TendonTensions, tensions_from_tendon_tensions),
+    'tendon_tensions/array': (Float64MultiArray, tensions_from_array),
+    'tendon_tensions/joint_state': (JointState, tensions_from_joint_state),
+}
+
+
+class Inbox:
+    """Subscription to one topic of tensions."""
+
+    def __init__(
+        self, node: Node, topic: str, answer: Callable[[Inbox, bytes, int], None]
+    ) -> None:
+        """Call ``answer`` with the newest message and how many older ones were passed over."""
+        self.topic = topic
+        self._type, self._read = TYPES[topic]
+        self._answer = answer
+        self._subscription = node.create_subscription(
+            self._type,
+            topic,
+            self._drain,
+            INPUT_QOS,
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def close(self, node: Node) -> None:
+        """Stop listening."""
+        node.destroy_subscription(self._subscription)
+
+    def _drain(self, newest: bytes) -> None:
+        older = 0
+        with self._subscription.handle:
+            while True:
+                taken = self._subscription.handle.take_message(self._type, True)
+                if taken is None:
+                    break
+                newest = taken[0]
+                older += 1
+        self._answer(self, newest, older)
+
+    def read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Time | None]:
+        """Tensions [N] and the stamp of a message, None where its type has none.
+
+        Raises:
+            TensionError: if it is no message of the type, or not one for ``arm``.
+        """
+        message, stamp = self.decode(data)
+        return self._read(message, arm), stamp
+
+    def decode(self, data: bytes) -> tuple[Any, Time | None]:
+        """A message and its stamp.
+
+        Raises:
+            TensionError: if it is no message of the type.
+        """
+        try:
+            message = deserialize_message(data, self._type)
+        except Exception as error:
+            # Whatever the middleware raises for bytes that are none of its own.
+            raise TensionError(f'{len(data)} bytes that are no {self._type.__name__}') from error
+        header = getattr(message, 'header', None)
+        return message, header.stamp if header is not None else None
