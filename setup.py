@@ -32,6 +32,7 @@ setup(
         'console_scripts': [
             'octo-arm = octo_arm_model.cli:main',
             'octo_arm_demo = octo_arm_model.ros.demo:main',
+            'octo_arm_lifecycle_node = octo_arm_model.ros.lifecycle:main',
             'octo_arm_node = octo_arm_model.ros.node:main',
         ],
     },

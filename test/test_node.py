@@ -15,6 +15,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
@@ -614,3 +616,60 @@ def test_demonstration_shows_the_arm_and_ends_with_its_node():
     _, complaints = demo.communicate(timeout=DEADLINE)
     assert 'Traceback' not in complaints
     assert demo.returncode == 0, complaints
+
+
+# The managed node -------------------------------------------------------------------------------
+
+
+def transition(client, number):
+    request = ChangeState.Request()
+    request.transition.id = number
+    return call(client, ChangeState, 'octo_arm/change_state', request).success
+
+
+@pytest.fixture
+def managed():
+    domain = next(DOMAINS)
+    process = start('lifecycle', '--ros-args', '--params-file', str(CONFIG_FILE), domain=domain)
+    client = Client(domain)
+    try:
+        yield client
+        assert process.poll() is None, 'the node died'
+    finally:
+        client.close()
+        stop(process)
+
+
+def test_a_managed_node_answers_while_it_is_active(managed):
+    assert transition(managed, Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: managed.node.count_publishers('backbone/path') == 1, 'a configured node')
+    assert managed.node.count_subscribers('tendon_tensions') == 0
+    for _ in range(2):
+        assert transition(managed, Transition.TRANSITION_ACTIVATE)
+        managed.connect()
+        assert_is_backbone(managed.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+        assert transition(managed, Transition.TRANSITION_DEACTIVATE)
+        managed.wait(
+            lambda: managed.node.count_subscribers('tendon_tensions') == 0, 'an inactive node'
+        )
+    assert transition(managed, Transition.TRANSITION_CLEANUP)
+    managed.wait(
+        lambda: managed.node.count_publishers('backbone/path') == 0, 'a node without publishers'
+    )
+
+
+def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
+    config = tmp_path / 'bad.yaml'
+    config.write_text(CONFIG_FILE.read_text().replace('length: 0.45', 'length: 0.1'))
+    domain = next(DOMAINS)
+    process = start('lifecycle', '--ros-args', '--params-file', str(config), domain=domain)
+    client = Client(domain)
+    try:
+        assert not transition(client, Transition.TRANSITION_CONFIGURE)
+        assert change(client, body__length=0.45) == (True, '')
+        assert transition(client, Transition.TRANSITION_CONFIGURE)
+    finally:
+        client.close()
+        status, complaints = stop(process)
+    assert status == 0, complaints
+    assert 'not configured: sections[1].anchorage is 0.45' in complaints

@@ -93,6 +93,7 @@ class Engine:
     def activate(self) -> None:
         """Start answering."""
         node = self._node
+        self._health.is_active = True
         self._inboxes = [Inbox(node, topic, self._answer) for topic in TYPES]
         wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
         self._others = [
@@ -111,6 +112,7 @@ class Engine:
         for entity, destroy in self._others:
             destroy(entity)
         self._inboxes, self._others = [], []
+        self._health.is_active = False
         self._last = self._tip_wrench = None
 
     def cleanup(self) -> None:

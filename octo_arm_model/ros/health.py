@@ -21,12 +21,18 @@ def seconds(stamp: Time) -> float:
 
 
 class Health:
-    """Counts what comes in, what goes out and what goes wrong; reports once a period."""
+    """Counts what comes in, what goes out and what goes wrong; reports once a period.
+
+    Attributes:
+        model: name of the model that solves.
+        is_active: whether the node listens, so that silence means something.
+    """
 
     def __init__(self, node: Node) -> None:
         """Report as part of ``node``."""
         self._node = node
         self.model = ''
+        self.is_active = False
         self._totals = dict.fromkeys(
             ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'unstamped'), 0
         )
@@ -112,7 +118,7 @@ class Health:
     def _input(self) -> DiagnosticStatus:
         problems = []
         lately = self._lately
-        if not self._received:
+        if not self._received and self.is_active:
             problems.append('silent')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
@@ -129,7 +135,8 @@ class Health:
         if self._newest is not None:
             now = seconds(self._node.get_clock().now().to_msg())
             age = f'{now - self._newest:.3f}'
-        return _status('input', DiagnosticStatus.WARN, '; '.join(problems), 'receiving', {
+        fine = 'receiving' if self.is_active else 'inactive'
+        return _status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
             'rate [Hz]': f'{self._received / PERIOD:.1f}',
             'age of the newest stamp [s]': age,
             'source': ', '.join(sorted(self._topics)),

@@ -13,10 +13,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
 
+from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
+from octo_arm_model.cdr import BackboneWriter
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.ros.messages import backbone_messages, lengths_message, tip_message
+from octo_arm_model.ros.frames import broadcast, make_broadcaster, transforms
+from octo_arm_model.ros.markers import ArmMarkers
 from octo_arm_model.solver import Solver
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -43,8 +47,13 @@ class Outbox:
         self._node = node
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
-        self._solver: Solver | None = None
-        self._frame = ''
+        self._markers = self._open(MarkerArray, 'markers', OUTPUT_QOS)
+        self._transforms = make_broadcaster(node)
+        self._writer: BackboneWriter | None = None
+        self._drawing: ArmMarkers | None = None
+        self._is_drawn = False
+        self._arm: Arm | None = None
+        self._frame = self._prefix = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
         return self._node.create_publisher(
@@ -56,12 +65,18 @@ class Outbox:
 
     def close(self) -> None:
         """Close them."""
-        for publisher in (*self._publishers, self._description):
-            self._node.destroy_publisher(publisher)
+        others = (self._description, self._markers, self._transforms)
+        for publisher in (*self._publishers, *others):
+            if publisher is not None:
+                self._node.destroy_publisher(publisher)
 
     def describe(self, solver: Solver, frame: str, prefix: str) -> None:
         """Answers to come are those of ``solver`` in ``frame``."""
-        self._solver, self._frame = solver, frame
+        arm, grid = solver.arm, solver.grid
+        self._frame, self._prefix, self._arm = frame, prefix, arm
+        self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._drawing = ArmMarkers(arm, grid.s, widen=solver.law.widens)
+        self._is_drawn = False
 
     def announce(self, description: str) -> None:
         """Publish what the arm is, as a ROS parameter file."""
@@ -70,13 +85,26 @@ class Outbox:
     def publish(
         self, backbone: Backbone, lengths: FloatArray, covariance: FloatArray, stamp: Time
     ) -> None:
-        """Publish one answer on every topic."""
-        assert self._solver is not None
-        arm, frame = self._solver.arm, self._frame
+        """Publish one answer on every topic; the drawing if anybody looks at it."""
+        assert self._writer is not None and self._arm is not None
+        writer, time = self._writer, (stamp.sec, stamp.nanosec)
         messages = (
-            *backbone_messages(backbone, stamp, frame),
-            tip_message(backbone, covariance, stamp, frame),
-            lengths_message(lengths, backbone.tensions, arm, stamp, frame),
+            writer.path(backbone, *time),
+            writer.poses(backbone, *time),
+            writer.strains(backbone, *time),
+            writer.tip_pose(backbone, covariance, *time),
+            writer.tendon_lengths(lengths, backbone.tensions, *time),
         )
         for publisher, message in zip(self._publishers, messages, strict=True):
             publisher.publish(message)
+        if self._transforms is not None:
+            frames = transforms(backbone, self._arm, self._frame, self._prefix, stamp)
+            broadcast(self._transforms, frames)
+        if self._markers.get_subscription_count():
+            assert self._drawing is not None
+            drawing = self._drawing.build(backbone, stamp, self._frame)
+            if not self._is_drawn:
+                # Nothing of another arm may stay.
+                drawing.markers.insert(0, Marker(action=Marker.DELETEALL))
+                self._is_drawn = True
+            self._markers.publish(drawing)
