@@ -19,6 +19,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{PACKAGE}/rviz', sorted(glob('rviz/*.rviz'))),
     ],
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],

@@ -1,0 +1,256 @@
+"""What the node costs beyond ROS itself: its latency and rate against two others.
+
+Every node is a process of its own, asked over DDS by the same client, one after the other:
+
+* floor: answers with messages made beforehand, what rclpy and DDS take at least;
+* naive: solves and builds message objects, as one would write it;
+* ours: `octo_arm_node`, which publishes the pose of the tip and the tendon lengths as well.
+
+All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` and
+``strains``; an answer is a message on ``backbone/poses``. Numbers depend on the machine, ratios
+less so.
+
+    python benchmarks/node.py
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import Path
+from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+
+from octo_arm_model import load_config
+from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.ros import node as our_node
+from octo_arm_model.ros.messages import backbone_messages, tensions_from_tendon_tensions
+
+CONFIG_FILE = preset_path('renda2012_table4')
+CONFIG = load_config(CONFIG_FILE)
+QUIET = ['--ros-args', '--log-level', 'warn']
+COMMANDS = {
+    'floor': [__file__, 'floor'],
+    'naive': [__file__, 'naive'],
+    'ours': ['-m', 'octo_arm_model.ros.node', *QUIET, '--params-file', str(CONFIG_FILE)],
+}
+QUESTIONS = 1000
+LONGEST_LOOP = 8.0  # [s] of questions one by one
+RATES = (250, 500, 1000, 1500, 2000, 3000, 4000, 5000)  # [Hz]
+BURST = 2.0  # [s] at each rate
+RISE = 1.03  # what a higher rate has to bring for the next to be tried
+DEADLINE = 20.0  # [s] for a node to start or answer
+OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
+INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def question(number: int) -> bytes:
+    """Tensions, stamped with the ``number`` of the question as its nanoseconds."""
+    message = TendonTensions(name=list(CONFIG.arm.tendon_names))
+    # The load changes, so nothing can be kept from one question to the next.
+    message.tension = (1.0 + 0.1 * np.sin(0.1 * number)) * np.ravel(FETCHING_IN_SPACE)
+    message.header.stamp.sec, message.header.stamp.nanosec = 1, number
+    return serialize_message(message)
+
+
+def stamp_of(answer: bytes) -> int:
+    """Nanoseconds of a serialised message, which begins with a header."""
+    return int.from_bytes(answer[8:12], 'little')
+
+
+def answer_for_ever(kind: str) -> None:
+    """Be the node ``kind``, floor or naive, until interrupted."""
+    rclpy.init()
+    node = Node(kind)
+    publishers = [node.create_publisher(of, to, OUTPUT_QOS) for to, of in OUTPUTS.items()]
+    solver = CONFIG.solver()
+    frame = CONFIG.base_frame
+
+    def solved(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
+        backbone = solver.solve(tensions_from_tendon_tensions(message, CONFIG.arm))
+        return backbone_messages(backbone, message.header.stamp, frame)
+
+    names, values = list(CONFIG.arm.tendon_names), np.ravel(FETCHING_IN_SPACE)
+    prebuilt = [serialize_message(m) for m in solved(TendonTensions(name=names, tension=values))]
+
+    def answer(message: TendonTensions) -> None:
+        for publisher, made in zip(publishers, prebuilt if kind == 'floor' else solved(message)):
+            publisher.publish(made)
+
+    node.create_subscription(TendonTensions, 'tendon_tensions', answer, INPUT_QOS)
+    # The same executor for all.
+    executor = getattr(our_node, 'make_executor', SingleThreadedExecutor)()
+    executor.add_node(node)
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=0.5)
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        pass
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Latencies of questions one by one [s], and the most answers in a second [Hz] at a rate."""
+
+    latencies: np.ndarray
+    answered: float
+    asked: int
+
+
+class Client:
+    """Asks a node, in a domain of its own."""
+
+    def __init__(self, domain: int) -> None:
+        """Wait until a node is there and answers."""
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = Node('client', context=self._context)
+        # Nobody takes what arrives here, so it costs the client nothing but its transport.
+        self._unread = Node('unread', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._publisher = self._node.create_publisher(TendonTensions, 'tendon_tensions', 10)
+        self._answers: list[bytes] = []
+        self._poses = self._node.create_subscription(
+            PoseArray, 'backbone/poses', self._answers.append, 1000, raw=True
+        )
+        others = [
+            self._unread.create_subscription(OUTPUTS[topic], topic, print, 1, raw=True)
+            for topic in ('backbone/path', 'strains')
+        ]
+        end = time.monotonic() + DEADLINE
+        while not self._answers or not all(it.get_publisher_count() for it in others):
+            if time.monotonic() > end:
+                raise SystemExit('the node did not answer')
+            self._publisher.publish(question(0))
+            self._executor.spin_once(timeout_sec=0.1)
+        self._drain(0.5)
+
+    def close(self) -> None:
+        """Leave."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._unread.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def one_by_one(self, stamped: bool) -> np.ndarray:
+        """Time from a question to its answer [s]; ``stamped`` is whether answers tell which."""
+        latencies = []
+        questions = [question(number) for number in range(1, QUESTIONS + 1)]
+        end = time.monotonic() + LONGEST_LOOP
+        for number, asked in enumerate(questions, 1):
+            if time.monotonic() > end:
+                break
+            self._answers.clear()
+            start = time.perf_counter()
+            self._publisher.publish(asked)
+            while not self._answers:
+                if time.perf_counter() - start > 1.0:
+                    raise SystemExit(f'question {number} was not answered within 1 s')
+                self._executor.spin_once(timeout_sec=1.0)
+            latencies.append(time.perf_counter() - start)
+            if stamped and [stamp_of(answer) for answer in self._answers] != [number]:
+                raise SystemExit(f'question {number} was answered with another stamp')
+        return np.array(latencies)
+
+    def sustained(self) -> tuple[float, int]:
+        """Most answers in a second [Hz], and the rate of questions it took [Hz]."""
+        best, best_rate = 0.0, 0
+        for rate in RATES:
+            answered = self._burst(rate)
+            has_risen = answered > RISE * best
+            if answered > best:
+                best, best_rate = answered, rate
+            if not has_risen:
+                break
+        return best, best_rate
+
+    def _burst(self, rate: int) -> float:
+        questions = [question(number) for number in range(100)]
+        answered = sent = 0
+        start = time.perf_counter()
+        while (now := time.perf_counter() - start) < BURST:
+            for _ in range(int(now * rate) + 1 - sent):
+                self._publisher.publish(questions[sent % len(questions)])
+                sent += 1
+            answered += self._take()
+            time.sleep(max(0.0, start + sent / rate - time.perf_counter()))
+        answered += self._take()
+        rate_answered = answered / (time.perf_counter() - start)
+        self._drain(0.3)
+        return rate_answered
+
+    def _take(self) -> int:
+        """Number of answers there are, taken without an executor, which would cost more."""
+        count = 0
+        with self._poses.handle:
+            while self._poses.handle.take_message(PoseArray, True) is not None:
+                count += 1
+        return count
+
+    def _drain(self, quiet: float) -> None:
+        """Take what is still under way until nothing came for ``quiet`` [s]."""
+        while True:
+            time.sleep(quiet)
+            if not self._take():
+                self._answers.clear()
+                return
+
+
+def measure(kind: str, domain: int) -> Measured:
+    """Start the node ``kind``, ask it and stop it."""
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
+    process = subprocess.Popen([sys.executable, *COMMANDS[kind]], env=environment)
+    client = None
+    try:
+        client = Client(domain)
+        latencies = client.one_by_one(stamped=kind != 'floor')
+        return Measured(latencies, *client.sustained())
+    finally:
+        if client is not None:
+            client.close()
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def main() -> None:
+    """Print the table."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    first_domain = 82 + 3 * (os.getpid() % 6)
+    results = {kind: measure(kind, first_domain + i) for i, kind in enumerate(COMMANDS)}
+    print(f'{CONFIG.stations} stations, {CONFIG.model}; one by one, and as many as are answered')
+    print(
+        f'{"node":8}{"median ms":>11}{"99 % ms":>9}{"x floor":>9}{"x naive":>9}'
+        f'{"answers/s":>12}{"asked/s":>9}{"x floor":>9}{"x naive":>9}'
+    )
+    median = {kind: float(np.median(got.latencies)) for kind, got in results.items()}
+    for kind, got in results.items():
+        print(
+            f'{kind:8}{median[kind] * 1e3:11.3f}{np.percentile(got.latencies, 99) * 1e3:9.3f}'
+            f'{median[kind] / median["floor"]:9.2f}{median[kind] / median["naive"]:9.2f}'
+            f'{got.answered:12.0f}{got.asked:9}'
+            f'{got.answered / results["floor"].answered:9.2f}'
+            f'{got.answered / results["naive"].answered:9.2f}'
+        )
+
+
+if __name__ == '__main__':
+    if sys.argv[1:]:
+        answer_for_ever(sys.argv[1])
+    else:
+        main()

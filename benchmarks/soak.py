@@ -1,0 +1,411 @@
+"""The node under abuse: long, hostile and restless; prints a table.
+
+    python benchmarks/soak.py                 an hour: a million messages
+    python benchmarks/soak.py --part 0.01     a minute
+
+The node runs as a process of its own over real DDS, in a domain of its own. `make test` runs the
+same with a thousandth part.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from octo_arm_msgs.msg import TendonTensions
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
+
+from octo_arm_model import Config, load_config
+from octo_arm_model.cdr import BackboneWriter
+from octo_arm_model.paper import preset_path
+
+FILE = preset_path('renda2012_table4')
+CONFIG = load_config(FILE)
+SCALE = np.array([[0.2], [1.5], [3.0]])
+DEADLINE = 30.0  # [s] for what takes milliseconds
+STAMP = slice(4, 12)  # of a serialised message with a header
+
+
+def megabytes(process: subprocess.Popen[bytes]) -> float:
+    """Memory of a process that is its own [MB]."""
+    for line in Path(f'/proc/{process.pid}/status').read_text().splitlines():
+        if line.startswith('VmRSS:'):
+            return float(line.split()[1]) / 1024.0
+    raise RuntimeError('the node is gone')
+
+
+def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Popen[bytes]:
+    """A node of its own."""
+    environment = os.environ | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+    command = [sys.executable, '-m', 'octo_arm_model.ros.node', '--ros-args']
+    return subprocess.Popen(
+        [*command, '--params-file', str(file), *arguments],
+        env=environment,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+class Client:
+    """Sends tensions as bytes, and knows what the answers must be to the last bit."""
+
+    KEYS = ('output answered', 'output skipped', 'input refused', 'solver failures')
+
+    def __init__(self, domain: int, config: Config = CONFIG, namespace: str = '') -> None:
+        """Talk to the node in ``domain``."""
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('soak', context=self.context, namespace=namespace)
+        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        kinds = (TendonTensions, Float64MultiArray, JointState)
+        topics = ('tendon_tensions', 'tendon_tensions/array', 'tendon_tensions/joint_state')
+        self.publishers = [
+            self.node.create_publisher(kind, topic, QoSProfile(depth=1000))
+            for kind, topic in zip(kinds, topics, strict=True)
+        ]
+        self.answers: dict[bytes, bytes] = {}
+        self.node.create_subscription(
+            PoseArray, 'backbone/poses', self._on_poses, QoSProfile(depth=1000), raw=True
+        )
+        self.totals: dict[str, int] = {}
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, 10)
+        self.parameters = self.node.create_client(
+            SetParametersAtomically, 'octo_arm/set_parameters_atomically'
+        )
+        self.names = list(config.arm.tendon_names)
+        self.solver = config.solver()
+        self.frame = config.base_frame
+        self.writer = self.writer_of(config)
+        self.stamps = itertools.count(1)
+        self.sent = self.base = 0
+
+    @staticmethod
+    def writer_of(config: Config) -> BackboneWriter:
+        """Writer of the answers for ``config``."""
+        solver = config.solver()
+        return BackboneWriter(config.base_frame, config.model, solver.grid.s, solver.grid.section)
+
+    def _on_poses(self, data: bytes) -> None:
+        self.answers[bytes(data[STAMP])] = bytes(data)
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for value in status.values:
+                if value.value.isdigit():
+                    self.totals[f'{status.name.split(": ")[1]} {value.key}'] = int(value.value)
+
+    def close(self) -> None:
+        """Stop talking."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def wait(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> None:
+        """Listen until ``condition``."""
+        end = time.monotonic() + deadline
+        while not condition():
+            if time.monotonic() > end:
+                raise RuntimeError(f'{what} did not happen in {deadline} s')
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def listen(self) -> None:
+        """Hear what is there."""
+        for _ in range(4):
+            self.executor.spin_once(timeout_sec=0.0)
+
+    def good(self, tensions: np.ndarray) -> bytes:
+        """Send a valid message; returns its stamp as in the answer."""
+        second = next(self.stamps)
+        header = Header(stamp=Time(sec=second, nanosec=7))
+        message = TendonTensions(header=header, name=self.names, tension=tensions.ravel())
+        self.send(0, serialize_message(message))
+        return second.to_bytes(4, 'little') + (7).to_bytes(4, 'little')
+
+    def send(self, topic: int, data: bytes) -> None:
+        """Send bytes on one of the three topics."""
+        self.publishers[topic].publish(data)
+        self.sent += 1
+
+    def expected(self, tensions: np.ndarray, stamp: bytes) -> bytes:
+        """What the answer must be."""
+        backbone = self.solver.solve(tensions)
+        second = int.from_bytes(stamp[:4], 'little')
+        return self.writer.poses(backbone, second, 7)
+
+    def connect(self) -> None:
+        """Ask until there is an answer, and forget it."""
+
+        def answered() -> bool:
+            self.good(np.zeros(CONFIG.arm.tension_shape))
+            return bool(self.answers)
+
+        self.wait(answered, 'a first answer')
+        # What was sent before the two had found each other went nowhere: count from here.
+        for _ in range(2):
+            self.totals.clear()
+            self.wait(lambda: len(self.totals) > 5, 'a diagnosis')
+        self.base, self.sent = self.counted(), 0
+
+    def check_count(self) -> dict[str, int]:
+        """Wait until the node accounts for every message; returns its totals."""
+        self.wait(lambda: self.counted() - self.base >= self.sent, 'an account of every message')
+        return {key: self.totals[key] for key in self.KEYS}
+
+    def counted(self) -> int:
+        """Messages the node has accounted for."""
+        return sum(self.totals.get(key, 0) for key in self.KEYS)
+
+
+def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Many valid messages: memory flat, none lost without being counted."""
+    random = np.random.default_rng(1)
+    sets = random.uniform(0.0, 1.0, (200, *CONFIG.arm.tension_shape)) * SCALE
+    warm = max(count // 20, 500)
+    memory = 0.0
+    for number in range(count):
+        client.good(sets[number % len(sets)])
+        # Now one by one, now in bursts that nobody could answer.
+        if number % 20 == 0 or number % 2000 < 1000:
+            client.listen()
+            time.sleep(0.001)
+        if number % 1000 == 0:
+            client.answers.clear()
+        if number == warm:
+            memory = megabytes(process)
+    totals = client.check_count()
+    grown = megabytes(process) - memory
+    return [
+        f'{count} valid messages', f'{totals["output answered"]} answered, '
+        f'{totals["output skipped"]} skipped, memory {grown:+.1f} MB',
+    ]  # fmt: skip
+
+
+def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[[], Any]:
+    """A source of (topic, bytes) that no arm should answer."""
+    good = np.full(12, 0.1)
+    value = [np.nan, np.inf, -np.inf, -1.0, -1e-300, 1e300]
+
+    def tensions(names: list[str], values: np.ndarray) -> tuple[int, bytes]:
+        second = int(random.integers(-(2**31), 2**31))
+        header = Header(stamp=Time(sec=second if random.random() < 0.5 else 0, nanosec=0))
+        return 0, serialize_message(TendonTensions(header=header, name=names, tension=values))
+
+    def one_bad() -> tuple[int, bytes]:
+        bad = good.copy()
+        bad[random.integers(12)] = random.choice(value)
+        return tensions(names, bad)
+
+    def wrong_length() -> tuple[int, bytes]:
+        length = int(random.choice([0, 1, 11, 13, 500]))
+        data = np.full(length, 0.1)
+        if random.random() < 0.5:
+            return 1, serialize_message(Float64MultiArray(data=data))
+        return tensions((names * 50)[:length], data)
+
+    def wrong_names() -> tuple[int, bytes]:
+        odd = list(names)
+        odd[int(random.integers(12))] = str(random.choice(['', 'elbow', names[0] + '\u00e9']))
+        if random.random() < 0.3:
+            odd[-1] = odd[0]
+        return tensions(odd, good)
+
+    def odd_layout() -> tuple[int, bytes]:
+        sizes = random.choice([[4, 3], [2, 6], [12, 1], [1, 12]]).tolist()
+        dims = [MultiArrayDimension(size=size) for size in sizes]
+        layout = MultiArrayLayout(dim=dims, data_offset=int(random.integers(1, 9)))
+        return 1, serialize_message(Float64MultiArray(layout=layout, data=good))
+
+    def empty_joints() -> tuple[int, bytes]:
+        return 2, serialize_message(JointState(name=names, position=good))
+
+    def broken() -> tuple[int, bytes]:
+        topic, data = one_bad()
+        if random.random() < 0.5:
+            return topic, data[: int(random.integers(0, len(data)))]
+        return int(random.integers(3)), random.bytes(int(random.integers(0, 300)))
+
+    kinds = (one_bad, wrong_length, wrong_names, odd_layout, empty_joints, broken)
+    return lambda: kinds[int(random.integers(len(kinds)))]()
+
+
+def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Hostile messages mixed with good ones, every good one answered rightly."""
+    random = np.random.default_rng(2)
+    source = hostile_messages(client.names, random)
+    sent = right = 0
+    while sent < count:
+        for _ in range(int(random.integers(1, 6))):
+            client.send(*source())
+            sent += 1
+        tensions = random.uniform(0.0, 1.0, CONFIG.arm.tension_shape) * SCALE
+        client.answers.clear()
+        stamp = client.good(tensions)
+        client.wait(lambda: stamp in client.answers, 'an answer among hostile messages')
+        if client.answers[stamp] != client.expected(tensions, stamp):
+            raise RuntimeError(f'wrong shape for {tensions.tolist()}')
+        right += 1
+    client.check_count()
+    if process.poll() is not None:
+        raise RuntimeError('the node died')
+    return [f'{sent} hostile messages', f'{right} good ones among them answered rightly']
+
+
+def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Parameters changed under load without one wrong shape."""
+    tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
+    variants = [
+        {'stations': 101, 'material.youngs_modulus': 1.1e5},
+        {'stations': 61, 'material.youngs_modulus': 2.2e5},
+        {'stations': 31, 'material.youngs_modulus': 1.6e5},
+    ]
+    allowed = set()
+    for values in variants:
+        text = FILE.read_text()
+        text = text.replace('stations: 101', f'stations: {values["stations"]}')
+        text = text.replace(
+            'youngs_modulus: 110000.0', f'youngs_modulus: {values["material.youngs_modulus"]}'
+        )
+        path = Path(f'/tmp/octo_arm_soak_{os.getpid()}.yaml')
+        path.write_text(text)
+        config = load_config(path)
+        path.unlink()
+        backbone = config.solver().solve(tensions)
+        allowed.add(Client.writer_of(config).poses(backbone, 0, 0)[STAMP.stop :])
+    client.answers.clear()
+    seen = set()
+    for number in range(count):
+        values = variants[(number + 1) % len(variants)]
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        future = client.parameters.call_async(
+            SetParametersAtomically.Request(parameters=parameters)
+        )
+        while not future.done():
+            client.good(tensions)
+            client.executor.spin_once(timeout_sec=0.002)
+        if not future.result().result.successful:
+            raise RuntimeError(future.result().result.reason)
+        client.listen()
+        shapes = {data[STAMP.stop :] for data in client.answers.values()}
+        if not shapes <= allowed:
+            raise RuntimeError('a shape that belongs to no set of parameters')
+        seen |= shapes
+        client.answers.clear()
+    first = [Parameter(n, value=v).to_parameter_msg() for n, v in variants[0].items()]
+    done = client.parameters.call_async(SetParametersAtomically.Request(parameters=first))
+    client.wait(done.done, 'the first parameters again')
+    return [f'{count} changes of parameters', f'no wrong shape; {len(seen)} of 3 right ones seen']
+
+
+def restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> list[Any]:
+    """Node killed and started again under a running client."""
+    process.kill()
+    process.wait()
+    client.answers.clear()
+    began = time.monotonic()
+    process = start_node(domain)
+    tensions = np.zeros(CONFIG.arm.tension_shape)
+
+    def answered() -> bool:
+        client.good(tensions)
+        return bool(client.answers)
+
+    client.wait(answered, 'an answer after the restart')
+    return [process, 'killed and started again', f'answers {time.monotonic() - began:.2f} s later']
+
+
+def octopus(domain: int, seconds: float, rate: float) -> list[str]:
+    """Eight arms at once."""
+    names = [f'/arm_{number}' for number in range(1, 9)]
+    nodes = [start_node(domain, '-r', f'__ns:={name}') for name in names]
+    clients = [Client(domain, namespace=name) for name in names]
+    try:
+        for client in clients:
+
+            def answered(client: Client = client) -> bool:
+                client.good(np.zeros(CONFIG.arm.tension_shape))
+                return bool(client.answers)
+
+            client.wait(answered, 'an answer of every arm')
+        for client in clients:
+            client.answers.clear()
+        tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
+        began = time.monotonic()
+        due = began
+        while time.monotonic() < began + seconds:
+            for client in clients:
+                client.good(tensions)
+                client.listen()
+            due += 1.0 / rate
+            time.sleep(max(0.0, due - time.monotonic()))
+        for client in clients:
+            client.listen()
+        answers = [len(client.answers) / seconds for client in clients]
+    finally:
+        for client in clients:
+            client.close()
+        for node in nodes:
+            node.send_signal(signal.SIGTERM)
+        codes = [node.wait(timeout=DEADLINE) for node in nodes]
+    if any(codes):
+        raise RuntimeError(f'exit status {codes}')
+    return ['eight arms at once', f'{min(answers):.0f} to {max(answers):.0f} shapes/s each']
+
+
+def run(part: float, domain: int) -> list[list[str]]:
+    """All of it, ``part`` of the full length; returns rows of (what, outcome)."""
+    rows = []
+    process = start_node(domain)
+    client = Client(domain)
+    try:
+        client.connect()
+        for abuse, full in ((hostile, 10_000), (restless, 1000), (valid, 1_000_000)):
+            rows.append(abuse(client, process, max(int(full * part), 5)))
+            print(*rows[-1], sep=': ', flush=True)
+        process, *row = restart(client, domain, process)
+        rows.append(row)
+        print(*row, sep=': ', flush=True)
+    finally:
+        client.close()
+        process.send_signal(signal.SIGINT)
+        code = process.wait(timeout=DEADLINE)
+    if code:
+        raise RuntimeError(f'exit status {code}')
+    rows.append(octopus(domain + 1, max(20.0 * part, 2.0), 50.0))
+    print(*rows[-1], sep=': ', flush=True)
+    return rows
+
+
+def main() -> None:
+    """Run it and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n', maxsplit=1)[0])
+    parser.add_argument('--part', type=float, default=1.0, help='of the full length')
+    parser.add_argument('--domain', type=int, default=77, help='ROS domain of its own')
+    options = parser.parse_args()
+    run(options.part, options.domain)
+
+
+if __name__ == '__main__':
+    main()
