@@ -3,15 +3,17 @@
 #                 NUMPY=1.26 SCIPY=1.11 tests on those versions
 # make lint       style and types
 # make bench      speed, as ratios
+# make soak       the node under abuse for an hour; PART=0.01 for a minute
 # make prepare    only what run and test need
 # make clean      forget all that was prepared
 PYTHON ?= python3
+PART ?= 1.0
 ARM ?= config/renda2012_table4.yaml
 export PYTHON
 export OCTO_ARM_NUMPY := $(NUMPY)
 export OCTO_ARM_SCIPY := $(SCIPY)
 
-.PHONY: help run test lint bench prepare clean
+.PHONY: help run test lint bench soak prepare clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -29,6 +31,10 @@ lint: prepare
 
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
+	@tools/with_ros python benchmarks/node.py
+
+soak: prepare
+	@tools/with_ros python benchmarks/soak.py --part $(PART)
 
 prepare:
 	@command -v $(PYTHON) >/dev/null || \
