@@ -26,6 +26,7 @@ from octo_arm_model.targets import Target
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6
 _STARTS = 8
+_INDEPENDENT = 1e-6  # singular values below this part of the largest count as none
 _STIFFNESS_STEP = 1e-4  # part of the bound by which tensions are moved to see stiffness change
 
 
@@ -223,6 +224,13 @@ class _Search:
     def relax(self, part: FloatArray, enough: float) -> FloatArray:
         """The same target with least effort, or ``part`` where none is less."""
         scale = 1.0 / self._solver.arm.length
+        # No more constraints than the tensions have a say in: a target of many points has many
+        # that say the same, and the optimiser needs them independent.
+        directions, sizes, _ = np.linalg.svd(self.jacobian(part), full_matrices=False)
+        rank = np.count_nonzero(sizes > _INDEPENDENT * sizes.max(initial=0.0))
+        if rank >= part.size:
+            return part  # Nothing is left to choose.
+        basis = scale * directions[:, :rank].T
         try:
             found = minimize(
                 lambda x: 0.5 * float(x @ x),
@@ -232,8 +240,8 @@ class _Search:
                 bounds=[(0.0, 1.0)] * part.size,
                 constraints={
                     'type': 'eq',
-                    'fun': lambda x: scale * self.error(x),
-                    'jac': lambda x: scale * self.jacobian(x),
+                    'fun': lambda x: basis @ self.error(x),
+                    'jac': lambda x: basis @ self.jacobian(x),
                 },
                 options={'maxiter': 60, 'ftol': 1e-10},
             )
