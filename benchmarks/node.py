@@ -6,9 +6,8 @@ Every node is a process of its own, asked over DDS by the same client, one after
 * naive: solves and builds message objects, as one would write it;
 * ours: `octo_arm_node`, which publishes the pose of the tip and the tendon lengths as well.
 
-All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` and
-``strains``; an answer is a message on ``backbone/poses``. Numbers depend on the machine, ratios
-less so.
+All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` (where
+answers are counted) and ``strains``. Numbers depend on the machine, ratios less so.
 
     python benchmarks/node.py
 """
@@ -20,7 +19,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import rclpy
@@ -47,8 +46,8 @@ COMMANDS = {
 }
 QUESTIONS = 1000
 LONGEST_LOOP = 8.0  # [s] of questions one by one
-RATES = (250, 500, 1000, 1500, 2000, 3000, 4000, 5000)  # [Hz]
-BURST = 2.0  # [s] at each rate
+RATES = (250, 500, 1000, 1500, 2000, 3000, 5000, 8000, 12000)  # [Hz]
+BURST = 1.5  # [s] at each rate
 RISE = 1.03  # what a higher rate has to bring for the next to be tried
 DEADLINE = 20.0  # [s] for a node to start or answer
 OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
@@ -76,11 +75,10 @@ def answer_for_ever(kind: str) -> None:
     node = Node(kind)
     publishers = [node.create_publisher(of, to, OUTPUT_QOS) for to, of in OUTPUTS.items()]
     solver = CONFIG.solver()
-    frame = CONFIG.base_frame
 
     def solved(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
         backbone = solver.solve(tensions_from_tendon_tensions(message, CONFIG.arm))
-        return backbone_messages(backbone, message.header.stamp, frame)
+        return backbone_messages(backbone, message.header.stamp, CONFIG.base_frame)
 
     names, values = list(CONFIG.arm.tendon_names), np.ravel(FETCHING_IN_SPACE)
     prebuilt = [serialize_message(m) for m in solved(TendonTensions(name=names, tension=values))]
@@ -100,8 +98,7 @@ def answer_for_ever(kind: str) -> None:
         pass
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(NamedTuple):
     """Latencies of questions one by one [s], and the most answers in a second [Hz] at a rate."""
 
     latencies: np.ndarray
@@ -127,8 +124,8 @@ class Client:
             PoseArray, 'backbone/poses', self._answers.append, 1000, raw=True
         )
         others = [
-            self._unread.create_subscription(OUTPUTS[topic], topic, print, 1, raw=True)
-            for topic in ('backbone/path', 'strains')
+            self._unread.create_subscription(kind, topic, print, 1, raw=True)
+            for kind, topic in ((Path, 'backbone/path'), (SectionStrains, 'strains'))
         ]
         end = time.monotonic() + DEADLINE
         while not self._answers or not all(it.get_publisher_count() for it in others):
@@ -147,12 +144,11 @@ class Client:
 
     def one_by_one(self, stamped: bool) -> np.ndarray:
         """Time from a question to its answer [s]; ``stamped`` is whether answers tell which."""
-        latencies = []
-        questions = [question(number) for number in range(1, QUESTIONS + 1)]
-        end = time.monotonic() + LONGEST_LOOP
-        for number, asked in enumerate(questions, 1):
+        latencies, end = [], time.monotonic() + LONGEST_LOOP
+        for number in range(1, QUESTIONS + 1):
             if time.monotonic() > end:
                 break
+            asked = question(number)
             self._answers.clear()
             start = time.perf_counter()
             self._publisher.publish(asked)
@@ -171,8 +167,7 @@ class Client:
         for rate in RATES:
             answered = self._burst(rate)
             has_risen = answered > RISE * best
-            if answered > best:
-                best, best_rate = answered, rate
+            best, best_rate = max((best, best_rate), (answered, rate))
             if not has_risen:
                 break
         return best, best_rate
@@ -188,9 +183,9 @@ class Client:
             answered += self._take()
             time.sleep(max(0.0, start + sent / rate - time.perf_counter()))
         answered += self._take()
-        rate_answered = answered / (time.perf_counter() - start)
+        duration = time.perf_counter() - start
         self._drain(0.3)
-        return rate_answered
+        return answered / duration
 
     def _take(self) -> int:
         """Number of answers there are, taken without an executor, which would cost more."""
@@ -202,11 +197,10 @@ class Client:
 
     def _drain(self, quiet: float) -> None:
         """Take what is still under way until nothing came for ``quiet`` [s]."""
-        while True:
+        time.sleep(quiet)
+        while self._take():
             time.sleep(quiet)
-            if not self._take():
-                self._answers.clear()
-                return
+        self._answers.clear()
 
 
 def measure(kind: str, domain: int) -> Measured:
@@ -243,8 +237,7 @@ def main() -> None:
         print(
             f'{kind:8}{median[kind] * 1e3:11.3f}{np.percentile(got.latencies, 99) * 1e3:9.3f}'
             f'{median[kind] / median["floor"]:9.2f}{median[kind] / median["naive"]:9.2f}'
-            f'{got.answered:12.0f}{got.asked:9}'
-            f'{got.answered / results["floor"].answered:9.2f}'
+            f'{got.answered:12.0f}{got.asked:9}{got.answered / results["floor"].answered:9.2f}'
             f'{got.answered / results["naive"].answered:9.2f}'
         )
 

@@ -258,7 +258,7 @@ def test_refusal_is_explained_in_the_log_but_not_for_every_message(client):
     assert len(refusals()) < 20
 
 
-def test_parameters_are_described_with_their_unit(client):
+def test_parameters_are_described_with_their_unit_and_range(client):
     service = client.node.create_client(DescribeParameters, 'octo_arm/describe_parameters')
     client.wait(service.service_is_ready, 'the parameter service')
     names = [parameter.name for parameter in PARAMETERS]
@@ -267,6 +267,7 @@ def test_parameters_are_described_with_their_unit(client):
     for parameter, descriptor in zip(PARAMETERS, answer.result().descriptors):
         assert descriptor.name == parameter.name
         assert descriptor.description == parameter.description
+        assert descriptor.additional_constraints == parameter.range
         assert not descriptor.read_only
 
 

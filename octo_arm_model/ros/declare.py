@@ -41,6 +41,7 @@ def read_parameters(node: Node) -> dict[str, Any]:
         descriptor = ParameterDescriptor(
             name=parameter.name,
             description=parameter.description,
+            additional_constraints=parameter.range,
             type=_ROS_TYPES[parameter.type_name].value,
         )
         if parameter.name in given:
