@@ -24,6 +24,7 @@ from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
@@ -617,6 +618,40 @@ def test_demonstration_shows_the_arm_and_ends_with_its_node():
     _, complaints = demo.communicate(timeout=DEADLINE)
     assert 'Traceback' not in complaints
     assert demo.returncode == 0, complaints
+
+
+def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
+    domain = next(DOMAINS)
+    process = start(
+        'node', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        domain=domain,
+    )  # fmt: skip
+    client = Client(domain)
+    clock = client.node.create_publisher(Clock, '/clock', 10)
+
+    def stamped_with(second):
+        message = Clock()
+        message.clock.sec = second
+        clock.publish(message)
+        client.send('tendon_tensions/array', FETCHING_IN_PLANE)
+        client.executor.spin_once(timeout_sec=0.05)
+        got = client.answers['backbone/path']
+        return bool(got) and got[-1].header.stamp.sec == second
+
+    try:
+        # A bag that begins anew plays an earlier clock.
+        for second in (5000, 5001, 4000):
+            client.wait(lambda second=second: stamped_with(second), f'an answer at {second} s')
+        client.health.clear()
+        client.wait(lambda: client.health, 'a diagnosis, though simulated time stands still')
+        assert client.health[-1].header.stamp.sec == 4000
+        client.stamps = itertools.count(3999)
+        path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        assert path.header.stamp.sec == 3999
+    finally:
+        client.close()
+        status, complaints = stop(process)
+    assert status == 0, complaints
 
 
 # The managed node -------------------------------------------------------------------------------
