@@ -1,9 +1,10 @@
-"""What the node costs beyond ROS itself: its latency and rate against two others.
+"""What the node costs beyond ROS itself: its latency and rate against three others.
 
 Every node is a process of its own, asked over DDS by the same client, one after the other:
 
 * floor: answers with messages made beforehand, what rclpy and DDS take at least;
-* naive: solves and builds message objects, as one would write it;
+* plain: the same with rclpy's own executor, as `rclpy.spin` has it;
+* naive: solves and builds message objects under rclpy's own executor, as one would write it;
 * ours: `octo_arm_node`, which publishes the pose of the tip and the tendon lengths as well.
 
 All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` (where
@@ -41,9 +42,11 @@ CONFIG = load_config(CONFIG_FILE)
 QUIET = ['--ros-args', '--log-level', 'warn']
 COMMANDS = {
     'floor': [__file__, 'floor'],
+    'plain': [__file__, 'plain'],
     'naive': [__file__, 'naive'],
     'ours': ['-m', 'octo_arm_model.ros.node', *QUIET, '--params-file', str(CONFIG_FILE)],
 }
+OTHERS = ('floor', 'plain', 'naive')
 QUESTIONS = 1000
 LONGEST_LOOP = 8.0  # [s] of questions one by one
 RATES = (250, 500, 1000, 1500, 2000, 3000, 5000, 8000, 12000)  # [Hz]
@@ -70,7 +73,7 @@ def stamp_of(answer: bytes) -> int:
 
 
 def answer_for_ever(kind: str) -> None:
-    """Be the node ``kind``, floor or naive, until interrupted."""
+    """Be the node ``kind``, floor, plain or naive, until interrupted."""
     rclpy.init()
     node = Node(kind)
     publishers = [node.create_publisher(of, to, OUTPUT_QOS) for to, of in OUTPUTS.items()]
@@ -84,12 +87,11 @@ def answer_for_ever(kind: str) -> None:
     prebuilt = [serialize_message(m) for m in solved(TendonTensions(name=names, tension=values))]
 
     def answer(message: TendonTensions) -> None:
-        for publisher, made in zip(publishers, prebuilt if kind == 'floor' else solved(message)):
+        for publisher, made in zip(publishers, solved(message) if kind == 'naive' else prebuilt):
             publisher.publish(made)
 
     node.create_subscription(TendonTensions, 'tendon_tensions', answer, INPUT_QOS)
-    # The same executor for all.
-    executor = getattr(our_node, 'make_executor', SingleThreadedExecutor)()
+    executor = our_node.make_executor() if kind == 'floor' else SingleThreadedExecutor()
     executor.add_node(node)
     try:
         while rclpy.ok():
@@ -210,7 +212,7 @@ def measure(kind: str, domain: int) -> Measured:
     client = None
     try:
         client = Client(domain)
-        latencies = client.one_by_one(stamped=kind != 'floor')
+        latencies = client.one_by_one(stamped=kind in ('naive', 'ours'))
         return Measured(latencies, *client.sustained())
     finally:
         if client is not None:
@@ -225,20 +227,21 @@ def measure(kind: str, domain: int) -> Measured:
 def main() -> None:
     """Print the table."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    first_domain = 82 + 3 * (os.getpid() % 6)
+    first_domain = 82 + 4 * (os.getpid() % 4)
     results = {kind: measure(kind, first_domain + i) for i, kind in enumerate(COMMANDS)}
     print(f'{CONFIG.stations} stations, {CONFIG.model}; one by one, and as many as are answered')
     print(
-        f'{"node":8}{"median ms":>11}{"99 % ms":>9}{"x floor":>9}{"x naive":>9}'
-        f'{"answers/s":>12}{"asked/s":>9}{"x floor":>9}{"x naive":>9}'
+        f'{"node":8}{"median ms":>11}{"99 % ms":>9}{"x floor":>9}{"x plain":>9}{"x naive":>9}'
+        f'{"answers/s":>12}{"asked/s":>9}{"x floor":>9}{"x plain":>9}{"x naive":>9}'
     )
     median = {kind: float(np.median(got.latencies)) for kind, got in results.items()}
     for kind, got in results.items():
+        later = ''.join(f'{median[kind] / median[other]:9.2f}' for other in OTHERS)
+        more = ''.join(f'{got.answered / results[other].answered:9.2f}' for other in OTHERS)
+        worst = np.percentile(got.latencies, 99) * 1e3
         print(
-            f'{kind:8}{median[kind] * 1e3:11.3f}{np.percentile(got.latencies, 99) * 1e3:9.3f}'
-            f'{median[kind] / median["floor"]:9.2f}{median[kind] / median["naive"]:9.2f}'
-            f'{got.answered:12.0f}{got.asked:9}{got.answered / results["floor"].answered:9.2f}'
-            f'{got.answered / results["naive"].answered:9.2f}'
+            f'{kind:8}{median[kind] * 1e3:11.3f}{worst:9.3f}{later}'
+            f'{got.answered:12.0f}{got.asked:9}{more}'
         )
 
 

@@ -27,6 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
+from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import load_config
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
@@ -353,6 +354,21 @@ def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
     path = tmp_path / 'heard.yaml'
     path.write_text(heard[-1].data)
     assert load_config(path).arm == CONFIG.arm
+
+
+def test_the_arm_is_drawn_for_whoever_looks(client):
+    drawn = []
+    looking = client.node.create_subscription(MarkerArray, 'markers', drawn.append, 10)
+
+    def seen():
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        return drawn
+
+    client.wait(seen, 'a drawing')
+    client.node.destroy_subscription(looking)
+    kinds = {marker.ns for marker in drawn[-1].markers if marker.action == marker.ADD}
+    assert kinds == {'body', 'anchorages', 'tendons'}
+    assert {marker.header.frame_id for marker in drawn[-1].markers[1:]} == {'arm_base'}
 
 
 def statuses(client, name):

@@ -20,6 +20,7 @@ from octo_arm_model.backbone import Backbone
 from octo_arm_model.cdr import BackboneWriter
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.ros.frames import broadcast, make_broadcaster, transforms
+from octo_arm_model.ros.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.markers import ArmMarkers
 from octo_arm_model.solver import Solver
 
@@ -47,11 +48,11 @@ class Outbox:
         self._node = node
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
-        self._markers = self._open(MarkerArray, 'markers', OUTPUT_QOS)
+        self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
         self._transforms = make_broadcaster(node)
         self._writer: BackboneWriter | None = None
         self._drawing: ArmMarkers | None = None
-        self._is_drawn = False
+        self._is_drawn, self._largest = False, 0.0
         self._arm: Arm | None = None
         self._frame = self._prefix = ''
 
@@ -76,7 +77,7 @@ class Outbox:
         self._frame, self._prefix, self._arm = frame, prefix, arm
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
         self._drawing = ArmMarkers(arm, grid.s, widen=solver.law.widens)
-        self._is_drawn = False
+        self._is_drawn, self._largest = False, 0.0
 
     def announce(self, description: str) -> None:
         """Publish what the arm is, as a ROS parameter file."""
@@ -102,7 +103,9 @@ class Outbox:
             broadcast(self._transforms, frames)
         if self._markers.get_subscription_count():
             assert self._drawing is not None
-            drawing = self._drawing.build(backbone, stamp, self._frame)
+            # Red is the largest tension ever, so that colours can be compared over time.
+            self._largest = max(self._largest, float(backbone.tensions.max()))
+            drawing = self._drawing.build(backbone, stamp, self._frame, self._largest or None)
             if not self._is_drawn:
                 # Nothing of another arm may stay.
                 drawing.markers.insert(0, Marker(action=Marker.DELETEALL))
