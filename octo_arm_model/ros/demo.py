@@ -24,6 +24,7 @@ from octo_arm_model.arm import Arm
 from octo_arm_model.config import load_config
 from octo_arm_model.errors import OctoArmError
 from octo_arm_model.hints import FloatArray
+from octo_arm_model.inverse import default_highest
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.ros.outbox import OUTPUT_QOS
 
@@ -43,13 +44,12 @@ def postures_of(arm: Arm) -> list[tuple[str, FloatArray]]:
             ('fetching in space', np.array(FETCHING_IN_SPACE)),
         ]
     # Any other arm: each tendon of the first section in turn, pulled so that the arm shortens
-    # by a few per cent at its weakest cross section.
-    s = np.linspace(0.0, arm.length, 101)
-    axial = arm.material.youngs_modulus_at(s) * np.pi * arm.body.radius(s) ** 2
+    # by a few per cent at its anchorage or bends by half a turn.
+    highest = 0.25 * default_highest(arm, 0.12).ravel()
     postures = []
     for tendon in range(len(arm.sections[0].tendons)):
         tensions = np.zeros(len(arm.tendons))
-        tensions[tendon] = 0.03 * axial.min()
+        tensions[tendon] = highest[tendon]
         postures.append(
             (f'pulling {arm.tendon_names[tendon]}', tensions.reshape(arm.tension_shape))
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -46,6 +47,9 @@ def make_executor() -> Executor:
 
 def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Run a node until it is told to stop; returns the exit status."""
+    # rclpy ends its context at SIGINT, which ends the loop below. Python would raise as well, in
+    # the middle of whatever is being solved, and the executor would report that as a fault.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
