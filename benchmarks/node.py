@@ -34,8 +34,9 @@ from rclpy.serialization import serialize_message
 
 from octo_arm_model import load_config
 from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.readings import tensions_from_tendon_tensions
 from octo_arm_model.ros import node as our_node
-from octo_arm_model.ros.messages import backbone_messages, tensions_from_tendon_tensions
+from octo_arm_model.ros.messages import backbone_messages
 
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)

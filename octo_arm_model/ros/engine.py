@@ -20,7 +20,7 @@ from octo_arm_model.hints import FloatArray
 from octo_arm_model.parameters import PARAMETERS
 from octo_arm_model.ros.declare import check_types, read_parameters
 from octo_arm_model.ros.health import Health
-from octo_arm_model.ros.inbox import INPUT_QOS, TYPES, Inbox
+from octo_arm_model.ros.inbox import INPUT_QOS, TOPICS, Inbox
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.outbox import Outbox
 from octo_arm_model.ros.services import answer_find_tensions, answer_solve
@@ -94,7 +94,7 @@ class Engine:
         """Start answering."""
         node = self._node
         self._health.is_active = True
-        self._inboxes = [Inbox(node, topic, self._answer) for topic in TYPES]
+        self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
         wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
         self._others = [
             (wrench, node.destroy_subscription),

@@ -17,21 +17,18 @@ from std_msgs.msg import Float64MultiArray
 from octo_arm_model.arm import Arm
 from octo_arm_model.errors import TensionError
 from octo_arm_model.hints import FloatArray
-from octo_arm_model.ros.messages import (
-    tensions_from_array,
-    tensions_from_joint_state,
-    tensions_from_tendon_tensions,
-)
+from octo_arm_model.readings import READERS
 
 # Best effort hears reliable publishers as well. What waits is passed over for the newest, but
 # while there is room it is counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-TYPES: dict[str, tuple[Any, Callable[[Any, Arm], FloatArray]]] = {
-    'tendon_tensions': (TendonTensions, tensions_from_tendon_tensions),
-    'tendon_tensions/array': (Float64MultiArray, tensions_from_array),
-    'tendon_tensions/joint_state': (JointState, tensions_from_joint_state),
+_CLASSES: dict[str, Any] = {
+    'octo_arm_msgs/msg/TendonTensions': TendonTensions,
+    'std_msgs/msg/Float64MultiArray': Float64MultiArray,
+    'sensor_msgs/msg/JointState': JointState,
 }
+TOPICS = tuple(READERS)
 
 
 class Inbox:
@@ -42,7 +39,8 @@ class Inbox:
     ) -> None:
         """Call ``answer`` with the newest message and how many older ones were passed over."""
         self.topic = topic
-        self._type, self._read = TYPES[topic]
+        type_name, self._read = READERS[topic]
+        self._type = _CLASSES[type_name]
         self._answer, self._context = answer, node.context
         self._subscription = node.create_subscription(
             self._type,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
@@ -19,73 +17,12 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Header
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.errors import LoadError, TensionError
+from octo_arm_model.errors import LoadError
 from octo_arm_model.hints import FloatArray
-
-
-def tensions_from_tendon_tensions(message: TendonTensions, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, matched by name.
-
-    Raises:
-        TensionError: if names are unknown, repeated or missing, or lengths differ.
-    """
-    return _by_name(message.name, message.tension, 'tension', arm)
-
-
-def tensions_from_joint_state(message: JointState, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, from the efforts, matched by name.
-
-    Raises:
-        TensionError: if names are unknown, repeated or missing, or lengths differ.
-    """
-    return _by_name(message.name, message.effort, 'effort', arm)
-
-
-def tensions_from_array(message: Float64MultiArray, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, from a row-major array.
-
-    The layout may be empty, flat or that shape.
-
-    Raises:
-        TensionError: if the length or the layout is another.
-    """
-    shape = arm.tension_shape
-    count = len(arm.tendons)
-    if len(message.data) != count:
-        meaning = 'one for each tendon, section by section from the tip'
-        if len(shape) == 2:
-            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
-        raise TensionError(f'data has {len(message.data)} values, expected {count}: {meaning}')
-    layout = tuple(dimension.size for dimension in message.layout.dim)
-    if message.layout.data_offset != 0 or layout not in ((), (count,), shape):
-        raise TensionError(
-            f'layout is {layout} with data_offset {message.layout.data_offset}, expected an '
-            f'empty one or {shape} with data_offset 0'
-        )
-    return np.array(message.data, dtype=np.float64).reshape(shape)
-
-
-def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
-    if len(names) != len(values):
-        raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
-    tension_of = dict(zip(names, values))
-    if len(tension_of) < len(names):
-        repeated = sorted({name for name in names if list(names).count(name) > 1})
-        raise TensionError(f'tendon named more than once: {", ".join(repeated)}')
-    unknown = [name for name in names if name not in arm.tendon_names]
-    if unknown:
-        raise TensionError(
-            f'unknown tendon {", ".join(unknown)}; this arm has {", ".join(arm.tendon_names)}'
-        )
-    missing = [name for name in arm.tendon_names if name not in tension_of]
-    if missing:
-        raise TensionError(f'no tension for tendon {", ".join(missing)}')
-    ordered = [tension_of[name] for name in arm.tendon_names]
-    return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
 
 
 def wrench_values(message: Wrench) -> FloatArray:

@@ -9,10 +9,10 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from octo_arm_model.errors import OctoArmError, TargetError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.inverse import Stiffness, default_highest, find_tensions
+from octo_arm_model.readings import tensions_from_tendon_tensions
 from octo_arm_model.ros.messages import (
     backbone_messages,
     pose_message,
-    tensions_from_tendon_tensions,
     tensions_message,
     wrench_values,
 )
