@@ -6,6 +6,7 @@ the README to it, so a name, a unit or a default is written in one place only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,15 @@ class Parameter:
         """Type in the words of ROS, e.g. ``double[]``."""
         word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
         return word + '[]' if self.is_array else word
+
+    @property
+    def table_row(self) -> str:
+        """Row of a Markdown table: name, type, default and meaning."""
+        default = list(self.default or ()) if self.is_array else self.default
+        shown = 'empty' if default in ([], '') else f'`{default}`'
+        if self.default is None:
+            shown = f'required, or `{self.unless}`' if self.unless else 'required'
+        return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
 
     def convert(self, value: object) -> Any:
         """Return ``value`` as this parameter's type; an integer will do for a double.
@@ -174,3 +184,9 @@ PARAMETERS = (
               'standard deviation of the distance of every tendon [m]; with model exact',
               0.0, range='>= 0'),
 )  # fmt: skip
+
+
+def as_markdown(parameters: Sequence[Parameter]) -> str:
+    """Table of ``parameters`` in Markdown."""
+    head = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
+    return '\n'.join((*head, *(parameter.table_row for parameter in parameters))) + '\n'
