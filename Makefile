@@ -4,6 +4,7 @@
 # make lint       style and types
 # make bench      speed, as ratios
 # make soak       the node under abuse for an hour; PART=0.01 for a minute
+# make docs       the manual as web pages in docs/_build, warnings as errors
 # make prepare    only what run and test need
 # make clean      forget all that was prepared
 PYTHON ?= python3
@@ -13,7 +14,7 @@ export PYTHON
 export OCTO_ARM_NUMPY := $(NUMPY)
 export OCTO_ARM_SCIPY := $(SCIPY)
 
-.PHONY: help run test lint bench soak prepare clean
+.PHONY: help run test lint bench soak docs prepare clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -35,6 +36,10 @@ bench: prepare
 
 soak: prepare
 	@tools/with_ros python benchmarks/soak.py --part $(PART)
+
+docs: prepare
+	@tools/with_ros sphinx-build -q -W --keep-going -b html docs docs/_build
+	@echo docs/_build/index.html
 
 prepare:
 	@command -v $(PYTHON) >/dev/null || \

@@ -13,6 +13,8 @@ extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 3
 exclude_patterns = ['_build', '_generated']
+# Sections of the README keep their level.
+suppress_warnings = ['myst.header']
 html_theme = 'alabaster'
 html_static_path: list[str] = []
 html_theme_options = {'page_width': '1100px', 'description': project}

@@ -26,7 +26,7 @@ class Backbone:
         xi: curvature about n [1/m], (..., stations).
         k: curvature about b [1/m], (..., stations).
         q: longitudinal strain [-], (..., stations).
-        tensions: tensions of the tendons [N], (..., *Arm.tension_shape).
+        tensions: tensions of the tendons [N], ``(..., *Arm.tension_shape)``.
         tip_wrench: force and moment on the tip in base_frame [N, N m], (..., 6).
         residual: what is left of the model's equations, relative [-], (...).
         iterations: steps of the solver, (...).

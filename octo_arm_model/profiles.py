@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from octo_arm_model.checks import positive
 from octo_arm_model.errors import ArmDefinitionError
 from octo_arm_model.hints import FloatArray
 
@@ -167,11 +168,18 @@ class Function(Profile):
         of_s: takes an array of arc coordinates [m] within [0, ``length``], returns the values.
         length: arc coordinate up to which it can be called [m].
         slope_of_s: its derivative, likewise; by differences where it is not given.
+
+    Raises:
+        ArmDefinitionError: if the length is not positive.
     """
 
     of_s: Callable[[FloatArray], FloatArray]
     length: float
     slope_of_s: Callable[[FloatArray], FloatArray] | None = None
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        object.__setattr__(self, 'length', positive('function.length', self.length, 'm'))
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""

@@ -117,7 +117,7 @@ class Solver:
         tip_wrench: ArrayLike | None = None,
         start: Backbone | None = None,
     ) -> Backbone:
-        """Shape under ``tensions`` (..., *Arm.tension_shape) [N].
+        """Shape under ``tensions`` ``(..., *Arm.tension_shape)`` [N].
 
         ``tip_wrench`` (..., 6) is a force and a moment on the tip in base_frame [N, N m], besides
         those of ``loads``; its leading axes are broadcast with those of the tensions. A loaded arm
