@@ -1,6 +1,10 @@
 """Sphinx: `tools/with_ros sphinx-build -W docs docs/_build`."""
 
+import re
 from pathlib import Path
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 
 from octo_arm_model import __version__
 from octo_arm_model.parameters import PARAMETERS, as_markdown
@@ -17,16 +21,36 @@ exclude_patterns = ['_build', '_generated']
 suppress_warnings = ['myst.header']
 html_theme = 'alabaster'
 html_static_path: list[str] = []
-html_theme_options = {'page_width': '1100px', 'description': project}
+html_theme_options = {'page_width': '1100px', 'sidebar_width': '250px'}
+html_math_renderer = 'mathml'
 
 autodoc_member_order = 'bysource'
-autodoc_typehints = 'description'
-autodoc_typehints_description_target = 'documented'
-# Arrays are arrays of float64; the docstrings say of which shape.
-autodoc_type_aliases = {'FloatArray': 'FloatArray', 'ArrayLike': 'ArrayLike'}
+autodoc_typehints = 'signature'
+autodoc_type_aliases = {name: name for name in ('ArrayLike', 'FloatArray', 'IntArray')}
 napoleon_use_ivar = True
 
 # The table that declares the parameters is the one that documents them.
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
 (_GENERATED / 'parameters.md').write_text(as_markdown(PARAMETERS), encoding='utf-8')
+
+
+def _math(is_block):
+    """Write a formula as MathML, which browsers draw without fetching anything."""
+
+    def visit(writer, node):
+        writer.body.append(tex2mathml(node.astext(), as_block=is_block))
+        raise nodes.SkipNode
+
+    return visit, None
+
+
+def _plain_names(app, what, name, obj, options, signature, returns):
+    """Show aliases of types by their names alone."""
+    return signature, re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r'\1', returns or '')
+
+
+def setup(app):
+    """Register what writes formulas and signatures."""
+    app.connect('autodoc-process-signature', _plain_names)
+    app.add_html_math_renderer('mathml', _math(False), _math(True))
