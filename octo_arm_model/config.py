@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ class Config:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if the arm cannot exist.
         """
-        _refuse_unknown(values)
+        refuse_unknown(values, [parameter.name for parameter in PARAMETERS], 'the arm')
         given = {}
         for parameter in PARAMETERS:
             value = values.get(parameter.name, parameter.default)
@@ -117,9 +118,51 @@ def load_config(path: str | Path) -> Config:
         ConfigError: if the file cannot be read or does not describe an arm; the message names
             the file.
     """
+    with _naming(path):
+        return Config.from_parameters(_parse(_read(path)))
+
+
+def load_parameters(path: str | Path) -> dict[str, Any]:
+    """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
+
+    Raises:
+        ConfigError: if the file cannot be read or is none; the message names the file.
+    """
+    with _naming(path):
+        return _parse(_read(path))
+
+
+def parse_parameters(text: str, name: str) -> dict[str, Any]:
+    """As `load_parameters`, from the text of a file that is called ``name`` in errors.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    with _naming(name):
+        return _parse(text)
+
+
+def parameters_as_yaml(values: Mapping[str, Any]) -> str:
+    """The text of a ROS parameter file with these ``values`` by their dotted names."""
+    plain = {
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
+    }
+    return yaml.safe_dump({'/**': {'ros__parameters': plain}}, sort_keys=True)
+
+
+def _read(path: str | Path) -> str:
+    return Path(path).read_text(encoding='utf-8')
+
+
+def _parse(text: str) -> dict[str, Any]:
+    return _flatten(_ros_parameters(yaml.load(text, _Loader)))
+
+
+@contextlib.contextmanager
+def _naming(path: str | Path) -> Iterator[None]:
+    """Whatever goes wrong with a parameter file, as an error that names it."""
     try:
-        text = Path(path).read_text(encoding='utf-8')
-        return Config.from_parameters(_flatten(_ros_parameters(yaml.load(text, _Loader))))
+        yield
     except OSError as error:
         raise ConfigError(f'{path}: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -188,10 +231,14 @@ def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
-def _refuse_unknown(values: Mapping[str, Any]) -> None:
-    known = [parameter.name for parameter in PARAMETERS]
+def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
+    """Check that ``owner`` knows all of ``values``.
+
+    Raises:
+        ConfigError: if not; the message says what was perhaps meant.
+    """
     for name in values:
         if name not in known:
             close = difflib.get_close_matches(str(name), known, n=1)
             hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
-            raise ConfigError(f'{name} is no parameter of the arm; {hint}')
+            raise ConfigError(f'{name} is no parameter of {owner}; {hint}')

@@ -39,6 +39,29 @@ class TargetError(OctoArmError, ValueError):
     """What the arm is asked to reach is not something it could."""
 
 
+class BagError(OctoArmError, ValueError):
+    """A bag cannot be read or written, or does not hold what is asked of it."""
+
+
+class MeasurementError(OctoArmError, ValueError):
+    """Measurements do not tell what is asked of them."""
+
+
+class ProfileError(OctoArmError, ValueError):
+    """A command profile is not one, or not one for this arm.
+
+    Attributes:
+        problem: what is wrong.
+        row: the row it is wrong with, from 0; None where it is no single one.
+    """
+
+    def __init__(self, problem: str, row: int | None = None) -> None:
+        """Say what is wrong, and in which row."""
+        super().__init__(problem if row is None else f'row {row + 1}: {problem}')
+        self.problem = problem
+        self.row = row
+
+
 class SolveError(OctoArmError, ArithmeticError):
     """The model has no trustworthy answer for these tensions, so none is returned.
 

@@ -85,8 +85,17 @@ def find_config(name: str) -> Config:
     Raises:
         ConfigError: if there is neither, or it does not describe an arm.
     """
+    return load_config(find_path(name))
+
+
+def find_path(name: str) -> Path:
+    """Parameter file ``name``, or that of the preset where ``name`` is no path.
+
+    Raises:
+        ConfigError: if there is no such preset.
+    """
     is_path = Path(name).suffix or len(Path(name).parts) > 1 or Path(name).exists()
-    return load_config(name if is_path else preset_path(name))
+    return Path(name) if is_path else preset_path(name)
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -22,6 +22,14 @@ BENDING: dict[str, Tensions] = {
 FETCHING_IN_PLANE: Tensions = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 0.0, 13.0, 0.0))
 FETCHING_IN_SPACE: Tensions = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 13.0, 0.0, 0.0))
 
+# Table 1: tensions [N] of the one tendon of renda2012_prototype, and how far the tip of the real
+# arm was from that of the paper's model [% of the length], as the paper measured it.
+PROTOTYPE_ERRORS: dict[float, float] = {
+    0.53: 3.0, 1.09: 5.5, 2.00: 3.5, 2.60: 6.7, 3.06: 7.8, 3.44: 7.0, 3.95: 4.8,
+}  # fmt: skip
+PROTOTYPE_AVERAGE_ERROR = 5.4  # as printed below them
+PROTOTYPE_IN_FIGURE_9 = 3.0  # [N]
+
 
 def preset_path(name: str) -> Path:
     """Parameter file of a preset arm such as ``renda2012_table4``, in a checkout or installed.
@@ -35,6 +43,7 @@ def preset_path(name: str) -> Path:
                 path = folder / f'{name}.yaml'
                 if path.is_file():
                     return path
-                known = ', '.join(sorted(file.stem for file in folder.glob('*.yaml')))
+                names = {file.stem for file in folder.glob('*.yaml')} - {'simulator'}
+                known = ', '.join(sorted(names))
                 raise ConfigError(f'no preset arm {name!r}, expected one of {known}')
     raise ConfigError(f'no preset arm {name!r}: the presets are not installed')

@@ -7,6 +7,8 @@ import inspect
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -31,6 +33,7 @@ def test_the_core_imports_neither_ros_nor_matplotlib(modules: str) -> None:
     loaded = modules_after(f'import {modules}')
     assert 'numpy' in loaded
     unwanted = {'rclpy', 'ament_index_python', 'octo_arm_msgs', 'std_msgs', 'matplotlib'}
+    unwanted |= {'rosbags', 'viser', 'skfem'}
     assert not loaded & unwanted
 
 
@@ -70,3 +73,11 @@ def test_public_names_are_documented(module: str) -> None:
             for method, function in vars(value).items():
                 if inspect.isfunction(function) and not method.startswith('_'):
                     assert function.__doc__, f'{module}.{name}.{method}'
+
+
+def test_one_version_everywhere() -> None:
+    root = Path(__file__).resolve().parent.parent
+    for manifest in ('package.xml', 'msg_defs/package.xml'):
+        assert ElementTree.parse(root / manifest).findtext('version') == octo_arm_model.__version__
+    for file, line in (('setup.py', "version='{}'"), ('CITATION.cff', 'version: {}\n')):
+        assert line.format(octo_arm_model.__version__) in (root / file).read_text()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -25,8 +25,8 @@ _ROS_TYPES = {
 _RCLPY_PARAMETERS = ('start_type_description_service', 'use_sim_time')
 
 
-def read_parameters(node: Node) -> dict[str, Any]:
-    """Declare every parameter of the table on ``node``; return what was given.
+def read_parameters(node: Node, table: Sequence[Parameter] = PARAMETERS) -> dict[str, Any]:
+    """Declare every parameter of ``table`` on ``node``; return what was given.
 
     Raises:
         ConfigError: if an integer is given where ROS needs a double.
@@ -36,8 +36,8 @@ def read_parameters(node: Node) -> dict[str, Any]:
         for name in node.get_parameters_by_prefix('')
         if name not in _RCLPY_PARAMETERS and not name.startswith('qos_overrides.')
     }
-    check_types(given)
-    for parameter in PARAMETERS:
+    check_types(given, table)
+    for parameter in table:
         descriptor = ParameterDescriptor(
             name=parameter.name,
             description=parameter.description,
@@ -56,13 +56,13 @@ def read_parameters(node: Node) -> dict[str, Any]:
     return {name: list(v) if hasattr(v, 'typecode') else v for name, v in given.items()}
 
 
-def check_types(given: Mapping[str, Any]) -> None:
+def check_types(given: Mapping[str, Any], table: Sequence[Parameter] = PARAMETERS) -> None:
     """Explain what ROS would not take.
 
     Raises:
         ConfigError: if an integer is given where ROS needs a double.
     """
-    for parameter in PARAMETERS:
+    for parameter in table:
         if parameter.name in given:
             _explain_integers(parameter, given[parameter.name])
 

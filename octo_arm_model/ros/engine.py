@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any, NamedTuple
 
-import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
@@ -14,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.config import Config
+from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import ConvergenceError, LoadError, OctoArmError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.parameters import PARAMETERS
@@ -158,9 +157,7 @@ class Engine:
         self._prepared, self._last = prepared, None
         self._health.model = config.model
         self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
-        self._outbox.announce(
-            yaml.safe_dump({'/**': {'ros__parameters': _plain(prepared.values)}}, sort_keys=True)
-        )
+        self._outbox.announce(parameters_as_yaml(prepared.values))
         self._node.get_logger().info(
             f'{config.model}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
@@ -181,13 +178,12 @@ class Engine:
                 self._last = None  # A bag that begins anew: nothing follows from its end.
             began = time.perf_counter()
             backbone = self._solve(prepared.solver, tensions)
-            lengths = prepared.solver.tendon_lengths(backbone)
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began
         except OctoArmError as error:
             self._refuse(inbox.topic, error)
             return
-        outbox.publish(backbone, lengths, covariance, self._stamp(stamp))
+        outbox.publish(backbone, covariance, self._stamp(stamp))
         self._health.answered(backbone, duration)
 
     def _solve(self, solver: Solver, tensions: FloatArray) -> Backbone:
@@ -239,10 +235,3 @@ class Engine:
         if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
             return self._node.get_clock().now().to_msg()
         return stamp
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Parameters as YAML has them."""
-    return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
-    }

@@ -35,16 +35,24 @@ class Inbox:
     """Subscription to one topic of tensions."""
 
     def __init__(
-        self, node: Node, topic: str, answer: Callable[[Inbox, bytes, int], None]
+        self,
+        node: Node,
+        topic: str,
+        answer: Callable[[Inbox, bytes, int], None],
+        prefix: str = 'tendon_tensions',
     ) -> None:
-        """Call ``answer`` with the newest message and how many older ones were passed over."""
-        self.topic = topic
+        """Call ``answer`` with the newest message and how many older ones were passed over.
+
+        Messages are of the type of ``topic``, and it is heard under a name that begins with
+        ``prefix``.
+        """
+        self.topic = topic.replace('tendon_tensions', prefix, 1)
         type_name, self._read = READERS[topic]
         self._type = _CLASSES[type_name]
         self._answer, self._context = answer, node.context
         self._subscription = node.create_subscription(
             self._type,
-            topic,
+            self.topic,
             self._drain,
             INPUT_QOS,
             raw=True,

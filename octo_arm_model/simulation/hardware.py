@@ -1,0 +1,61 @@
+"""Winches, tendons, arm and load cells together: what a controller is connected to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.simulation.load_cells import LoadCells, SimulatedLoadCells
+from octo_arm_model.simulation.relaxation import Relaxation, SimulatedRelaxation
+from octo_arm_model.simulation.winches import SimulatedWinches, Winches
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What it is like; by default perfect.
+
+    Attributes:
+        winches: what pulls the tendons.
+        load_cells: what measures their tensions.
+        relaxation: how the material of the arm gives way.
+    """
+
+    winches: Winches = field(default_factory=Winches)
+    load_cells: LoadCells = field(default_factory=LoadCells)
+    relaxation: Relaxation = field(default_factory=Relaxation)
+
+
+class Moment(NamedTuple):
+    """The hardware at one time, each (tendons,) [N].
+
+    Attributes:
+        measured: what the load cells read; None where that is lost.
+        effective: tensions under which the elastic arm has the shape that this one has; without
+            relaxation those that the tendons have.
+    """
+
+    measured: FloatArray | None
+    effective: FloatArray
+
+
+class SimulatedHardware:
+    """The hardware over time, from slack tendons on."""
+
+    def __init__(self, hardware: Hardware, tendons: int) -> None:
+        """Begin with ``tendons`` slack tendons."""
+        self._winches = SimulatedWinches(hardware.winches, tendons)
+        self._load_cells = SimulatedLoadCells(hardware.load_cells, tendons)
+        self._relaxation = SimulatedRelaxation(hardware.relaxation, tendons)
+
+    def change(self, hardware: Hardware) -> None:
+        """Go on as other ``hardware``, from the tensions there are."""
+        self._winches.winches = hardware.winches
+        self._load_cells.change(hardware.load_cells)
+        self._relaxation.relaxation = hardware.relaxation
+
+    def step(self, command: FloatArray, dt: float) -> Moment:
+        """Where ``command`` (tendons,) [N] leads in ``dt`` [s]."""
+        tension = self._winches.step(command, dt)
+        effective = self._relaxation.step(tension, dt)
+        return Moment(self._load_cells.read(tension), effective)

@@ -1,0 +1,81 @@
+"""What load cells make of the tensions of tendons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.checks import finite, not_negative
+from octo_arm_model.errors import ArmDefinitionError
+from octo_arm_model.hints import FloatArray
+
+
+@dataclass(frozen=True)
+class LoadCells:
+    """What the load cells of an arm are like, all alike.
+
+    A tension goes through what is listed here from top to bottom. By default everything is off.
+
+    Attributes:
+        gain_stddev: standard deviation of the gain of each cell, drawn once [-].
+        noise_stddev: standard deviation of the noise of each reading [N]. A cell reads 0 where
+            that would bring it below: it measures a tendon, and a tendon does not push.
+        resolution: readings are multiples of this [N]; 0 for all digits.
+        drop_probability: probability that the readings of all cells are lost on their way [-].
+        seed: of gains, noise and losses; the same seed draws the same ones.
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    gain_stddev: float = 0.0
+    noise_stddev: float = 0.0
+    resolution: float = 0.0
+    drop_probability: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        not_negative('load_cells.gain_stddev', self.gain_stddev, 'standard deviation', '-')
+        not_negative('load_cells.noise_stddev', self.noise_stddev, 'standard deviation', 'N')
+        not_negative('load_cells.resolution', self.resolution, 'tension', 'N')
+        name, expected = 'load_cells.drop_probability', 'a number in [0, 1] [-]'
+        if not 0.0 <= finite(name, self.drop_probability, expected) <= 1.0:
+            raise ArmDefinitionError(name, self.drop_probability, expected)
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise ArmDefinitionError('load_cells.seed', self.seed, 'an integer >= 0')
+
+
+class SimulatedLoadCells:
+    """One load cell for each tendon, over time."""
+
+    def __init__(self, load_cells: LoadCells, tendons: int) -> None:
+        """Draw the gains of ``tendons`` load cells."""
+        self._tendons = tendons
+        self._own = load_cells
+        self._draw()
+
+    def change(self, load_cells: LoadCells) -> None:
+        """Go on as other ``load_cells``; those of another seed are drawn anew."""
+        before, self._own = self._own, load_cells
+        if load_cells.seed != before.seed:
+            self._draw()
+
+    def _draw(self) -> None:
+        # A stream for each, so that switching one on leaves the others as they were.
+        gains, self._noise, self._losses = map(
+            np.random.default_rng, np.random.SeedSequence(self._own.seed).spawn(3)
+        )
+        self._deviation = gains.standard_normal(self._tendons)
+
+    def read(self, tension: FloatArray) -> FloatArray | None:
+        """Readings of ``tension`` (tendons,) [N], likewise; None where they are lost."""
+        own = self._own
+        noise = self._noise.standard_normal(self._tendons)
+        is_lost = self._losses.random() < own.drop_probability
+        reading = (1.0 + own.gain_stddev * self._deviation) * tension
+        reading = np.maximum(reading + own.noise_stddev * noise, 0.0)
+        if own.resolution:
+            reading = own.resolution * np.rint(reading / own.resolution)
+        return None if is_lost else reading

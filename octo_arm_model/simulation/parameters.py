@@ -1,0 +1,122 @@
+"""Every parameter of the simulator beside those of the arm, declared once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.checks import positive
+from octo_arm_model.config import Config, refuse_unknown
+from octo_arm_model.errors import ArmDefinitionError
+from octo_arm_model.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.parameters import Parameter
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.hardware import Hardware
+from octo_arm_model.simulation.load_cells import LoadCells
+from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model.simulation.winches import Winches
+
+HIGHEST_RATE = 1000.0  # [Hz]
+
+PARAMETERS = (
+    Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
+              range=f'> 0, at most {HIGHEST_RATE}'),
+    Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
+              range='>= 0'),
+    Parameter('winches.force_limit', float,
+              'largest tension the winches pull with [N]; 0 for no limit', 0.0,
+              range='0, or at least winches.slack_floor'),
+    Parameter('winches.rate_limit', float,
+              'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
+              range='>= 0'),
+    Parameter('winches.lag', float,
+              'time constant with which tensions follow the set point [s]; 0 for at once', 0.0,
+              range='>= 0'),
+    Parameter('load_cells.gain_stddev', float,
+              'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
+              range='>= 0'),
+    Parameter('load_cells.noise_stddev', float,
+              'standard deviation of the noise of each reading [N]; no reading falls below 0', 0.0,
+              range='>= 0'),
+    Parameter('load_cells.resolution', float,
+              'what readings are multiples of [N]; 0 for all digits', 0.0, range='>= 0'),
+    Parameter('load_cells.drop_probability', float,
+              'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
+    Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
+    Parameter('relaxation.ratio', float,
+              'what the modulus at once has more than that of rest, relative to it [-]; 0 for an '
+              'elastic arm, as in the paper', 0.0, range='>= 0'),
+    Parameter('relaxation.time', float,
+              'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
+    Parameter('profile.name', str,
+              'movement or CSV or YAML file that the simulator plays by itself; empty for none',
+              ''),
+    Parameter('profile.speed', float, 'how much faster than written it is played [-]', 1.0,
+              range='> 0'),
+    Parameter('profile.loop', bool, 'whether it begins anew when it ends', False),
+)  # fmt: skip
+_NAMES = [parameter.name for parameter in PARAMETERS]
+
+
+@dataclass(frozen=True)
+class SimulatorConfig:
+    """Everything the simulator is told.
+
+    Attributes:
+        arm: the arm whose tendons are pulled.
+        base_frame: name of its frame.
+        rate: how often tensions are measured [Hz].
+        hardware: winches, load cells and relaxation.
+        profile: what the simulator plays by itself; None for nothing.
+        speed: how much faster than written it is played [-].
+        loop: whether it begins anew when it ends.
+    """
+
+    arm: Arm
+    base_frame: str
+    rate: float
+    hardware: Hardware
+    profile: Profile | None
+    speed: float
+    loop: bool
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> SimulatorConfig:
+        """From dotted names to values: parameters of the arm and of the simulator together.
+
+        Raises:
+            ConfigError: if a parameter is missing, unknown or of the wrong type.
+            ArmDefinitionError: if a value is impossible.
+            ProfileError: if the profile is none, or not for this arm.
+        """
+        known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
+        refuse_unknown(values, known, 'the simulator or the arm')
+        config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
+        own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
+        positive('rate', own['rate'], 'Hz')
+        if own['rate'] > HIGHEST_RATE:
+            raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
+        positive('profile.speed', own['profile.speed'], '-')
+        name = own['profile.name']
+        return cls(
+            arm=config.arm,
+            base_frame=config.base_frame,
+            rate=own['rate'],
+            hardware=Hardware(
+                Winches(**_group(own, 'winches')),
+                LoadCells(**_group(own, 'load_cells')),
+                Relaxation(**_group(own, 'relaxation')),
+            ),
+            profile=find_profile(name, config.arm) if name else None,
+            speed=own['profile.speed'],
+            loop=own['profile.loop'],
+        )
+
+
+def _group(values: Mapping[str, Any], group: str) -> dict[str, Any]:
+    """Values of one group by their names within it."""
+    prefix = group + '.'
+    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}

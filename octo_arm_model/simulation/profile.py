@@ -1,0 +1,111 @@
+"""A command profile: which tension every tendon is commanded at which time."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from octo_arm_model.errors import ProfileError
+from octo_arm_model.hints import FloatArray
+
+INTERPOLATIONS = ('smooth', 'linear', 'steps')
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Commanded tensions over time.
+
+    Between rows, ``smooth`` is a cubic through them that begins and ends at rest and never leaves
+    the range between two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` is
+    straight, and ``steps`` holds each row until the next.
+
+    Attributes:
+        times: (n,) [s], increasing, at least two; counted from the first.
+        tensions: (n, tendons) [N], finite, none negative, in the order of `Arm.tendon_names`.
+        interpolation: one of `INTERPOLATIONS`.
+
+    Raises:
+        ProfileError: if they are not such; the message names the row.
+    """
+
+    times: FloatArray
+    tensions: FloatArray
+    interpolation: str = 'smooth'
+
+    def __post_init__(self) -> None:
+        """Validate; keep read-only copies."""
+        if self.interpolation not in INTERPOLATIONS:
+            expected = ', '.join(INTERPOLATIONS)
+            raise ProfileError(f'interpolation is {self.interpolation!r}, expected {expected}')
+        times = np.array(self.times, dtype=np.float64)
+        tensions = np.array(self.tensions, dtype=np.float64)
+        if times.ndim != 1 or tensions.ndim != 2 or len(times) != len(tensions):
+            raise ProfileError(
+                f'times are {times.shape} and tensions {tensions.shape}, expected (n,) and '
+                '(n, tendons)'
+            )
+        if len(times) < 2:
+            raise ProfileError(f'{len(times)} row(s), expected at least two')
+        for row, time in enumerate(times.tolist()):
+            if not np.isfinite(time):
+                raise ProfileError(f'time is {time}, expected a finite number [s]', row)
+            if row and time <= times[row - 1]:
+                before = float(times[row - 1])
+                raise ProfileError(f'time is {time}, expected more than {before} [s]', row)
+        wrong = ~(np.isfinite(tensions) & (tensions >= 0.0))
+        if wrong.any():
+            row, tendon = np.argwhere(wrong)[0].tolist()
+            raise ProfileError(
+                f'tension {tendon + 1} is {tensions[row, tendon]}, expected a finite number >= 0 '
+                '[N]',
+                row,
+            )
+        times -= times[0]
+        for name, array in (('times', times), ('tensions', tensions)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: ArrayLike, *, loop: bool = False) -> FloatArray:
+        """Tensions (..., tendons) [N] at ``time`` (...) [s].
+
+        Before its first row a profile is at that, after the last at the last; with ``loop`` it
+        begins anew. Played at another speed it is ``profile.at(speed * time)``.
+        """
+        t = np.asarray(time, dtype=np.float64)
+        t = np.mod(t, self.duration) if loop else np.clip(t, 0.0, self.duration)
+        if self.interpolation == 'smooth':
+            # By rounding a cubic may come out just below rows of 0.
+            return np.maximum(self._smooth(t), 0.0)
+        row = np.searchsorted(self.times, t, side='right') - 1
+        if self.interpolation == 'steps':
+            return self.tensions[row]
+        row = np.minimum(row, len(self.times) - 2)
+        part = (t - self.times[row]) / (self.times[row + 1] - self.times[row])
+        part = part[..., np.newaxis]
+        return (1.0 - part) * self.tensions[row] + part * self.tensions[row + 1]
+
+    @functools.cached_property
+    def _smooth(self) -> PchipInterpolator:
+        # A row held before and after is what brings the ends to rest.
+        times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
+        rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
+        return PchipInterpolator(times, rows, axis=0)
+
+
+def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> Profile:
+    """A smooth way from tensions ``start`` to ``stop``, (tendons,) or as an arm shapes them [N].
+
+    Raises:
+        ProfileError: if they are no tensions or ``duration`` is not > 0 [s].
+    """
+    rows = np.array([np.ravel(start), np.ravel(stop)], dtype=np.float64)
+    return Profile(np.array([0.0, duration]), rows)

@@ -1,0 +1,164 @@
+"""Command profiles in files, CSV and YAML; whatever is wrong is told with its line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+import numpy as np
+import yaml
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.errors import ProfileError
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.simulation.profile import Profile
+
+
+class _Row(NamedTuple):
+    """What is written for one time, and in which lines."""
+
+    time_line: int
+    time: str
+    line: int
+    tensions: Sequence[str]
+
+
+class _LineError(Exception):
+    """A problem and the line it is in."""
+
+    def __init__(self, line: int, problem: str) -> None:
+        super().__init__(f'line {line}: {problem}')
+
+
+def read_profile(path: str | Path, arm: Arm) -> Profile:
+    """Read a profile for ``arm``.
+
+    A CSV file has a header, ``time`` and the names of all tendons in any order, and below it
+    rows of numbers; it is played smoothly. A YAML file has ``times``, a list, ``tensions``, a list
+    of as many lists in the order of `Arm.tendon_names`, and maybe ``interpolation``.
+
+    Raises:
+        ProfileError: if the file cannot be read or is wrong; the message names it and the line.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8-sig')
+        read = _read_csv if Path(path).suffix == '.csv' else _read_yaml
+        rows, interpolation = read(text, arm)
+        if not rows:
+            raise ProfileError('no rows, expected at least two')
+        numbers = np.array([_numbers(row, arm) for row in rows])
+        return Profile(numbers[:, 0], numbers[:, 1:], interpolation)
+    except OSError as error:
+        raise ProfileError(f'{path}: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise ProfileError(f'{path}: not a text file') from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        where = f', line {mark.line + 1}' if mark else ''
+        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
+        raise ProfileError(f'{path}{where}: not valid YAML, {problem}') from error
+    except (RecursionError, csv.Error) as error:
+        raise ProfileError(f'{path}: not what its suffix says, {error}') from error
+    except _LineError as error:
+        raise ProfileError(f'{path}, {error}') from None
+    except ProfileError as error:
+        # Tensions are known to be such by then: what is wrong with a row is its time.
+        where = '' if error.row is None else f', line {rows[error.row].time_line}'
+        raise ProfileError(f'{path}{where}: {error}') from None
+
+
+def _numbers(row: _Row, arm: Arm) -> list[float]:
+    """Time and tensions of a row."""
+    texts = {'time': row.time, **dict(zip(arm.tendon_names, row.tensions, strict=True))}
+    numbers = []
+    for name, text in texts.items():
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number) or (number < 0.0 and name != 'time'):
+            line, expected = row.line, 'a finite number >= 0 [N]'
+            if name == 'time':
+                line, expected = row.time_line, 'a finite number [s]'
+            raise _LineError(line, f'{name} is {text!r}, expected {expected}')
+        numbers.append(number)
+    return numbers
+
+
+def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
+    reader = csv.reader(io.StringIO(text), skipinitialspace=True)
+    header: list[str] | None = None
+    rows = []
+    for cells in reader:
+        if not any(cells):
+            continue
+        line = reader.line_num
+        if header is None:
+            header = [cell.strip() for cell in cells]
+            if sorted(header) != sorted(('time', *arm.tendon_names)):
+                expected = ', '.join(('time', *arm.tendon_names))
+                raise _LineError(line, f'header is {", ".join(header)}; expected {expected}')
+            continue
+        if len(cells) != len(header):
+            raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
+        value = dict(zip(header, cells))
+        rows.append(_Row(line, value['time'], line, [value[name] for name in arm.tendon_names]))
+    return rows, 'smooth'
+
+
+def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
+    # Nodes, not values: they know their lines.
+    document = yaml.compose(text, yaml.SafeLoader)
+    if not isinstance(document, yaml.MappingNode):
+        raise _LineError(1, 'expected times: and tensions:')
+    found: dict[str, yaml.Node] = {}
+    for key, node in document.value:
+        if key.value not in ('times', 'tensions', 'interpolation') or key.value in found:
+            raise _LineError(
+                key.start_mark.line + 1,
+                f'{key.value!r} is unknown or given twice, expected times, tensions and maybe '
+                'interpolation',
+            )
+        found[key.value] = node
+    times = _items(found.get('times'), 'times')
+    tensions = _items(found.get('tensions'), 'tensions')
+    if len(times) != len(tensions):
+        raise _LineError(
+            found['tensions'].start_mark.line + 1,
+            f'{len(tensions)} rows of tensions, expected {len(times)}, one for each of times',
+        )
+    rows = []
+    for time, row in zip(times, tensions):
+        line, cells = row.start_mark.line + 1, _items(row, 'a row of tensions')
+        if len(cells) != len(arm.tendons):
+            names = ', '.join(arm.tendon_names)
+            raise _LineError(line, f'{len(cells)} values, expected {len(arm.tendons)}: {names}')
+        time_line = time.start_mark.line + 1
+        rows.append(_Row(time_line, _scalar(time), line, [_scalar(cell) for cell in cells]))
+    interpolation = found.get('interpolation')
+    return rows, 'smooth' if interpolation is None else _scalar(interpolation)
+
+
+def _items(node: yaml.Node | None, name: str) -> list[yaml.Node]:
+    if not isinstance(node, yaml.SequenceNode):
+        line = 1 if node is None else node.start_mark.line + 1
+        raise _LineError(line, f'{name} is no list')
+    return node.value
+
+
+def _scalar(node: yaml.Node) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        raise _LineError(node.start_mark.line + 1, 'a list where one value was expected')
+    return node.value
+
+
+def write_csv(file: TextIO, times: FloatArray, tensions: FloatArray, arm: Arm) -> None:
+    """Write ``times`` (n,) [s] and ``tensions`` (n, tendons) [N] as `read_profile` reads them."""
+    writer = csv.writer(file, lineterminator='\n')
+    writer.writerow(('time', *arm.tendon_names))
+    for time, row in zip(times.tolist(), tensions.tolist(), strict=True):
+        writer.writerow([repr(round(time, 9)), *map(repr, row)])

@@ -1,0 +1,66 @@
+"""A material that gives way over time. Not in the paper, whose arm is elastic.
+
+Standard linear solid: stretched at once and held, it resists with E (1 + ratio exp(-t / time)),
+where E is the modulus of the arm's definition, that of rest. The shape under tendons alone depends
+on tensions over modulus, in every model, so the relaxing arm under tensions T(t) has, without
+inertia, the shape that the elastic arm has under other, *effective* tensions: T seen through
+
+    T + time dT/dt = T_effective + (1 + ratio) time dT_effective/dt
+
+A pull shows only to 1 / (1 + ratio) at once, and the rest comes with the time constant
+(1 + ratio) time. That is exact at once and at rest, and in between to first order in the strains.
+Weight and other loads are taken as borne by the arm at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.checks import not_negative, positive
+from octo_arm_model.hints import FloatArray
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """How much and how fast the modulus relaxes.
+
+    Attributes:
+        ratio: what the modulus at once has more than that of rest, relative to it [-]; 0 for an
+            elastic arm.
+        time: time constant of the modulus at constant strain [s].
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    ratio: float = 0.0
+    time: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        not_negative('relaxation.ratio', self.ratio, 'ratio', '-')
+        positive('relaxation.time', self.time, 's')
+
+
+class SimulatedRelaxation:
+    """The history of the tensions of one arm.
+
+    Attributes:
+        relaxation: how its material relaxes; may be changed between two steps.
+    """
+
+    def __init__(self, relaxation: Relaxation, tendons: int) -> None:
+        """Begin at rest with ``tendons`` slack tendons."""
+        self.relaxation = relaxation
+        self._crept: FloatArray = np.zeros(tendons)
+
+    def step(self, tension: FloatArray, dt: float) -> FloatArray:
+        """Effective tensions (tendons,) [N] after ``tension`` has acted for ``dt`` [s]."""
+        ratio, time = self.relaxation.ratio, self.relaxation.time
+        # An elastic arm has nothing to remember.
+        left = math.exp(-dt / ((1.0 + ratio) * time)) if ratio else 0.0
+        self._crept = (1.0 - left) * tension + left * self._crept
+        return (tension + ratio * self._crept) / (1.0 + ratio)

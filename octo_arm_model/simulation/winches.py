@@ -1,0 +1,77 @@
+"""What winches make of commanded tensions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.checks import not_negative
+from octo_arm_model.errors import ArmDefinitionError
+from octo_arm_model.hints import FloatArray
+
+
+@dataclass(frozen=True)
+class Winches:
+    """What the winches of an arm are like, all alike.
+
+    A command goes through what is listed here from top to bottom. By default everything is off.
+
+    Attributes:
+        slack_floor: least tension they keep, so that no tendon hangs loose [N].
+        force_limit: largest tension they pull with [N]; 0 for no limit.
+        rate_limit: largest rate at which their set point changes [N/s]; 0 for no limit.
+        lag: time constant with which the tension follows the set point [s]; 0 for at once.
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    slack_floor: float = 0.0
+    force_limit: float = 0.0
+    rate_limit: float = 0.0
+    lag: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        not_negative('winches.slack_floor', self.slack_floor, 'tension', 'N')
+        not_negative('winches.force_limit', self.force_limit, 'tension', 'N')
+        not_negative('winches.rate_limit', self.rate_limit, 'rate', 'N/s')
+        not_negative('winches.lag', self.lag, 'time', 's')
+        if 0.0 < self.force_limit < self.slack_floor:
+            expected = f'0, or at least winches.slack_floor, {self.slack_floor} [N]'
+            raise ArmDefinitionError('winches.force_limit', self.force_limit, expected)
+
+
+class SimulatedWinches:
+    """One winch for each tendon, over time.
+
+    Attributes:
+        winches: what they are like; may be changed between two steps.
+        tension: tension of every tendon now (tendons,) [N].
+    """
+
+    def __init__(self, winches: Winches, tendons: int) -> None:
+        """Begin with ``tendons`` slack tendons."""
+        self.winches = winches
+        self.tension: FloatArray = np.zeros(tendons)
+        self._set_point: FloatArray = np.zeros(tendons)
+
+    def step(self, command: FloatArray, dt: float) -> FloatArray:
+        """Pull towards ``command`` (tendons,) [N] for ``dt`` [s]; return the tension then.
+
+        The set point that the rate limit allows at the end of the step holds for all of it, and
+        the tension follows that exactly: stable for any step.
+        """
+        own = self.winches
+        wanted = np.maximum(command, own.slack_floor)
+        if own.force_limit:
+            wanted = np.minimum(wanted, own.force_limit)
+        if own.rate_limit:
+            most = own.rate_limit * dt
+            wanted = np.clip(wanted, self._set_point - most, self._set_point + most)
+        left = math.exp(-dt / own.lag) if own.lag else 0.0
+        self._set_point = wanted
+        self.tension = (1.0 - left) * wanted + left * self.tension
+        return self.tension
