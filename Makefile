@@ -1,26 +1,33 @@
-# make run        the node on an arm, its tendons pulled, shown live in the terminal
+# make run        an arm without hardware, shown at http://localhost:8080, its tendons in your hand;
+#                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port
+# make octopus    eight arms around a body, crawling
 # make test       all tests; ARGS='-k name' passes options to pytest,
 #                 NUMPY=1.26 SCIPY=1.11 tests on those versions
 # make lint       style and types
 # make bench      speed, as ratios
 # make soak       the node under abuse for an hour; PART=0.01 for a minute
 # make docs       the manual as web pages in docs/_build, warnings as errors
+# make screenshots  the pictures of the viewer in docs/images; needs chromium and chromedriver
 # make prepare    only what run and test need
 # make clean      forget all that was prepared
 PYTHON ?= python3
 PART ?= 1.0
 ARM ?= config/renda2012_table4.yaml
+PORT ?= 8080
 export PYTHON
 export OCTO_ARM_NUMPY := $(NUMPY)
 export OCTO_ARM_SCIPY := $(SCIPY)
 
-.PHONY: help run test lint bench soak docs prepare clean
+.PHONY: help run octopus test lint bench soak docs screenshots prepare clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
 
 run: prepare
-	@tools/with_ros octo_arm_demo $(ARM)
+	@tools/with_ros octo_arm_demo $(ARM) --port $(PORT)
+
+octopus: prepare
+	@tools/with_ros octo_arm_octopus $(ARM) --port $(PORT)
 
 test: prepare
 	@tools/with_ros python -m pytest $(ARGS)
@@ -33,6 +40,8 @@ lint: prepare
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
 	@tools/with_ros python benchmarks/node.py
+	@tools/with_ros python benchmarks/bags.py
+	@tools/with_ros python benchmarks/viewer.py
 
 soak: prepare
 	@tools/with_ros python benchmarks/soak.py --part $(PART)
@@ -40,6 +49,9 @@ soak: prepare
 docs: prepare
 	@tools/with_ros sphinx-build -q -W --keep-going -b html docs docs/_build
 	@echo docs/_build/index.html
+
+screenshots: prepare
+	@tools/with_ros python docs/screenshots.py docs/images
 
 prepare:
 	@command -v $(PYTHON) >/dev/null || \

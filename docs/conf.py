@@ -8,6 +8,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 
 from octo_arm_model import __version__
 from octo_arm_model.parameters import PARAMETERS, as_markdown
+from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR
 
 project = 'octo_arm_model'
 author = 'octo_arm_model maintainers'
@@ -32,7 +33,8 @@ napoleon_use_ivar = True
 # The table that declares the parameters is the one that documents them.
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
-(_GENERATED / 'parameters.md').write_text(as_markdown(PARAMETERS), encoding='utf-8')
+for _name, _table in (('parameters', PARAMETERS), ('simulator_parameters', SIMULATOR)):
+    (_GENERATED / f'{_name}.md').write_text(as_markdown(_table), encoding='utf-8')
 
 
 def _math(is_block):

@@ -1,7 +1,5 @@
 """Eight arms around a body, each a node in a namespace of its own: arm_1 to arm_8."""
 
-import math
-
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -9,19 +7,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from octo_arm_model.arrangement import ARMS, RADIUS, base_pose
+
 PACKAGE = 'octo_arm_model'
-ARMS = 8
-
-
-def base_pose(number, radius):
-    """Position [m] and quaternion x, y, z, w of the base of arm ``number``, from 1 on.
-
-    The bases are on a circle in the plane x, y of the body, the first on its x axis. Every arm
-    points outwards; its n is along the circle, its b along z of the body.
-    """
-    angle = 2.0 * math.pi * (number - 1) / ARMS
-    position = [radius * math.cos(angle), radius * math.sin(angle), 0.0]
-    return position, [0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)]
 
 
 def start(context):
@@ -71,7 +59,9 @@ def generate_launch_description():
                 description='ROS parameter file of every arm; its base and frame are not used',
             ),
             DeclareLaunchArgument(
-                'radius', default_value='0.05', description='radius of the circle of the bases [m]'
+                'radius',
+                default_value=str(RADIUS),
+                description='radius of the circle of the bases [m]',
             ),
             DeclareLaunchArgument(
                 'base_frame',

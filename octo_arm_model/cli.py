@@ -6,13 +6,14 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-from octo_arm_model import inverse_cli, workspace_cli
+from octo_arm_model import inverse_cli, play_cli, workspace_cli
+from octo_arm_model.bags import demo_cli, replay_cli
 from octo_arm_model.errors import OctoArmError, SolveError, TensionError
+from octo_arm_model.experiment import compare_cli, identify_cli
 from octo_arm_model.options import add_config, read_config, read_json
 from octo_arm_model.report import as_dict, summary
-from octo_arm_model.solver import MODELS
+from octo_arm_model.reproduce import cli as reproduce_cli
 
 _EPILOG = """\
 examples:
@@ -22,9 +23,14 @@ examples:
       --gravity 0 0 -9.81 --density 1080 --fluid-density 1000
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
-  octo-arm figures figures/
+  octo-arm play --list
+  octo-arm record-demo experiment
+  octo-arm compare experiment --out compared
+  octo-arm identify experiment --model all --out fitted.yaml
+  octo-arm replay experiment experiment_shapes
+  octo-arm reproduce reproduced
 
-exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong
+exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong, 130 interrupted
 """
 
 
@@ -54,17 +60,14 @@ def build_parser() -> argparse.ArgumentParser:
     solve.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
     solve.set_defaults(run=_solve)
 
+    compare_cli.add_command(commands)
+    demo_cli.add_command(commands)
+    identify_cli.add_command(commands)
     inverse_cli.add_command(commands)
+    play_cli.add_command(commands)
+    replay_cli.add_command(commands)
+    reproduce_cli.add_command(commands)
     workspace_cli.add_command(commands)
-
-    figures = commands.add_parser(
-        'figures',
-        help="draw the paper's Figures 10, 11, 12, 14 and 15",
-        description="Draw the paper's Figures 10, 11, 12, 14 and 15 as PNG files.",
-    )
-    figures.add_argument('outdir', metavar='OUTDIR', type=Path, help='folder for the pictures')
-    figures.add_argument('--model', choices=MODELS, default='renda2012', help='model to draw')
-    figures.set_defaults(run=_figures)
     return parser
 
 
@@ -73,6 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = build_parser().parse_args(arguments)
     try:
         return options.run(options) or 0
+    except KeyboardInterrupt:
+        return _fail('interrupted', 130)
     except SolveError as error:
         return _fail(error, 1)
     except (OctoArmError, OSError) as error:
@@ -102,14 +107,6 @@ def _depth(rows: object) -> int:
         depth += 1
         rows = rows[0] if rows else None
     return depth
-
-
-def _figures(options: argparse.Namespace) -> None:
-    from octo_arm_model.figures import draw_all
-
-    options.outdir.mkdir(parents=True, exist_ok=True)
-    for path in draw_all(options.outdir, options.model):
-        print(path)
 
 
 if __name__ == '__main__':

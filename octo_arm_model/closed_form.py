@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.cross_section import Stiffness, twist_of
+from octo_arm_model.cross_section import Stiffness, complete_twist
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.statics import Solution
 from octo_arm_model.tendons import TendonWeights
@@ -26,21 +26,21 @@ class ClosedForm:
         self._stiffness = Stiffness.at(arm, nodes)
 
     def solve(self, tensions: FloatArray) -> Solution:
-        """Twist at every node under ``tensions`` (batch, tendons) [N]; nothing is left over."""
+        """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
         sums = self._weights.sums(tensions)
         bending = self._stiffness.bending
-        omega = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
-        tau, xi, k = omega
+        twist = np.zeros((4, *sums.axial.shape), sums.axial.dtype)
+        tau, xi, k, _ = twist
         about_n, about_b = bending + sums.second_b, bending + sums.second_n
         if sums.mixed is None:
             np.divide(-sums.first_b, about_n, out=xi)
             np.divide(sums.first_n, about_b, out=k)
         else:
             determinant = about_n * about_b - sums.mixed * sums.mixed
-            xi[:] = (sums.mixed * sums.first_n - about_b * sums.first_b) / determinant
-            k[:] = (about_n * sums.first_n - sums.mixed * sums.first_b) / determinant
+            xi[...] = (sums.mixed * sums.first_n - about_b * sums.first_b) / determinant
+            k[...] = (about_n * sums.first_n - sums.mixed * sums.first_b) / determinant
         if sums.swirl is not None:
             polar = self._stiffness.torsion + sums.second_n + sums.second_b
             np.divide(-sums.swirl, polar, out=tau)
-        none = np.zeros(len(tensions))
-        return Solution(twist_of(omega, sums, self._stiffness), none, none.astype(np.int64))
+        complete_twist(twist, sums, self._stiffness)
+        return Solution(twist, 0.0, 0)

@@ -35,16 +35,18 @@ class Stiffness(NamedTuple):
         return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
 
 
-def twist_of(omega: FloatArray, sums: TendonSums, stiffness: Stiffness) -> FloatArray:
-    """Twist of the frame per reference length, (4, batch, nodes).
+def complete_twist(twist: FloatArray, sums: TendonSums, stiffness: Stiffness) -> None:
+    """Make the twist of the frame of what begins, in ``twist`` (4, ..., nodes), with omega.
 
-    The angular strain (1 + q) (tau, xi, k) [1/m] and the stretch 1 + q [-], for ``omega`` =
-    (tau, xi, k) (3, batch, nodes) and q = N / (E A) with N from (9a).
+    From omega = (tau, xi, k) [1/m] follows q = N / (E A) with N from (9a); the twist is the
+    angular strain (1 + q) omega and the stretch 1 + q [-].
     """
-    _, xi, k = omega
-    force = k * sums.first_n - xi * sums.first_b - sums.axial
-    twist = np.empty((4, *force.shape), force.dtype)
-    stretch = np.divide(force, stiffness.axial, out=twist[3])
+    tau, xi, k, stretch = twist
+    np.multiply(k, sums.first_n, out=stretch)
+    stretch -= xi * sums.first_b
+    stretch -= sums.axial
+    stretch /= stiffness.axial
     stretch += 1.0
-    np.multiply(omega, stretch, out=twist[:3])
-    return twist
+    tau *= stretch
+    xi *= stretch
+    k *= stretch

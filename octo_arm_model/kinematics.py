@@ -22,7 +22,7 @@ import numpy as np
 
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import StationGrid
-from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.hints import ComplexArray, FloatArray
 from octo_arm_model.rotation import Quaternions, cumulative_product
 
 
@@ -72,55 +72,70 @@ def backbone_frames(
     position: FloatArray,
     quaternion: FloatArray,
 ) -> None:
-    """Integrate ``twist`` (4 or 6, batch, nodes) from the ``base`` pose to every station.
+    """Integrate ``twist`` (4 or 6, ..., nodes) from the ``base`` pose to every station.
 
     Its first three rows are the angular part [1/m], the others the linear part along t (and n and
-    b, where the cross section shears). Fills ``position`` (batch, stations, 3) [m] and
-    ``quaternion`` (batch, stations, 4), in the order x, y, z, w: the local x axis is the tangent
+    b, where the cross section shears). Fills ``position`` (..., stations, 3) [m] and
+    ``quaternion`` (..., stations, 4), in the order x, y, z, w: the local x axis is the tangent
     t, y is n and z is b.
     """
-    position[...], frames = _end_frames(twist, grid, base, grid.station_node)
+    frames, (along, aside) = _end_frames(twist, grid, base)
+    # From the base to the end of the interval before each station.
+    interval = grid.station_node[1:] - 1
+    position[..., 0, :] = 0.0
+    position[..., 1:, 0] = np.add.accumulate(along, axis=-1)[..., interval]
+    yz = np.add.accumulate(aside, axis=-1)[..., interval]
+    position[..., 1:, 1], position[..., 1:, 2] = yz.real, yz.imag
+    position += base.position
     frames.part(grid.station_node).write_xyzw(quaternion)
 
 
 def node_frames(
     twist: FloatArray, grid: StationGrid, base: Frame
 ) -> tuple[FloatArray, Quaternions]:
-    """Position (batch, nodes, 3) [m] and orientation of every node under ``twist``."""
-    ends = np.arange(grid.step.size + 1)
-    position, frames = _end_frames(twist, grid, base, ends)
-    rotation = Quaternions.empty(twist.shape[1], grid.step.size)
-    move = _exponential(_half_magnus(twist, grid), rotation)
-    start = frames.part(slice(None, -1))
-    move = start.rotate(move)
-    half = start.times(rotation)
+    """Position (..., nodes, 3) [m] and orientation of every node under ``twist``."""
+    frames, (along, aside) = _end_frames(twist, grid, base)
+    start, count = frames.part(slice(None, -1)), grid.step.size
+    turn = Quaternions.empty(*along.shape)
+    move = _exponential(_half_magnus(twist, grid), turn)
+    half = start.times(turn)
     nodes = Quaternions(*(np.concatenate(pair, axis=-1) for pair in zip(frames, half)))
-    step = np.stack([move.a.imag, move.b.real, move.b.imag], axis=-1)
-    return np.concatenate([position, position[:, :-1] + step], axis=1), nodes
+    position = np.zeros((*nodes.a.shape, 3))
+    ends, middles = position[..., : count + 1, :], position[..., count + 1 :, :]
+    for steps, out in ((along, 0), (aside.real, 1), (aside.imag, 2)):
+        np.add.accumulate(steps, axis=-1, out=ends[..., 1:, out])
+    position += base.position
+    along, aside = _displacement(start, move, half)
+    middles[..., 0] = ends[..., :-1, 0] + along
+    middles[..., 1] = ends[..., :-1, 1] + aside.real
+    middles[..., 2] = ends[..., :-1, 2] + aside.imag
+    return position, nodes
 
 
 def _end_frames(
-    twist: FloatArray, grid: StationGrid, base: Frame, at: IntArray
-) -> tuple[FloatArray, Quaternions]:
-    """Position of the interval ends ``at`` (batch, n, 3) [m], and frames of all interval ends."""
-    screws = _magnus(twist, grid)
-    batch, count = screws.shape[1:]
-    # The base and then the motion of each interval, in the axes of its own first frame.
-    chain = Quaternions.empty(batch, count + 1)
-    chain.a[:, 0], chain.b[:, 0] = base.rotation
-    step = _exponential(screws, chain.part(slice(1, None)))
+    twist: FloatArray, grid: StationGrid, base: Frame
+) -> tuple[Quaternions, tuple[FloatArray, ComplexArray]]:
+    """Frames of the interval ends, (..., intervals + 1), and `_displacement` of each interval."""
+    screw = _magnus(twist, grid)
+    # The base and then the rotation of each interval, in the axes of its own first frame.
+    chain = Quaternions.empty(*screw.shape[1:-1], screw.shape[-1] + 1)
+    chain.a[..., 0], chain.b[..., 0] = base.rotation
+    move = _exponential(screw, chain.part(slice(1, None)))
     frames = cumulative_product(chain)
-    step = frames.part(slice(None, -1)).rotate(step)
+    ends = frames.part(slice(1, None))
+    return frames, _displacement(frames.part(slice(None, -1)), move, ends)
 
-    position = np.empty((batch, at.size, 3))
-    position[:, 0] = base.position
-    interval = at[1:] - 1
-    x, y, z = base.position
-    position[:, 1:, 0] = np.add.accumulate(step.a.imag, axis=1)[:, interval] + x
-    yz = np.add.accumulate(step.b, axis=1)[:, interval]
-    position[:, 1:, 1] = yz.real + y
-    position[:, 1:, 2] = yz.imag + z
-    return position, frames
+
+def _displacement(
+    start: Quaternions, move: Quaternions, end: Quaternions
+) -> tuple[FloatArray, ComplexArray]:
+    """How far motions go, from frame to frame: along x, and along y and z as real and imaginary.
+
+    ``move`` is that of `_exponential`; the vector is start move end^-1.
+    """
+    a, b = start.times(move)
+    c, d = end
+    return (a * c.conj() + b * d.conj()).imag, b * c - a * d
 
 
 def _three(twist: FloatArray, grid: StationGrid) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -130,7 +145,7 @@ def _three(twist: FloatArray, grid: StationGrid) -> tuple[FloatArray, FloatArray
 
 
 def _magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
-    """Screw of each interval: rotation vector, then translation, (6, batch, intervals)."""
+    """Screw of each interval: rotation vector, then translation, (6, ..., intervals)."""
     h = grid.step
     first, last, middle = _three(twist, grid)
     screw = np.zeros((6, *first.shape[1:]))
@@ -156,31 +171,35 @@ def _add_commutator(
     screw: FloatArray, first: FloatArray, last: FloatArray, factor: FloatArray
 ) -> None:
     """Add ``factor`` [X_first, X_last] with [X, X'] = (w x w', w x v' - w' x v) to ``screw``."""
-    # For v = (v, 0, 0), the n and b components from those of the strains side by side.
     (t, n, b, v), (t_last, n_last, b_last, v_last) = first[:4], last[:4]
-    screw[0] += factor * (n * b_last - b * n_last)
-    turn = factor * (t * last[1:3] - t_last * first[1:3])
-    screw[1] -= turn[1]
-    screw[2] += turn[0]
-    move = factor * (v_last * first[1:3] - v * last[1:3])
-    screw[4] += move[1]
-    screw[5] -= move[0]
+    x, y, z, p, q, r = screw
+    x += factor * (n * b_last - b * n_last)
+    y -= factor * (t * b_last - b * t_last)
+    z += factor * (t * n_last - n * t_last)
+    q -= factor * (v * b_last - b * v_last)
+    r += factor * (v * n_last - n * v_last)
     if len(first) == 6:
         (v_n, v_b), (w_n, w_b) = first[4:], last[4:]
-        screw[3] += factor * (n * w_b - b * w_n - n_last * v_b + b_last * v_n)
-        screw[4] -= factor * (t * w_b - t_last * v_b)
-        screw[5] += factor * (t * w_n - t_last * v_n)
+        p += factor * (n * w_b - b * w_n - n_last * v_b + b_last * v_n)
+        q -= factor * (t * w_b - t_last * v_b)
+        r += factor * (t * w_n - t_last * v_n)
 
 
 def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
-    """Exponential of screws (6, ...): fills ``rotation`` and returns the translation.
+    """Exponential of screws (6, ...): fills ``rotation`` and returns what moves.
 
-    Rodrigues' formula for both. Written like this no term loses digits for small angles, so
-    that no series is needed; the tiny number only avoids 0 / 0.
+    The motion is the dual quaternion rotation + epsilon/2 move, of which the translation is the
+    vector move rotation^-1. Written like this no term loses digits for small angles, so that no
+    series is needed; the tiny number only avoids 0 / 0.
     """
-    w, v = screw[:3], screw[3:]
-    squares = w * w
-    squared = squares[0] + squares[1] + squares[2] + 1e-300
+    x, y, z, p, q, r = screw
+    squared = x * x
+    squared += y * y
+    squared += z * z
+    squared += 1e-300
+    along = x * p
+    along += y * q
+    along += z * r
     angle = np.sqrt(squared)
     # Sine and cosine of half the angle from the tangent of a quarter: one function instead of
     # two, one that NumPy vectorises, and their squares sum to one whatever it rounds.
@@ -188,18 +207,16 @@ def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
     square = tangent * tangent
     secant = 1.0 + square
     half_sinc = 2.0 * tangent / (secant * angle)
-    half_cosine = (1.0 - square) / secant
-    imaginary = half_sinc * w
-    rotation.a.real, rotation.a.imag = half_cosine, imaginary[0]
-    rotation.b.real, rotation.b.imag = imaginary[1], imaginary[2]
-    twice = 2.0 * half_sinc
-    sinc, versine = twice * half_cosine, twice * half_sinc  # versine is (1 - cos) / angle^2
-    products = w * v
-    along = (products[0] + products[1] + products[2]) * ((1.0 - sinc) / squared)
-    (x, y, z), (p, q, r) = w, v
-    move = sinc * v
-    move[0] += versine * (y * r - z * q)
-    move[1] += versine * (z * p - x * r)
-    move[2] += versine * (x * q - y * p)
-    move += along * w
-    return Quaternions.from_vector(*move)
+    cosine = (1.0 - square) / secant
+    rotation.a.real = cosine
+    np.multiply(half_sinc, x, out=rotation.a.imag)
+    np.multiply(half_sinc, y, out=rotation.b.real)
+    np.multiply(half_sinc, z, out=rotation.b.imag)
+    sinc = half_sinc + half_sinc
+    move = Quaternions.empty(*angle.shape)
+    np.multiply(-half_sinc, along, out=move.a.real)
+    along *= (cosine - sinc) / squared
+    np.add(sinc * p, along * x, out=move.a.imag)
+    np.add(sinc * q, along * y, out=move.b.real)
+    np.add(sinc * r, along * z, out=move.b.imag)
+    return move

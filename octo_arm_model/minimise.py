@@ -23,6 +23,7 @@ _SLOW = 1e-2
 _PATIENCE = 6
 # Below this the slopes that tell a step too long are rounding.
 _ROUNDING = 1e-6
+_GUESSES = 2  # steps towards the initial strain
 _SHORTEST_TENDON = 0.05  # of its reference length, where no balance is found
 
 
@@ -41,11 +42,39 @@ class Minimum(NamedTuple):
 
 
 def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
-    """A straight arm, compressed by about what the ``pulls`` sum to."""
-    load = np.add.reduce(pulls) / energy.stiffness.axial
-    strain = np.zeros((energy.strains, *load.shape))
-    # Right to first order for every law, and never nothing.
-    np.divide(1.0, np.sqrt(1.0 + 2.0 * load), out=strain[3])
+    """Nearly the strain of least energy: that under tendons that stay parallel to the midline.
+
+    Their force and moment depend on no strain and bend a section in one plane, so that two
+    unknowns are left, its stretch and its curvature times its radius, and the law alone decides.
+    """
+    moment_n, moment_b, force = energy.resultants(pulls) / energy.stiffness.axial
+    moment = np.hypot(moment_n, moment_b)
+    load = moment / energy.radius
+    # Right to first order for every law, and never inside out.
+    straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
+    slope = 4.0 * load
+    bend = slope / np.sqrt(1.0 + np.square(slope / straight))
+    stretch = straight + 0.5 * bend * bend  # rubber gets longer as it bends, about so much
+    for _ in range(_GUESSES):
+        square = bend * bend
+        f = energy.law.density(stretch, square)
+        twice = bend + bend
+        left, moved = f.by_stretch + force, twice * f.by_bend - load
+        cross = twice * f.by_stretch_bend
+        about = 2.0 * f.by_bend + 4.0 * square * f.by_bend_bend
+        over = 1.0 / (f.by_stretch_stretch * about - cross * cross)
+        stretch = stretch - over * (about * left - cross * moved)
+        bend = bend - over * (f.by_stretch_stretch * moved - cross * left)
+    curvature = bend / energy.radius
+    # Not where that turns something inside out after all, or is no number.
+    fails = ~(stretch > curvature * energy.reach)
+    if np.count_nonzero(fails):
+        stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
+    curvature /= np.maximum(moment, 1e-300)
+    strain = np.zeros((energy.strains, *force.shape))
+    np.multiply(moment_n, -curvature, out=strain[1])
+    np.multiply(moment_b, -curvature, out=strain[2])
+    strain[3] = stretch
     return strain
 
 
@@ -56,9 +85,8 @@ def force_scale(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
     section so that rounding counts as balance where nothing pulls.
     """
     force = np.add.reduce(pulls) + 1e-4 * energy.stiffness.axial
-    lever = np.max(np.hypot(energy.x, energy.y), axis=0, initial=0.0)
     scale = np.empty((energy.strains, *force.shape))
-    scale[:3] = force * np.maximum(energy.radius, lever)
+    scale[:3] = force * energy.reach
     scale[3:] = force
     return scale
 

@@ -26,11 +26,12 @@ import functools
 import itertools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.body import Body
 from octo_arm_model.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.cross_section import Stiffness, twist_of
+from octo_arm_model.cross_section import Stiffness, complete_twist
 from octo_arm_model.errors import ConfigError, ConvergenceError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
@@ -39,8 +40,11 @@ from octo_arm_model.profiles import Profile
 from octo_arm_model.statics import Solution
 from octo_arm_model.tendon import Section
 from octo_arm_model.tendons import TendonWeights
+from octo_arm_model.vectors import times
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
+# How tendons 1 to 4 of a section bend it about n and about b.
+_BENDS = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])
 # Sweeping a whole panel at once is quickest, but where the arm turns far within one it diverges.
 # Then each panel is cut into more pieces, one after the other.
 PIECES = (1, 4, 16)
@@ -87,27 +91,31 @@ class Renda2012:
         self._march(PIECES[0])
 
     def solve(self, tensions: FloatArray) -> Solution:
-        """Twist at every node under ``tensions`` (batch, tendons) [N].
+        """Twist at every node under ``tensions`` (..., tendons) [N].
 
         Raises:
             ConvergenceError: if equation (10) could not be integrated.
         """
         sums = self._weights.sums(tensions)
-        imbalance = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
-        residual, sweeps = self._imbalance(tensions, imbalance)
-        p_t, p_n, p_b = imbalance
+        # First the imbalance p, zero where no piece says otherwise, then from it omega.
+        twist = np.zeros((4, *sums.axial.shape), sums.axial.dtype)
+        residual, sweeps = self._imbalance(tensions, twist[:3])
+        tau, xi, k, _ = twist
         bending = self._stiffness.bending
-        omega = np.empty((3, *sums.axial.shape), sums.axial.dtype)
-        tau, xi, k = omega
-        np.divide(p_t, self._stiffness.torsion + sums.second_n + sums.second_b, out=tau)
-        np.divide(p_n - sums.first_b, bending + sums.second_b, out=xi)
-        np.divide(p_b + sums.first_n, bending + sums.second_n, out=k)
-        batch = len(tensions)
-        twist = twist_of(omega, sums, self._stiffness)
-        return Solution(twist, np.full(batch, residual), np.full(batch, sweeps))
+        polar = self._stiffness.torsion + sums.second_n
+        polar += sums.second_b
+        tau /= polar
+        xi -= sums.first_b
+        xi /= bending + sums.second_b
+        k += sums.first_n
+        k /= bending + sums.second_n
+        complete_twist(twist, sums, self._stiffness)
+        return Solution(twist, residual, sweeps)
 
-    def _imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> tuple[float, int]:
-        """Fill in p (3, batch, nodes), zero at first, where it is not zero.
+    def _imbalance(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Fill in p (3, ..., nodes), zero at first, where it is not zero.
 
         Returns:
             Last relative change and number of sweeps, of the piece that took most.
@@ -116,8 +124,28 @@ class Renda2012:
             try:
                 return self._march(pieces).imbalance(tensions, imbalance)
             except ConvergenceError:
-                continue
+                if tensions.ndim == 1:
+                    continue
+                # No arm comes out differently because another one is hard.
+                return self._one_by_one(tensions, imbalance)
         return self._march(PIECES[-1]).imbalance(tensions, imbalance)
+
+    def _one_by_one(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """`_imbalance` of a batch, each arm by itself.
+
+        Raises:
+            ConvergenceError: if one cannot be integrated.
+        """
+        residual, sweeps = np.zeros(len(tensions)), np.zeros(len(tensions), np.int64)
+        for arm, one in enumerate(tensions):
+            try:
+                residual[arm], sweeps[arm] = self._imbalance(one, imbalance[:, arm])
+            except ConvergenceError as error:
+                error.in_batch(arm, 1)
+                raise
+        return residual, sweeps
 
 
 class _March:
@@ -138,26 +166,36 @@ class _March:
                 is_base = start == panel.start
                 inside = (section == panel.section) & (nodes <= stop)
                 inside &= (nodes >= start) if is_base else (nodes > start)
-                at_nodes = np.flatnonzero(inside)
-                to_nodes = barycentric_matrix(_POINTS, (stop - nodes[at_nodes]) / length)
+                to_nodes = [
+                    (run, barycentric_matrix(_POINTS, (stop - nodes[run]) / length).T)
+                    for run in _runs(inside)
+                ]
                 # Integration runs towards the base, against s; the last row adds the start.
                 integrate = np.vstack([-length * _INTEGRALS, np.ones(COLLOCATION_POINTS)])
                 points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
                 is_anchorage = stop == panel.stop
                 self._pieces.append(
-                    Piece(panel.section, is_anchorage, points, integrate, at_nodes, to_nodes.T)
+                    Piece(panel.section, is_anchorage, points, integrate, to_nodes)
                 )
                 s.append(stop - length * _POINTS)
                 numbers += [panel.section] * COLLOCATION_POINTS
         self._weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
         self._stiffness = Stiffness.at(arm, np.concatenate(s))
-        self._offset = np.array([part.offset_anchorage for part in papers_sections(arm)])
+        # From tensions to b (T4 - T2) and b (T1 - T3), b^2 (T4 + T2) and b^2 (T1 + T3) by section.
+        count = len(arm.sections)
+        at_anchorages = np.zeros((count, 4, 2, 2, count))
+        for i, part in enumerate(papers_sections(arm)):
+            levers = part.offset_anchorage * _BENDS
+            at_anchorages[i, :, 0, :, i], at_anchorages[i, :, 1, :, i] = levers, levers**2
+        self._at_anchorages = at_anchorages.reshape(4 * count, -1)
         self._bending = Stiffness.at(
             arm, np.array([part.anchorage for part in arm.sections])
         ).bending
 
-    def imbalance(self, tensions: FloatArray, imbalance: FloatArray) -> tuple[float, int]:
-        """Fill in p (3, batch, nodes) below the first anchorage.
+    def imbalance(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Fill in p (3, ..., nodes) below the first anchorage.
 
         Returns:
             Last relative change and number of sweeps, of the piece that took most.
@@ -170,24 +208,26 @@ class _March:
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
         omega = compliance[..., 1] * force[..., 1]
-        residual, sweeps = 0.0, 0
+        residual, sweeps = np.zeros(omega.shape[1:]), np.zeros(omega.shape[1:], np.int64)
         for piece in self._pieces:
             first, last = piece.points.start, piece.points.stop - 1
             if piece.jump:
-                omega += added[..., piece.section - 1]
+                omega[1:] += added[piece.section - 1]
             start = omega / compliance[..., first] - force[..., first]
             p, change, count = coefficients.sweep(piece, start)
-            residual, sweeps = max(residual, change), max(sweeps, count)
-            imbalance[..., piece.at_nodes] = p @ piece.to_nodes
+            residual, sweeps = np.maximum(residual, change), np.maximum(sweeps, count)
+            for run, matrix in piece.to_nodes:
+                imbalance[..., run] = times(p, matrix)
             omega = compliance[..., last] * (force[..., last] + p[..., -1])
         return residual, sweeps
 
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
-        """What (11) adds to omega at each anchorage, (3, batch, sections) [1/m]."""
-        offset, bending = self._offset, self._bending
-        by_section = tensions.reshape(len(tensions), -1, 4)
-        t1, t2, t3, t4 = (by_section[..., j] for j in range(4))
-        added = np.zeros((3, *t1.shape), t1.dtype)
-        added[1] = offset * (t4 - t2) / (offset**2 * (t4 + t2) + bending)
-        added[2] = offset * (t1 - t3) / (offset**2 * (t1 + t3) + bending)
-        return added
+        """What (11) adds to xi and k at each anchorage, (sections, 2, ...) [1/m]."""
+        sums = times(tensions, self._at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
+        return (sums[..., 0, :, :] / (sums[..., 1, :, :] + self._bending)).T
+
+
+def _runs(inside: NDArray[np.bool_]) -> list[slice]:
+    """Where ``inside`` is true, as runs without gaps."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
+    return [slice(start, stop) for start, stop in edges.reshape(-1, 2)]

@@ -15,18 +15,21 @@ from octo_arm_model.statics import Solution
 class Results:
     """Room for the shapes of a batch, filled part by part."""
 
-    def __init__(self, batch: int, grid: StationGrid, base: Frame) -> None:
-        """Make room for ``batch`` arms at the stations of ``grid``, standing on ``base``."""
+    def __init__(self, lead: tuple[int, ...], grid: StationGrid, base: Frame) -> None:
+        """Make room for arms at the stations of ``grid``, standing on ``base``.
+
+        ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
+        """
         self._grid, self._base = grid, base
         count = grid.s.size
-        self._position = np.empty((batch, count, 3))
-        self._quaternion = np.empty((batch, count, 4))
-        self._strains = np.empty((4, batch, count))
-        self._residual, self._iterations = np.empty(batch), np.empty(batch, np.int64)
+        self._position = np.empty((*lead, count, 3))
+        self._quaternion = np.empty((*lead, count, 4))
+        self._strains = np.empty((4, *lead, count))
+        self._residual, self._iterations = np.empty(lead), np.empty(lead, np.int64)
         self._twist = np.empty((4, 0, grid.nodes.size))
 
-    def add(self, part: slice, solution: Solution) -> None:
-        """Take the arms ``part`` of the batch.
+    def add(self, part: slice | tuple[()], solution: Solution) -> None:
+        """Take the arms ``part`` of the batch, or the one arm, ().
 
         Raises:
             SolveError: if a cross section is turned inside out.
@@ -35,20 +38,23 @@ class Results:
         self._check(twist[3])
         position, quaternion = self._position[part], self._quaternion[part]
         backbone_frames(twist, self._grid, self._base, position, quaternion)
-        at_stations = twist[:4, :, self._grid.station_node]
-        np.divide(at_stations[:3], at_stations[3], out=self._strains[:3, part])
-        np.subtract(at_stations[3], 1.0, out=self._strains[3, part])
+        at_stations = self._grid.station_node
+        stretch = twist[3][..., at_stations]
+        tau, xi, k, q = self._strains
+        for angular, strain in zip(twist, (tau, xi, k)):
+            np.divide(angular[..., at_stations], stretch, out=strain[part])
+        np.subtract(stretch, 1.0, out=q[part])
         self._residual[part], self._iterations[part] = solution.residual, solution.iterations
         self._twist = twist
 
     def _check(self, stretch: FloatArray) -> None:
         # NaN fails too.
         if not stretch.min(initial=1.0) > 0.0:
-            arm, node = np.unravel_index(np.argmin(stretch), stretch.shape)
+            arm, node = divmod(int(np.argmin(stretch)), stretch.shape[-1])
             raise SolveError(
                 f'tensions compress the arm to nothing at s = {self._grid.nodes[node]:.4g} m '
-                f'(q = {stretch[arm, node] - 1.0:.4g}, must be > -1)',
-                int(arm),
+                f'(q = {stretch.flat[np.argmin(stretch)] - 1.0:.4g}, must be > -1)',
+                arm,
             )
 
     def backbone(
@@ -57,14 +63,14 @@ class Results:
         """All of it, read-only, in the shape of the leading axes ``lead``."""
         count = self._grid.s.size
         # Of a large batch the nodes would be most of the memory.
-        twist = self._twist[:, 0] if lead == () else None
+        twist = self._twist if lead == () else None
         for array in (
             self._position, self._quaternion, self._strains, self._residual, self._iterations,
             tensions, tip_wrench, twist,
         ):  # fmt: skip
             if array is not None:
                 array.setflags(write=False)
-        tau, xi, k, q = (values.reshape(*lead, count) for values in self._strains)
+        tau, xi, k, q = self._strains.reshape(4, *lead, count)
         return Backbone(
             model=model,
             s=self._grid.s,
@@ -76,7 +82,7 @@ class Results:
             k=k,
             q=q,
             tensions=tensions,
-            tip_wrench=tip_wrench.reshape(*lead, 6),
+            tip_wrench=tip_wrench,
             residual=self._residual.reshape(lead),
             iterations=self._iterations.reshape(lead),
             twist=twist,

@@ -37,6 +37,7 @@ class SectionEnergy:
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
         stiffness: of the undeformed cross sections.
         radius: reference radius at each node [m].
+        reach: the same, or the distance of the tendon farthest from the midline if that is more.
         acts: 1 where a tendon acts and 0 beyond its anchorage, (tendons, 1, nodes).
     """
 
@@ -58,8 +59,12 @@ class SectionEnergy:
             np.ascontiguousarray(table[:, np.newaxis]) * self.acts
             for table in (*arm.tendon_offsets(nodes), *arm.tendon_slopes(nodes))
         )
+        # From curvatures and stretch to the part of u along t, and back to moments and force.
+        self._levers = np.stack([self.y, -self.x, np.ones_like(self.x)])
+        lever = np.hypot(self.x, self.y)
+        self.reach = np.maximum(self.radius, np.max(lever, axis=(0, 1), initial=0.0))
         swirl = np.abs(self.x * self.dy - self.y * self.dx)
-        scale = max(float(np.max(np.hypot(self.x, self.y))), 1e-300)
+        scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(swirl.max()) <= 1e-14 * scale
         # How they change where a tendon runs farther out.
         self._out = tuple(
@@ -75,24 +80,36 @@ class SectionEnergy:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
         return tensions.T[:, :, np.newaxis] * self.acts
 
+    def resultants(self, pulls: FloatArray) -> FloatArray:
+        """Moments about n and b and force (3, batch, nodes) of ``pulls`` along the midline.
+
+        As a gradient, by the two curvatures and the stretch, with their signs.
+        """
+        total: FloatArray = np.einsum('ij...,j...->i...', self._levers, pulls)
+        return total
+
+    def _along(self, bending: FloatArray) -> FloatArray:
+        """Part of u along t, for two curvatures and the stretch (3, batch, nodes)."""
+        u_t: FloatArray = np.einsum('ij...,i...->j...', self._levers, bending)
+        return u_t
+
     def tendon_gradient(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
         """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
-        about_n, about_b, stretch = strain[-3:] if len(strain) == 3 else strain[1:4]
-        gradient = np.empty_like(strain)
-        u_t = about_n * self.y
-        u_t -= about_b * self.x
-        u_t += stretch
+        flat = len(strain) == 3
+        bending = slice(None) if flat else slice(1, 4)
+        u_t = self._along(strain[bending])
         square = u_t * u_t
-        width = slope = wider = None
+        width = slope = None
         if self.law.widens:
-            width, slope, _ = self.law.widening(stretch)
-        if len(strain) == 3:
+            width, slope, _ = self.law.widening(strain[bending][2])
+        gradient = np.empty_like(strain)
+        wider: FloatArray | None = None
+        if flat:
             across = self._slope_squared
             square += across if width is None else across * (width * width)
             pull = pulls / np.sqrt(square, out=square)
-            bending = gradient[:2]
             if width is not None and slope is not None:
-                wider = np.einsum('jbn,jbn->bn', pull, np.broadcast_to(across, pull.shape))
+                wider = np.einsum('j...,j...->...', pull, across)
                 wider *= slope * width
         else:
             u_n, u_b = self._across(strain, width)
@@ -101,7 +118,6 @@ class SectionEnergy:
             pull = pulls / np.sqrt(square, out=square)
             u_n *= pull
             u_b *= pull
-            bending = gradient[1:3]
             gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
             if slope is not None:
                 wider = slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
@@ -109,14 +125,9 @@ class SectionEnergy:
                 np.add.reduce(u_n, out=gradient[4])
                 np.add.reduce(u_b, out=gradient[5])
         u_t *= pull
-        along = gradient[2 if len(strain) == 3 else 3]
-        np.add.reduce(u_t, out=along)
+        gradient[bending] = self.resultants(u_t)
         if wider is not None:
-            along += wider
-        np.add.reduce(u_t * self.y, out=bending[0])
-        u_t *= self.x
-        np.add.reduce(u_t, out=bending[1])
-        np.negative(bending[1], out=bending[1])
+            gradient[bending][2] += wider
         return gradient
 
     def _across(
@@ -131,20 +142,33 @@ class SectionEnergy:
             u_b += strain[5]
         return u_n, u_b
 
+    def _stretching(
+        self, strain: FloatArray, width: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Components of u along t, n and b, and the stretch |u| of every tendon."""
+        u_t = self._along(strain[1:4])
+        u_n, u_b = self._across(strain, width)
+        length = u_t * u_t
+        length += u_n * u_n
+        length += u_b * u_b
+        return u_t, u_n, u_b, np.sqrt(length, out=length)
+
+    def stretches(self, strain: FloatArray) -> FloatArray:
+        """Stretch |u| of every tendon, (tendons, batch, nodes)."""
+        width = self.law.widening(strain[3])[0] if self.law.widens else None
+        return self._stretching(strain, width)[3]
+
     def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
-        _, about_n, about_b, stretch = strain[:4]
-        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
-        u_t = stretch + about_n * self.y - about_b * self.x
-        u_n, u_b = self._across(strain, width)
-        length = np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        width, slope = self.law.widening(strain[3])[:2] if self.law.widens else (None, None)
+        u_t, u_n, u_b, length = self._stretching(strain, width)
         u_t, u_n, u_b = u_t / length, u_n / length, u_b / length
         gradient = np.empty((self.strains, *length.shape))
         gradient[0] = self.x * u_b - self.y * u_n
         gradient[1] = self.y * u_t
         gradient[2] = -self.x * u_t
         gradient[3] = u_t
-        if width is not None:
+        if slope is not None:
             gradient[3] += slope * (self.dx * u_n + self.dy * u_b)
         if self.strains == 6:
             gradient[4], gradient[5] = u_n, u_b
@@ -158,9 +182,8 @@ class SectionEnergy:
         """
         torsion, about_n, about_b, stretch = strain[:4]
         width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
-        u_t = stretch + about_n * self.y - about_b * self.x
-        u_n, u_b = self._across(strain, width)
-        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        u_t, u_n, u_b, length = self._stretching(strain, width)
+        over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
         wide = 1.0 if width is None else width
@@ -190,13 +213,12 @@ class SectionEnergy:
         """
         torsion, about_n, about_b, stretch = strain[:4]
         width = self.law.widening(stretch)[0] if self.law.widens else None
-        u_t = stretch + about_n * self.y - about_b * self.x
-        u_n, u_b = self._across(strain, width)
+        u_t, u_n, u_b, length = self._stretching(strain, width)
         x, y, dx, dy = self._out
         wide = 1.0 if width is None else width
         along = u_t * (about_n * y - about_b * x)
         along += u_n * (wide * dx - torsion * y) + u_b * (wide * dy + torsion * x)
-        return (along / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b))[:, 0]
+        return (along / length)[:, 0]
 
     def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
         """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.derivatives import derivatives, papers_derivatives
 from octo_arm_model.equilibrium import Condition
-from octo_arm_model.errors import ConfigError, LoadError, SolveError
+from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, SolveError
 from octo_arm_model.exact import Exact, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray
@@ -98,6 +99,8 @@ class Solver:
         # The axial force is a difference of terms of this size; further up it is all rounding.
         self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
         self._load_table = LoadTable(arm, self.grid, loads)
+        self._wrench = loads.tip_wrench
+        self._is_loaded = not self._load_table.is_empty or bool(self._wrench.any())
         nodes, section = self.grid.nodes, self.grid.node_section
         self._statics: Statics
         if model == 'exact':
@@ -135,40 +138,64 @@ class Solver:
                 f'tension of {checked.max():.4g} N is beyond {self._largest_tension:.4g} N, a '
                 'million times what would compress the thinnest cross section to nothing'
             )
-        shape = self.arm.tension_shape
-        lead = checked.shape[: -len(shape)]
-        wrench = self.loads.tip_wrench
+        lead = checked.shape[: -len(self.arm.tension_shape)]
+        wrench, is_loaded = self._wrench, self._is_loaded
         if tip_wrench is not None:
             wrench = wrench + _check_wrench(tip_wrench)
+            is_loaded = not self._load_table.is_empty or bool(wrench.any())
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
-            checked = np.broadcast_to(checked, (*lead, *shape))
+            checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         checked = checked.copy()
-        flat = checked.reshape(-1, len(self.arm.tendons))
-        is_loaded = not self._load_table.is_empty or bool(wrench.any())
         if is_loaded and self.model != 'exact':
             raise ConfigError(_NO_LOADS.format(self.model))
-        wrenches = np.broadcast_to(wrench, (*lead, 6)).reshape(-1, 6).copy()
+        wrenches = np.broadcast_to(wrench, (*lead, 6)) if lead else wrench
 
         if start is not None:
             self._own_twist(start)
 
-        batch = len(flat)
-        results = Results(batch, self.grid, self._base)
+        # One arm goes without the axis of a batch, which NumPy is much quicker with.
+        is_one = lead == ()
+        batch = math.prod(lead)
+        if batch > 1:
+            _keep_freed_memory()
+        results = Results(() if is_one else (batch,), self.grid, self._base)
+        flat = checked.reshape(batch, len(self.arm.tendons))
+        flat_wrenches = wrenches.reshape(batch, 6)
         size = 1 if is_loaded else self._batch
         for first in range(0, batch, size):
             part = slice(first, min(first + size, batch))
             try:
                 with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
                     if is_loaded:
-                        solution = self._loaded.solve(flat[part], wrenches[first], start)
+                        solution = self._loaded.solve(flat[part], flat_wrenches[first], start)
+                    elif is_one and self.model != 'exact':
+                        solution = self._statics.solve(flat[0])
                     else:
                         solution = self._statics.solve(flat[part])
-                results.add(part, solution)
+                if is_one:
+                    results.add((), solution.one())
+                else:
+                    results.add(part, solution)
             except SolveError as error:
                 if batch > 1:
                     error.in_batch(first, part.stop - first)
                 raise
         return results.backbone(self.model, checked, wrenches, lead)
+
+    def follow(
+        self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
+    ) -> Backbone:
+        """As `solve`, from the ``last`` solution if there is one; anew where that leads nowhere.
+
+        Raises:
+            OctoArmError: as `solve`.
+        """
+        try:
+            return self.solve(tensions, tip_wrench, last)
+        except ConvergenceError:
+            if last is None:
+                raise
+            return self.solve(tensions, tip_wrench)
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this solver.
@@ -225,9 +252,14 @@ class Solver:
 
     def _lengths(self, twist: FloatArray) -> FloatArray:
         sections = self._sections
-        strain = to_scaled(sections.law, twist[:, np.newaxis])
-        stretch = sections.lengthening(strain)[0][:, 0] * sections.acts[:, 0]
-        return (stretch @ integration_weights(self.grid)).reshape(self.arm.tension_shape)
+        stretches = sections.stretches(to_scaled(sections.law, twist[:, np.newaxis]))[:, 0]
+        lengths = np.einsum('jn,jn->j', stretches, self._length_weights)
+        return lengths.reshape(self.arm.tension_shape)
+
+    @functools.cached_property
+    def _length_weights(self) -> FloatArray:
+        """What the stretch of every tendon counts at each node, (tendons, nodes) [m]."""
+        return self._sections.acts[:, 0] * integration_weights(self.grid)
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.
@@ -241,6 +273,17 @@ class Solver:
         if backbone.model != self.model or backbone.twist.shape != shape:
             raise ConfigError('the backbone was solved by another solver')
         return backbone.twist
+
+
+@functools.cache
+def _keep_freed_memory() -> None:
+    """Let the C library keep what is freed, once and for all.
+
+    Arrays of a batch are just large enough that glibc gives each of them back to the system, and
+    to get the next one page by page costs as much as the arithmetic. Having seen one larger
+    array freed, it keeps what is smaller.
+    """
+    np.empty(24 * 2**20, np.uint8)
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:

@@ -18,9 +18,9 @@ def factorise(matrix: FloatArray) -> FloatArray:
     """
     factors = matrix.copy()
     for j in range(len(factors) - 1):
-        row = factors[j, j + 1 :].copy()
-        column = np.divide(factors[j + 1 :, j], factors[j, j], out=factors[j + 1 :, j])
-        factors[j + 1 :, j + 1 :] -= column[:, np.newaxis] * row
+        column = factors[j + 1 :, j]
+        column /= factors[j, j]
+        factors[j + 1 :, j + 1 :] -= column[:, np.newaxis] * factors[j, j + 1 :]
     return factors
 
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm import Arm
 from octo_arm_model.errors import TensionError
 from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.vectors import times
 
 
 class TendonSums(NamedTuple):
@@ -70,7 +71,8 @@ class TendonWeights:
 
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
-        sums = list(tensions @ self._matrices)
+        matrices = self._matrices if tensions.ndim == 1 else self._matrices[:, np.newaxis]
+        sums = list(times(tensions, matrices))
         swirl = sums.pop() if self._swirls else None
         mixed = sums.pop() if self._is_mixed else None
         axial, first_n, first_b, second_n, second_b = sums

@@ -1,4 +1,4 @@
-"""Vectors (3, ...), one at each node."""
+"""Vectors (3, ...), one at each node, and products with rows of numbers, one for each arm."""
 
 from __future__ import annotations
 
@@ -22,3 +22,14 @@ def skew(v: FloatArray) -> FloatArray:
     matrix[0, 1], matrix[0, 2], matrix[1, 2] = -v[2], v[1], -v[0]
     matrix[1, 0], matrix[2, 0], matrix[2, 1] = v[2], -v[1], v[0]
     return matrix
+
+
+def times(rows: FloatArray, matrix: FloatArray, out: FloatArray | None = None) -> FloatArray:
+    """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
+
+    BLAS gets one row at a time, since several come out with other last digits than one: so an
+    arm is the same, to the last bit, whatever stands beside it.
+    """
+    whole = None if out is None else out[..., np.newaxis, :]
+    product: FloatArray = np.matmul(rows[..., np.newaxis, :], matrix, out=whole)
+    return product[..., 0, :]

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
 from pathlib import Path
-from typing import Any, TextIO
-
-import numpy as np
+from typing import Any
 
 from octo_arm_model.config import Config
 from octo_arm_model.errors import ConfigError, TensionError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.inverse_cli import default_highest
 from octo_arm_model.options import add_config, read_config, read_json
+from octo_arm_model.progress import Bar
 from octo_arm_model.workspace import Workspace, sample_workspace
 
 _DESCRIPTION = """\
@@ -37,8 +35,6 @@ to a hundred milliseconds: then begin with few --samples. The same --seed, --sam
 give the same tips whatever --processes or --scheduler are.
 """
 _PARTS = 0.1  # of the section at its anchorage that a tendon alone may compress it by
-_REFRESH = 0.1  # of the bar [s]
-_BAR = 30  # characters
 _INTERRUPTED = 130  # exit status, as shells have it
 
 
@@ -96,7 +92,7 @@ def _run(options: argparse.Namespace) -> int:
         picture = Path('workspace.png')
     if picture is not None:
         _check_picture(picture)
-    bar = _Bar(sys.stderr)
+    bar = Bar(sys.stderr, 'sets of tensions')
     try:
         workspace = sample_workspace(
             config,
@@ -184,38 +180,3 @@ def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
 def _range(tensions: FloatArray) -> str:
     low, high = f'{tensions.min():.4g}', f'{tensions.max():.4g}'
     return low if low == high else f'{low} ... {high}'
-
-
-class _Bar:
-    """Progress on a terminal as it goes, elsewhere one line at the end."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._is_terminal = stream, stream.isatty()
-        self._began = time.monotonic()
-        self._shown, self._is_open = -np.inf, False
-
-    def __call__(self, done: int, total: int) -> None:
-        """Show that ``done`` sets of ``total`` are solved."""
-        now = time.monotonic()
-        elapsed = max(now - self._began, 1e-9)
-        rate = done / elapsed
-        if done == total:
-            line = f'{total} sets of tensions in {elapsed:.1f} s, {rate:.4g} a second'
-        elif not self._is_terminal or now - self._shown < _REFRESH:
-            return
-        else:
-            full = _BAR * done // total
-            left = f'{(total - done) / rate:.0f} s left' if done else 'starting'
-            line = f'[{"#" * full}{"." * (_BAR - full)}] {done}/{total}, {rate:.4g}/s, {left}'
-        self._shown = now
-        if self._is_terminal:
-            # Back to the first column, and nothing left of a longer line before.
-            line, self._is_open = f'\r{line}\x1b[K', True
-        self._stream.write(line if self._is_terminal else f'{line}\n')
-        self._stream.flush()
-
-    def leave(self) -> None:
-        """Go on below the bar."""
-        if self._is_open:
-            self._stream.write('\n')
-            self._is_open = False

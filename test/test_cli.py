@@ -163,7 +163,7 @@ def test_inverse_bends_in_the_plane_that_was_asked_for(
         (('solve', 'nothing', '--tensions', '[]'), "no preset arm 'nothing', expected one of "),
         (('solve', 'nowhere.yaml', '--tensions', '[]'), 'nowhere.yaml: No such file or directory'),
         (('solve', '.', '--tensions', '[]'), '.: Is a directory'),
-        (('figures', __file__), '[Errno 17] File exists:'),
+        (('reproduce', __file__), '[Errno 17] File exists:'),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line_on_stderr_and_status_2(
@@ -178,7 +178,7 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
 @pytest.mark.parametrize(
     'arguments',
     [
-        (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('figures',),
+        (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('reproduce',),
         (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
     ],
 )  # fmt: skip
@@ -218,15 +218,3 @@ def test_it_runs_as_a_module_of_its_own(tmp_path: Path) -> None:
         'octo-arm: error: tensions have shape (1, 1), expected (..., 3, 4): '
         '3 section(s) from the tip, 4 tendons each'
     ]
-
-
-def test_figures_without_matplotlib_says_what_to_install(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in [name for name in sys.modules if name.startswith('matplotlib')]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, 'octo_arm_model.figures', raising=False)
-    monkeypatch.setitem(sys.modules, 'matplotlib', None)
-    status, _, err = run(capsys, 'figures', str(tmp_path))
-    assert status == 2
-    assert re.fullmatch(r'octo-arm: error: needs matplotlib.*; install it with: .*\n', err)

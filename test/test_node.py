@@ -623,19 +623,6 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
     assert 'Traceback' not in complaints
 
 
-def test_demonstration_shows_the_arm_and_ends_with_its_node():
-    demo = start('demo', str(CONFIG_FILE), domain=next(DOMAINS))
-    line = ''
-    while 'to the base' not in line:
-        line = demo.stdout.readline()
-        assert line, 'the demonstration ended by itself'
-    assert 'shapes/s' in line
-    demo.send_signal(signal.SIGINT)
-    _, complaints = demo.communicate(timeout=DEADLINE)
-    assert 'Traceback' not in complaints
-    assert demo.returncode == 0, complaints
-
-
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
     domain = next(DOMAINS)
     process = start(

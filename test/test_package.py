@@ -17,7 +17,7 @@ import octo_arm_model
 CORE = sorted(
     module.name
     for module in pkgutil.iter_modules(octo_arm_model.__path__, 'octo_arm_model.')
-    if not module.ispkg and module.name != 'octo_arm_model.figures'
+    if not module.ispkg
 )
 
 

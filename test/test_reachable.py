@@ -23,6 +23,7 @@ from octo_arm_model import (
     Material,
     SolveError,
     TensionError,
+    progress,
     workspace_cli,
 )
 from octo_arm_model import workers as module
@@ -446,9 +447,9 @@ class Terminal(io.StringIO):
 def test_a_terminal_shows_a_bar_with_rate_and_remaining_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(workspace_cli, '_REFRESH', 0.0)
+    monkeypatch.setattr(progress, '_REFRESH', 0.0)
     terminal = Terminal()
-    bar = workspace_cli._Bar(terminal)
+    bar = progress.Bar(terminal, 'sets of tensions')
     for done in (0, 64, 128):
         bar(done, 128)
     bar.leave()

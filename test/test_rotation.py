@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.rotation import _SMALL, Quaternions, cumulative_product
+from octo_arm_model.rotation import Quaternions, cumulative_product
 
 COMPONENTS = st.floats(-1.0, 1.0, allow_subnormal=False)
 XYZW = arrays(np.float64, (4,), elements=COMPONENTS)
@@ -73,27 +73,26 @@ def test_vectors_are_turned_as_by_the_matrix(q: np.ndarray, v: np.ndarray) -> No
     np.testing.assert_allclose(xyzw(turned), [*expected, 0.0], atol=1e-14)
 
 
-@pytest.mark.parametrize('batch', [1, 3])
-@pytest.mark.parametrize('count', [*range(1, 18), 170, _SMALL - 1, _SMALL, _SMALL + 1, 1000, 2049])
+@pytest.mark.parametrize('batch', [(), (1,), (3,), (2, 3)])
+@pytest.mark.parametrize('count', [1, 2, 3, 170, 2049])
 def test_cumulative_products_equal_one_multiplication_after_another(
-    batch: int, count: int
+    batch: tuple[int, ...], count: int
 ) -> None:
-    factors = random_units(batch, count)
+    factors = random_units(*batch, count)
     original = factors.copy()
-    one_by_one = [factors[:, 0]]
+    one_by_one = [factors[..., 0, :]]
     for i in range(1, count):
-        one_by_one.append(product(one_by_one[-1], factors[:, i]))
+        one_by_one.append(product(one_by_one[-1], factors[..., i, :]))
     at_once = xyzw(cumulative_product(Quaternions.from_xyzw(factors)))
-    np.testing.assert_allclose(at_once, np.stack(one_by_one, axis=1), atol=1e-13)
+    np.testing.assert_allclose(at_once, np.stack(one_by_one, axis=-2), atol=1e-13)
     np.testing.assert_array_equal(factors, original)
 
 
 def test_cumulative_products_leave_their_factors_alone() -> None:
-    for count in (5, 2 * _SMALL):
-        factors = Quaternions.from_xyzw(random_units(1, count))
-        before = xyzw(factors)
-        cumulative_product(factors)
-        np.testing.assert_array_equal(xyzw(factors), before)
+    factors = Quaternions.from_xyzw(random_units(1, 5))
+    before = xyzw(factors)
+    cumulative_product(factors)
+    np.testing.assert_array_equal(xyzw(factors), before)
 
 
 def test_long_products_of_unit_quaternions_stay_unit() -> None:

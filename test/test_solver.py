@@ -15,14 +15,17 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
+    ConvergenceError,
     Material,
     Pose,
     Section,
     SolveError,
     Solver,
+    load_config,
     solve,
 )
-from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.inverse import default_highest
+from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
 
 # Different in every tendon; no two sections pull in one plane.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
@@ -309,3 +312,35 @@ def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> Non
     with pytest.raises(ConfigError, match="model is 'best', expected one of renda2012, closed_f"):
         Solver(table4.arm, 'best')
     assert set(MODELS) == {'renda2012', 'closed_form', 'exact'}
+
+
+@pytest.mark.parametrize('count', [2, 7, 150])
+def test_an_arm_comes_out_the_same_to_the_last_bit_alone_and_among_others(
+    preset, papers_model, count
+):
+    solver = preset.solver(papers_model)
+    highest = default_highest(preset.arm, 0.1)
+    tensions = np.random.default_rng(count).random((count, *highest.shape)) * highest
+    tensions[::3, 0] = 0.0  # Not all take the same number of sweeps.
+    together = solver.solve(tensions)
+    for number in range(0, count, 11):
+        alone = solver.solve(tensions[number])
+        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'residual', 'iterations'):
+            assert np.array_equal(getattr(alone, name), getattr(together, name)[number])
+
+
+def test_where_following_leads_nowhere_the_arm_begins_anew(monkeypatch):
+    solver = load_config(preset_path('renda2012_prototype')).solver()
+    solve, started = solver.solve, []
+
+    def fails_when_followed(tensions, tip_wrench=None, start=None):
+        started.append(start is not None)
+        if start is not None:
+            raise ConvergenceError('it', 1.0, 1)
+        return solve(tensions, tip_wrench)
+
+    monkeypatch.setattr(solver, 'solve', fails_when_followed)
+    first = solver.follow([[1.0, 0.0, 0.0, 0.0]], None)
+    again = solver.follow([[1.0, 0.0, 0.0, 0.0]], first)
+    np.testing.assert_array_equal(first.position, again.position)
+    assert started == [False, True, False]

@@ -1,156 +1,160 @@
-"""A live demonstration: the node in one process, a player of movements in another.
-
-The player pulls tendons slowly through the fetching movements of Table 5 and shows, in the
-terminal, what the node answers.
-"""
+"""The arm without hardware: node, simulator and viewer, and a line of numbers in the terminal."""
 
 from __future__ import annotations
 
 import argparse
-import signal
-import subprocess
+import contextlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import rclpy
-from nav_msgs.msg import Path
-from octo_arm_msgs.msg import TendonTensions
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.config import load_config
 from octo_arm_model.errors import OctoArmError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
-from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.ros.outbox import OUTPUT_QOS
+from octo_arm_model.options import find_config, find_path
+from octo_arm_model.ros.children import children, ended, stop_signals
+from octo_arm_model.ros.client import POSES, ArmClient
+from octo_arm_model.simulation.commands import profile_names
+from octo_arm_model.viewer.options import add_address
 
-RATE = 50.0  # [Hz] of the tensions
-MOVE_TIME = 3.0  # [s] from one posture to the next
-HOLD_TIME = 1.0  # [s] in each posture
+RATE = 50.0  # [Hz] of the simulated tensions
+_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # the first that the arm can make
+_POLL = 1.0 / 30.0  # [s]
+_EPILOG = """\
+examples:
+  octo_arm_demo config/renda2012_table4.yaml
+  octo_arm_demo renda2012_table2 --port 8081
+  octo_arm_demo renda2012_prototype --no-viewer
 
-
-def postures_of(arm: Arm) -> list[tuple[str, FloatArray]]:
-    """Names and tensions [N] of the postures to move through."""
-    rest = ('coming to rest', np.zeros(arm.tension_shape))
-    if arm.tension_shape == np.shape(FETCHING_IN_PLANE):
-        return [
-            rest,
-            ('fetching in one plane', np.array(FETCHING_IN_PLANE)),
-            rest,
-            ('fetching in space', np.array(FETCHING_IN_SPACE)),
-        ]
-    # Any other arm: each tendon of the first section in turn, pulled so that the arm shortens
-    # by a few per cent at its anchorage or bends by half a turn.
-    highest = 0.25 * default_highest(arm, 0.12).ravel()
-    postures = []
-    for tendon in range(len(arm.sections[0].tendons)):
-        tensions = np.zeros(len(arm.tendons))
-        tensions[tendon] = highest[tendon]
-        postures.append(
-            (f'pulling {arm.tendon_names[tendon]}', tensions.reshape(arm.tension_shape))
-        )
-    return postures
+The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
+"""
 
 
-class Player(Node):
-    """Publishes tensions and shows the answers."""
+def movement_of(arm: Arm) -> str:
+    """Name of the movement that shows most of ``arm``."""
+    names = profile_names(arm)
+    return next(name for name in _MOVEMENTS if name in names)
 
-    def __init__(self, arm: Arm) -> None:
-        """Play on ``arm``."""
-        super().__init__('octo_arm_player')
-        self._postures = postures_of(arm)
-        self._names = list(arm.tendon_names)
-        self._tensions = self.create_publisher(TendonTensions, 'tendon_tensions', 5)
-        self.create_subscription(Path, 'backbone/path', self._on_path, OUTPUT_QOS)
-        self.create_timer(1.0 / RATE, self._play)
-        self._live = sys.stdout.isatty()
-        self.create_timer(0.1 if self._live else 1.0, self._show)
-        self._start = self._shown = time.monotonic()
-        self._doing = ''
-        self._path: Path | None = None
-        self._answers = 0
-        self._rate = 0.0
 
-    def _play(self) -> None:
-        period = MOVE_TIME + HOLD_TIME
-        step, within = divmod(time.monotonic() - self._start, period)
-        count = len(self._postures)
-        _, before = self._postures[int(step) % count]
-        self._doing, after = self._postures[(int(step) + 1) % count]
-        part = min(1.0, within / MOVE_TIME)
-        smooth = part * part * (3.0 - 2.0 * part)
-        message = TendonTensions(
-            name=self._names, tension=((1.0 - smooth) * before + smooth * after).ravel()
-        )
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._tensions.publish(message)
+class LiveLine:
+    """What the node answers, in one line that is written again and again."""
 
-    def _on_path(self, path: Path) -> None:
-        self._path = path
-        self._answers += 1
+    def __init__(self) -> None:
+        """Begin; only a terminal gets more than a line a second."""
+        self._is_live = sys.stdout.isatty()
+        self._period = 0.1 if self._is_live else 1.0
+        self._shown = time.monotonic()
 
-    def _show(self) -> None:
+    def show(self, describe: Callable[[], str]) -> None:
+        """Say what ``describe`` says, if it is time to."""
         now = time.monotonic()
-        elapsed, self._shown = now - self._shown, now
-        # The rate is smoothed over about a second.
-        weight = min(1.0, elapsed)
-        self._rate += weight * (self._answers / elapsed - self._rate)
-        self._answers = 0
-        if self._path is None:
-            line = 'waiting for the node ...'
-        else:
-            base, tip = (
-                np.array([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z]) * 1e3
-                for pose in (self._path.poses[0], self._path.poses[-1])
-            )
-            line = (
-                f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
-                f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
-                f'{self._rate:5.1f} shapes/s   {self._doing}'
-            )
-        print(f'\r{line:<98}' if self._live else line, end='' if self._live else '\n', flush=True)
+        if now - self._shown < self._period:
+            return
+        self._shown = now
+        line = describe()
+        print(f'\r{line:<98}' if self._is_live else line, end='' if self._is_live else '\n')
+        sys.stdout.flush()
+
+    def leave(self) -> None:
+        """Go on below the line."""
+        if self._is_live:
+            print()
+
+
+def describe(client: ArmClient) -> str:
+    """Tip, distance to the base, rate and latency of the newest shape."""
+    if client.shape is None:
+        return 'waiting for the node ...'
+    base, tip = client.shape.position[[0, -1]] * 1e3
+    return (
+        f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
+        f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
+        f'{client.rate():5.1f} shapes/s   {1e3 * client.latency:5.1f} ms behind'
+    )
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='octo_arm_demo',
+        description='Start node, simulator and viewer of an arm, until Ctrl-C.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'config', metavar='CONFIG', help='ROS parameter file of the arm, or the name of a preset'
+    )
+    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
+    add_address(parser)
+    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run node and player until one of them ends; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog='octo_arm_demo',
-        description='Start the node on an arm and play movements on it, until Ctrl-C.',
-    )
-    parser.add_argument('config', metavar='CONFIG', help='ROS parameter file of the arm')
-    options = parser.parse_args(arguments)
+    """Run all of it until told to stop or a part of it ends; returns the exit status."""
+    options = build_parser().parse_args(arguments)
     try:
-        arm = load_config(options.config).arm
+        path = str(find_path(options.config))
+        movement = movement_of(find_config(path).arm)
     except OctoArmError as error:
-        print(f'octo_arm_demo: error: {error}', file=sys.stderr)
-        return 2
-    command = (sys.executable, '-m', 'octo_arm_model.ros.node')
-    # A session of its own, so that Ctrl-C reaches the node once, from here.
-    node = subprocess.Popen(
-        [*command, '--ros-args', '--params-file', options.config, '--log-level', 'warn'],
-        start_new_session=True,
+        return _fail(error)
+    is_over = stop_signals()
+    common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
+    playing = (f'rate:={RATE}', f'profile.name:={movement}', 'profile.loop:=true')
+    commands = (
+        ('octo_arm_model.ros.node', *common),
+        ('octo_arm_model.ros.simulator', *common, *(a for p in playing for a in ('-p', p))),
     )
-    # However it is ended, it ends like by Ctrl-C, so that the node is not left behind. A shell
-    # starts background jobs with SIGINT ignored, which is why that one is set as well.
-    for ending in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(ending, signal.default_int_handler)
-    try:
+    line = LiveLine()
+    with contextlib.ExitStack() as stack:
+        started = stack.enter_context(children(commands))
+        stack.callback(rclpy.try_shutdown)
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        player = Player(arm)
-        while node.poll() is None:
-            rclpy.spin_once(player, timeout_sec=0.1)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        print()
-    finally:
-        rclpy.try_shutdown()
-        if node.poll() is None:
-            node.send_signal(signal.SIGINT)
-        status = node.wait(timeout=10.0)
-    return 0 if status in (0, -signal.SIGINT) else status
+        client = ArmClient(Node('octo_arm_demo'))
+        try:
+            step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
+        except OctoArmError as error:
+            return _fail(error)
+        while not is_over() and not ended(started):
+            step()
+            line.show(lambda: describe(client))
+        line.leave()
+        return 0 if is_over() else _fail(ended(started), 1)
+
+
+def _viewing(
+    client: ArmClient, options: argparse.Namespace, stack: contextlib.ExitStack
+) -> Callable[[], None]:
+    """What shows the arm in a browser, moment by moment; only watches it without viser.
+
+    Raises:
+        AddressError: if the page cannot be served where ``options`` say.
+    """
+    try:
+        from octo_arm_model.viewer.address import serving
+        from octo_arm_model.viewer.app import Viewer
+    except ModuleNotFoundError as error:
+        print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
+        return _watching(client)
+    server = stack.enter_context(serving(options.host, options.port))
+    return Viewer(server, client, always=True).step
+
+
+def _watching(client: ArmClient) -> Callable[[], None]:
+    client.listen(POSES)
+
+    def step() -> None:
+        client.poll()
+        time.sleep(_POLL)
+
+    return step
+
+
+def _fail(problem: object, status: int = 2) -> int:
+    print(f'octo_arm_demo: error: {problem}', file=sys.stderr)
+    return status
 
 
 if __name__ == '__main__':

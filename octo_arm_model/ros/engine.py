@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import Config, parameters_as_yaml
-from octo_arm_model.errors import ConvergenceError, LoadError, OctoArmError
+from octo_arm_model.errors import LoadError, OctoArmError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.parameters import PARAMETERS
 from octo_arm_model.ros.declare import check_types, read_parameters
@@ -177,7 +177,8 @@ class Engine:
             if self._health.received(inbox.topic, stamp):
                 self._last = None  # A bag that begins anew: nothing follows from its end.
             began = time.perf_counter()
-            backbone = self._solve(prepared.solver, tensions)
+            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
+            self._last = backbone
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began
         except OctoArmError as error:
@@ -185,17 +186,6 @@ class Engine:
             return
         outbox.publish(backbone, covariance, self._stamp(stamp))
         self._health.answered(backbone, duration)
-
-    def _solve(self, solver: Solver, tensions: FloatArray) -> Backbone:
-        """Follow the last solution; where that leads nowhere begin anew."""
-        try:
-            backbone = solver.solve(tensions, self._tip_wrench, self._last)
-        except ConvergenceError:
-            if self._last is None:
-                raise
-            backbone = solver.solve(tensions, self._tip_wrench)
-        self._last = backbone
-        return backbone
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         """Keep the wrench for the tensions to come."""

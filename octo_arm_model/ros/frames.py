@@ -14,20 +14,11 @@ from std_msgs.msg import Header
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.hints import FloatArray, IntArray
+from octo_arm_model.drawing import anchorage_stations
 
 # What tf2_ros publishes and listens with; frames of many nodes share the topic.
 TF_TOPIC = '/tf'
 TF_QOS = QoSProfile(depth=100)
-
-
-def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
-    """Index of the station at each anchorage, from the tip, (sections,).
-
-    ``s`` [m], (stations,), are those of a solver of ``arm``, which has one at every anchorage.
-    """
-    anchorages = np.array([section.anchorage for section in arm.sections])
-    return np.abs(s[:, np.newaxis] - anchorages).argmin(axis=0)
 
 
 def transforms(

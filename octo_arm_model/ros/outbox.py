@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.cdr import BackboneWriter
 from octo_arm_model.hints import FloatArray
@@ -36,7 +35,6 @@ _TOPICS = (
     (PoseArray, 'backbone/poses'),
     (SectionStrains, 'strains'),
     (PoseWithCovarianceStamped, 'tip_pose'),
-    (JointState, 'tendon_lengths'),
 )
 
 
@@ -47,13 +45,14 @@ class Outbox:
         """Open them on ``node``."""
         self._node = node
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
+        self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
         self._transforms = make_broadcaster(node)
         self._writer: BackboneWriter | None = None
         self._drawing: ArmMarkers | None = None
         self._is_drawn, self._largest = False, 0.0
-        self._arm: Arm | None = None
+        self._solver: Solver | None = None
         self._frame = self._prefix = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
@@ -66,7 +65,7 @@ class Outbox:
 
     def close(self) -> None:
         """Close them."""
-        others = (self._description, self._markers, self._transforms)
+        others = (self._lengths, self._description, self._markers, self._transforms)
         for publisher in (*self._publishers, *others):
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
@@ -74,7 +73,7 @@ class Outbox:
     def describe(self, solver: Solver, frame: str, prefix: str) -> None:
         """Answers to come are those of ``solver`` in ``frame``."""
         arm, grid = solver.arm, solver.grid
-        self._frame, self._prefix, self._arm = frame, prefix, arm
+        self._frame, self._prefix, self._solver = frame, prefix, solver
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
         self._drawing = ArmMarkers(arm, grid.s, widen=solver.law.widens)
         self._is_drawn, self._largest = False, 0.0
@@ -83,24 +82,24 @@ class Outbox:
         """Publish what the arm is, as a ROS parameter file."""
         self._description.publish(String(data=description))
 
-    def publish(
-        self, backbone: Backbone, lengths: FloatArray, covariance: FloatArray, stamp: Time
-    ) -> None:
-        """Publish one answer on every topic; the drawing if anybody looks at it."""
-        assert self._writer is not None and self._arm is not None
+    def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Time) -> None:
+        """Publish one answer: on every topic, but what takes longer only if somebody listens."""
+        assert self._writer is not None and self._solver is not None
         writer, time = self._writer, (stamp.sec, stamp.nanosec)
         messages = (
             writer.path(backbone, *time),
             writer.poses(backbone, *time),
             writer.strains(backbone, *time),
             writer.tip_pose(backbone, covariance, *time),
-            writer.tendon_lengths(lengths, backbone.tensions, *time),
         )
         for publisher, message in zip(self._publishers, messages, strict=True):
             publisher.publish(message)
         if self._transforms is not None:
-            frames = transforms(backbone, self._arm, self._frame, self._prefix, stamp)
+            frames = transforms(backbone, self._solver.arm, self._frame, self._prefix, stamp)
             broadcast(self._transforms, frames)
+        if self._lengths.get_subscription_count():
+            lengths = self._solver.tendon_lengths(backbone)
+            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *time))
         if self._markers.get_subscription_count():
             assert self._drawing is not None
             # Red is the largest tension ever, so that colours can be compared over time.

@@ -1,0 +1,126 @@
+"""How many times faster than it was recorded a bag of tensions at 1 kHz is replayed.
+
+On one core, for the arm of Table 4. Every message of the recording is another set of tensions.
+Written is the answer of the node: path, poses, strains and tip pose of 101 stations, 19 kB for
+every message, beside a copy of the message itself.
+
+    python benchmarks/bags.py [--seconds 60] [--folder /dev/shm]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+# One core is one thread of BLAS as well; it looks when it is loaded.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
+
+from octo_arm_model import Config, load_config
+from octo_arm_model.bags.answers import Answers
+from octo_arm_model.bags.arms import find_arms
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.replay import replay
+from octo_arm_model.bags.tensions import TYPES, read_tensions
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.bags.writer import STORAGES, BagWriter
+from octo_arm_model.config import load_parameters
+from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
+
+RATE = 1000.0  # [Hz]
+WANTED = 20.0  # times real time
+NOISE = 0.01  # of the tensions [N]
+PRESET = preset_path('renda2012_table4')
+
+
+def record(path: Path, config: Config, count: int, storage: str) -> None:
+    """Write a bag of ``count`` messages: fetching movements, with noise."""
+    types, rng, name = known_types(), np.random.default_rng(0), TYPES[0]
+    make = types.types
+    names = list(config.arm.tendon_names)
+    pulled = np.array(FETCHING_IN_SPACE).ravel()
+    with BagWriter(path, storage) as writer:
+        topic = writer.add('/tendon_tensions', name)
+
+        def message(number: int) -> tuple[object, int, bytes]:
+            time_ns = 10**18 + round(number * 1e9 / RATE)
+            stamp = make['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
+            header = make['std_msgs/msg/Header'](stamp=stamp, frame_id='arm_base')
+            part = 0.5 - 0.5 * np.cos(2.0 * np.pi * number / (5.0 * RATE))
+            tension = np.abs(part * pulled + NOISE * rng.standard_normal(pulled.size))
+            sample = make[name](header=header, name=names, tension=tension)
+            return topic, time_ns, bytes(types.serialize_cdr(sample, name))
+
+        writer.write(message(number) for number in range(count))
+
+
+def clock(work: Callable[[], object]) -> tuple[float, float]:
+    """Seconds that ``work`` takes, and those of them that the core worked on it."""
+    began, worked = time.perf_counter(), time.process_time()
+    work()
+    return time.perf_counter() - began, time.process_time() - worked
+
+
+def replay_all(source: Path, out: Path, storage: str, model: str) -> None:
+    """Replay with copies."""
+    with BagReader(source) as reader:
+        arms = find_arms(reader, parameters=load_parameters(PRESET), model=model)
+        with BagWriter(out, storage) as writer:
+            replay(reader, writer, arms)
+
+
+def read_all(source: Path, config: Config) -> None:
+    """Read all tensions."""
+    with BagReader(source) as reader:
+        for _ in read_tensions(reader, '/tendon_tensions', config.arm):
+            pass
+
+
+def main() -> None:
+    """Record, replay and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=20.0, help='of the recording')
+    parser.add_argument('--folder', type=Path, help='where to write (default: that of temp files)')
+    options = parser.parse_args()
+    if hasattr(os, 'sched_setaffinity'):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    config = load_config(PRESET)
+    count = round(options.seconds * RATE)
+    print(f'{count} messages at {RATE:g} Hz, load of the machine {os.getloadavg()[0]:.1f}\n')
+    print(
+        '| storage | model | side by side | us a message: wall, CPU | times real time: wall, CPU |'
+    )
+    print('| --- | --- | --- | --- | --- |')
+    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+        for storage in STORAGES:
+            source, out = Path(folder) / f'in_{storage}', Path(folder) / 'out'
+            record(source, config, count, storage)
+            taken = clock(lambda source=source: read_all(source, config))
+            row(storage, 'none, read alone', '', taken, count)
+            for model in ('renda2012', 'closed_form'):
+                values = {**load_parameters(PRESET), 'model': model}
+                is_quick = Answers(Config.from_parameters(values)).is_quick
+                taken = clock(
+                    lambda source=source, out=out, storage=storage, model=model: replay_all(
+                        source, out, storage, model
+                    )
+                )
+                shutil.rmtree(out)
+                row(storage, model, 'yes' if is_quick else 'no: other bits', taken, count)
+
+
+def row(storage: str, what: str, how: str, taken: tuple[float, float], count: int) -> None:
+    """Print a line of the table."""
+    times = ', '.join(f'{1e6 * seconds / count:.1f}' for seconds in taken)
+    ratios = ', '.join(f'{count / RATE / seconds:.1f}' for seconds in taken)
+    print(f'| {storage} | {what} | {how} | {times} | {ratios} (wanted {WANTED:g}) |')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,98 @@
+"""A controller at 200 Hz against the arm without hardware: its tip follows a circle.
+
+Starts the node and a simulator whose winches lag by 50 ms. The controller knows where the tip is
+from the node alone. Run it where ROS is, or by tools/with_ros.
+"""
+
+import sys
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.node import Node
+
+from octo_arm_model import TipPosition, find_tensions, load_config
+from octo_arm_model.ros.children import children
+from octo_arm_model.ros.node import make_executor
+
+CONFIG = 'config/renda2012_table4.yaml'
+RATE = 200.0  # [Hz]
+PERIOD = 8.0  # of the circle [s]
+GAIN = 4.0  # [1/s]
+HIGHEST = 1.0  # [N]
+SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
+
+
+def wanted(time):
+    """Where the tip should be at ``time`` [s], and how fast it should go there."""
+    angle = 2.0 * np.pi * time / PERIOD
+    radial, along = (
+        np.array([0, np.cos(angle), np.sin(angle)]),
+        np.array([0, -np.sin(angle), np.cos(angle)]),
+    )
+    return np.array([0.38, 0.0, 0.0]) + 0.05 * radial, 0.05 * 2.0 * np.pi / PERIOD * along
+
+
+class Controller(Node):
+    """Turns the distance to the wanted tip into changes of the tensions."""
+
+    def __init__(self):
+        """Begin with tensions that would bring the tip to the circle."""
+        super().__init__('controller')
+        config = load_config(CONFIG)
+        self.solver = config.solver('closed_form', stations=41)
+        start = find_tensions(config.solver('exact'), TipPosition(wanted(0.0)[0]), highest=HIGHEST)
+        self.tensions = start.backbone.tensions.ravel().copy()
+        self.command = TendonTensions(name=list(config.arm.tendon_names))
+        self.tip, self.steps, self.errors = None, 0, []
+        self.publisher = self.create_publisher(TendonTensions, 'tendon_commands', 1)
+        self.create_subscription(PoseWithCovarianceStamped, 'tip_pose', self.on_tip, 1)
+        self.create_timer(1.0 / RATE, self.step)
+
+    def on_tip(self, message):
+        """Keep where the tip is."""
+        p = message.pose.pose.position
+        self.tip = np.array([p.x, p.y, p.z])
+
+    def step(self):
+        """Pull a little more or less."""
+        if self.tip is not None:
+            target, speed = wanted(self.steps / RATE)
+            error = target - self.tip
+            # How the tip answers to the tensions is the model's to say; where it is, the node's.
+            backbone = self.solver.solve(self.tensions.reshape(self.solver.arm.tension_shape))
+            jacobian = self.solver.sensitivity(backbone).by_tension.tip[:3]
+            damped = jacobian @ jacobian.T + 1e-4 * np.eye(3)
+            change = jacobian.T @ np.linalg.solve(damped, speed + GAIN * error)
+            self.tensions = np.clip(self.tensions + change / RATE, 0.0, HIGHEST)
+            self.errors.append(np.linalg.norm(error))
+            self.steps += 1
+            if self.steps % int(2 * RATE) == 0:
+                recent = 1e3 * np.array(self.errors[-int(2 * RATE) :])
+                print(
+                    f'{self.steps / RATE:5.1f} s   error {recent.mean():5.1f} mm, '
+                    f'at most {recent.max():.1f} mm',
+                    flush=True,
+                )
+        self.command.header.stamp = self.get_clock().now().to_msg()
+        self.command.tension = self.tensions
+        self.publisher.publish(self.command)
+
+
+arm = ('--ros-args', '--params-file', CONFIG)
+rclpy.init()
+with children(
+    [
+        ('octo_arm_model.ros.node', *arm),
+        ('octo_arm_model.ros.simulator', *arm, '-p', f'rate:={RATE}', '-p', 'winches.lag:=0.05'),
+    ]
+):
+    controller, executor = Controller(), make_executor()
+    executor.add_node(controller)
+    try:
+        while controller.steps < SECONDS * RATE:
+            executor.spin_once(timeout_sec=1.0)
+    except KeyboardInterrupt:
+        pass
+    executor.shutdown()

@@ -1,0 +1,1 @@
+"""Experiments recorded as bags: read, answered, compared with, made up. Needs rosbags, not ROS."""

@@ -1,0 +1,174 @@
+"""What the node would answer: shapes and their messages, many sets of tensions at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.bags.bulk import Bulk
+from octo_arm_model.bags.tensions import Reading
+from octo_arm_model.bags.topics import ANSWERS
+from octo_arm_model.cdr import BackboneWriter
+from octo_arm_model.config import Config
+from octo_arm_model.errors import SolveError
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.inverse import default_highest
+from octo_arm_model.sensitivity import Uncertainty
+
+LENGTHS = 'tendon_lengths'
+_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change
+_TRIED, _TRIED_STEP = 128, 9  # sets solved side by side to see how they come out, and alone
+_TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
+
+
+class Answer(NamedTuple):
+    """What becomes of one message of tensions.
+
+    Attributes:
+        messages: bytes of the message on each of the topics, in their order; none where there is
+            no trustworthy answer.
+        reason: why there is none, or ''.
+        is_failure: whether the model had no answer, and not the message no tensions.
+    """
+
+    messages: Sequence[bytes | memoryview]
+    reason: str = ''
+    is_failure: bool = False
+
+
+class Answers:
+    """Answers tensions of one arm in their order, byte for byte like the node.
+
+    Attributes:
+        topics: what it answers on, of `ANSWERS`.
+        is_quick: whether sets are solved side by side, many times quicker than one by one.
+    """
+
+    def __init__(self, config: Config, lengths: bool = False) -> None:
+        """Answer for the arm of ``config``, with the lengths of its tendons if wanted.
+
+        Raises:
+            ConfigError: if the model does not cover the arm or its loads.
+        """
+        self._uncertainty, self._solver = config.uncertainty, config.solver()
+        self.topics = tuple(topic for topic in ANSWERS if lengths or topic != LENGTHS)
+        self._last: Backbone | None = None
+        self._newest: int | None = None
+        grid = self._solver.grid
+        self._writer = BackboneWriter(
+            config.base_frame, config.model, grid.s, grid.section, config.arm.tendon_names
+        )
+        is_plain = not (config.loads.any or lengths or config.uncertainty != Uncertainty())
+        self.is_quick = is_plain and self._is_alike()
+        self._bulk = self._learn() if self.is_quick else ()
+
+    def answer(self, readings: Sequence[Reading]) -> list[Answer]:
+        """An answer to each of ``readings``."""
+        answers = [Answer((), reading.reason) for reading in readings]
+        places = [i for i, reading in enumerate(readings) if reading.tensions is not None]
+        good = [readings[place] for place in places]
+        found = self._answer_together(good) if self.is_quick else map(self._answer_alone, good)
+        for place, answer in zip(places, found):
+            answers[place] = answer
+        return answers
+
+    def _answer_alone(self, reading: Reading) -> Answer:
+        assert reading.tensions is not None
+        if self._newest is not None and reading.stamp_ns < self._newest:
+            self._last = None  # A bag that begins anew: nothing follows from its end.
+        self._newest = reading.stamp_ns
+        try:
+            self._last = backbone = self._solver.follow(reading.tensions, self._last)
+            covariance = self._solver.tip_covariance(backbone, self._uncertainty)
+        except SolveError as error:
+            return Answer((), str(error), is_failure=True)
+        writer, stamp = self._writer, divmod(reading.stamp_ns, 10**9)
+        messages = [
+            writer.path(backbone, *stamp),
+            writer.poses(backbone, *stamp),
+            writer.strains(backbone, *stamp),
+            writer.tip_pose(backbone, covariance, *stamp),
+        ]
+        if LENGTHS in self.topics:
+            lengths = self._solver.tendon_lengths(backbone)
+            messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        return Answer(messages)
+
+    def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
+        if not readings:
+            return []
+        tensions = np.stack([np.asarray(reading.tensions) for reading in readings])
+        stamps = np.array([reading.stamp_ns for reading in readings])
+        answers: list[Answer] = []
+        for part, result in self._solve(tensions, 0):
+            if isinstance(result, SolveError):
+                answers.append(Answer((), str(result), is_failure=True))
+                continue
+            poses = np.concatenate([result.position, result.quaternion], axis=-1)
+            strains = np.stack([result.tau, result.xi, result.k, result.q], axis=1)
+            tip = np.zeros((len(poses), 7 + 6 * 6))
+            tip[:, :7] = poses[:, -1]
+            columns = [
+                bulk.write(stamps[part], numbers)
+                for bulk, numbers in zip(self._bulk, (poses, poses, strains, tip))
+            ]
+            answers += map(Answer, zip(*columns))
+        return answers
+
+    def _solve(
+        self, tensions: FloatArray, first: int
+    ) -> Iterator[tuple[slice, Backbone | SolveError]]:
+        """Shapes of all sets, in parts where some have none."""
+        part = slice(first, first + len(tensions))
+        try:
+            yield part, self._solver.solve(tensions)
+        except SolveError as error:
+            half = len(tensions) // 2
+            if not half:
+                yield part, error
+                return
+            yield from self._solve(tensions[:half], first)
+            yield from self._solve(tensions[half:], first + half)
+
+    def _is_alike(self) -> bool:
+        """Whether shapes come out side by side as they do alone, to the last bit.
+
+        That is a matter of the model, of NumPy and of BLAS; where they do not, they are solved
+        alone, as in the node. So it is tried.
+        """
+        highest = default_highest(self._solver.arm, _TRIED_PART).ravel()
+        some = np.random.default_rng(0).random((_TRIED, highest.size)) * highest
+        tensions = some.reshape(-1, *self._solver.arm.tension_shape)
+        try:
+            for part in (tensions, tensions[:3], tensions[:_TRIED_STEP]):
+                together = self._solver.solve(part)
+                for number in range(0, len(part), _TRIED_STEP):
+                    alone = self._solver.solve(part[number])
+                    for name in _ARRAYS:
+                        if not np.array_equal(
+                            getattr(alone, name), getattr(together, name)[number]
+                        ):
+                            return False
+        except SolveError:
+            return False
+        return True
+
+    def _learn(self) -> tuple[Bulk, ...]:
+        """Messages by the hundred, on each of the topics."""
+        rest = self._solver.solve(0.0 * self._solver.rest_lengths)
+        writer = self._writer
+
+        def filled(value: float) -> Backbone:
+            arrays = {name: np.full_like(getattr(rest, name), value) for name in _ARRAYS}
+            return dataclasses.replace(rest, **arrays)
+
+        def tip_pose(backbone: Backbone, sec: int, nanosec: int) -> bytes:
+            covariance = np.full((6, 6), backbone.position[0, 0])
+            return writer.tip_pose(backbone, covariance, sec, nanosec)
+
+        kinds = (writer.path, writer.poses, writer.strains, tip_pose)
+        return tuple(Bulk(kind, filled) for kind in kinds)

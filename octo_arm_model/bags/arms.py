@@ -1,0 +1,101 @@
+"""Which arms a bag holds tensions of, and what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.tensions import TYPES
+from octo_arm_model.bags.topics import DESCRIPTION, names
+from octo_arm_model.config import parse_parameters
+from octo_arm_model.errors import ConfigError
+from octo_arm_model.readings import READERS
+
+STRING = 'std_msgs/msg/String'
+
+
+class RecordedArm(NamedTuple):
+    """An arm whose tensions are in a bag.
+
+    Attributes:
+        prefix: namespace of its topics, with the slash.
+        topics: those of its tensions.
+        parameters: what it is, see `Config.from_parameters`.
+    """
+
+    prefix: str
+    topics: tuple[str, ...]
+    parameters: Mapping[str, Any]
+
+
+def find_arms(
+    reader: BagReader,
+    topics: Sequence[str] = (),
+    parameters: Mapping[str, Any] | None = None,
+    model: str | None = None,
+) -> list[RecordedArm]:
+    """The arms in a bag, one for each namespace of tensions.
+
+    Args:
+        reader: the bag.
+        topics: those of the tensions; if none, all with the names that the node listens to, or
+            else the only one there is.
+        parameters: of the arms; None for the arm_description in the bag.
+        model: model instead of theirs.
+
+    Raises:
+        BagError: if there are no tensions.
+        ConfigError: if there is no description.
+    """
+    if topics:
+        found = [reader.pick(topic, TYPES, 'tensions') for topic in topics]
+    else:
+        found = [
+            topic
+            for topic, type_name in reader.topics.items()
+            if any(names(topic, usual) and type_name == READERS[usual][0] for usual in READERS)
+            and reader.count([topic])
+        ] or [reader.pick(None, TYPES, 'tensions')]
+    by_prefix: dict[str, list[str]] = {}
+    for topic in dict.fromkeys(found):
+        by_prefix.setdefault(_prefix(topic), []).append(topic)
+    arms = []
+    for prefix, own in by_prefix.items():
+        values = dict(parameters if parameters is not None else describe(reader, prefix))
+        if model is not None:
+            values['model'] = model
+        arms.append(RecordedArm(prefix, tuple(own), values))
+    return arms
+
+
+def _prefix(topic: str) -> str:
+    """Namespace of a ``topic`` of tensions, with the slash."""
+    for usual in READERS:
+        if names(topic, usual):
+            return topic.removesuffix(usual)
+    return topic[: topic.rfind('/') + 1]
+
+
+def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
+    """Parameters of the arm that a bag says was there, the last if they changed.
+
+    That of the namespace ``prefix``, or else the only one.
+
+    Raises:
+        ConfigError: if it says nothing of that, or what it says is no arm.
+        BagError: if the bag is damaged.
+    """
+    topics = [
+        topic
+        for topic, type_name in reader.topics.items()
+        if names(topic, DESCRIPTION) and type_name == STRING and reader.count([topic])
+    ]
+    if prefix + DESCRIPTION in topics:
+        topics = [prefix + DESCRIPTION]
+    if len(topics) != 1:
+        what = f'several topics {DESCRIPTION}' if topics else f'no topic {DESCRIPTION}'
+        raise ConfigError(f'{reader.path}: it has {what}, so say which arm it was by --config')
+    for last in reader.messages(topics):
+        record = last
+    return parse_parameters(reader.decode(record).data, f'{reader.path}, {topics[0]}')

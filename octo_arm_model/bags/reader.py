@@ -1,0 +1,233 @@
+"""Bags as they come: rosbag2 folders of any version, and single files of their storages."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.typesys.store import Typestore
+
+from octo_arm_model.bags.topics import is_answer, is_usual
+from octo_arm_model.bags.types import types_for
+from octo_arm_model.errors import BagError
+
+
+class Record(NamedTuple):
+    """A message as it lies in a bag.
+
+    Attributes:
+        topic: where it was published.
+        type_name: its type, such as 'nav_msgs/msg/Path'.
+        received_ns: when the recorder received it [ns].
+        data: its bytes, as ROS 2 sends them.
+    """
+
+    topic: str
+    type_name: str
+    received_ns: int
+    data: bytes
+
+
+def stamp_of(message: Any, received_ns: int) -> int:
+    """Stamp of a decoded message [ns]: that of its header, as the node takes it.
+
+    The time of receipt where it has no header, or an unset stamp.
+    """
+    header = getattr(message, 'header', None)
+    if header is None:
+        return received_ns
+    stamp: int = header.stamp.sec * 10**9 + header.stamp.nanosec
+    return stamp or received_ns
+
+
+class BagReader:
+    """A bag open for reading, which stays as it is.
+
+    Attributes:
+        path: where it is.
+        topics: type of the messages of each topic; of several types, all of them.
+        metadata: custom data of its recording.
+        start_ns: when its first message was received [ns].
+        duration: from its first message to its last [s].
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the bag at ``path``: a folder with metadata.yaml, an .mcap or a .db3 file.
+
+        Raises:
+            BagError: if it is none, or is damaged.
+        """
+        self.path = Path(path)
+        if not self.path.exists():
+            raise BagError(f'{self.path}: no such bag')
+        if self.path.is_dir() and not (self.path / 'metadata.yaml').exists():
+            raise BagError(
+                f'{self.path}: not a bag, or one whose recording did not end: no metadata.yaml; '
+                'where there is a .mcap or .db3 file in it, give that'
+            )
+        with self._damage():
+            self._reader = Reader(self.path)
+            self._reader.open()
+        self._stores: dict[str, Typestore] = {}
+        self._connections = list(self._reader.connections)
+        types: dict[str, set[str]] = {}
+        for connection in self._connections:
+            types.setdefault(connection.topic, set()).add(connection.msgtype)
+        self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
+        self.metadata: dict[str, str] = dict(self._reader.storage.metadata.custom or {})
+        count = self._reader.message_count
+        self.start_ns = self._reader.start_time if count else 0
+        # rosbags counts the last nanosecond in.
+        self.duration = 1e-9 * max(self._reader.duration - 1, 0)
+
+    def __enter__(self) -> BagReader:
+        """Stay open."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """Close it."""
+        if self._reader.is_open:
+            self._reader.close()
+
+    @contextlib.contextmanager
+    def _damage(self) -> Iterator[None]:
+        """Whatever parsers raise over bytes that make no sense, as one line."""
+        try:
+            yield
+        except PermissionError:
+            raise
+        except Exception as error:
+            problem = ' '.join(str(error).split()) or type(error).__name__
+            raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
+
+    def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
+        """What rosbags knows of ``topics``, of all if None: definitions, policies.
+
+        Raises:
+            BagError: if there is no such topic; the message lists those there are.
+        """
+        if topics is None:
+            return self._connections
+        for topic in topics:
+            if topic not in self.topics:
+                raise BagError(f'{self.path}: no topic {topic}; {self._listing()}')
+        return [connection for connection in self._connections if connection.topic in topics]
+
+    def count(self, topics: Sequence[str] | None = None) -> int:
+        """How many messages of ``topics`` there are, of all if None.
+
+        Raises:
+            BagError: if there is no such topic.
+        """
+        return sum(connection.msgcount for connection in self.connections(topics))
+
+    def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
+        """Messages of ``topics``, of all if None, in the order in which they were received.
+
+        Raises:
+            BagError: if there is no such topic, the bag is damaged, or it holds fewer messages
+                than it says.
+        """
+        wanted = self.connections(topics)
+        expected, found = self.count(topics), 0
+        if not wanted:
+            return
+        with self._damage():
+            for connection, received_ns, data in self._reader.messages(wanted):
+                found += 1
+                yield Record(connection.topic, connection.msgtype, received_ns, data)
+        if found < expected:
+            raise BagError(
+                f'{self.path}: {found} messages found of {expected} that the bag says it holds'
+            )
+
+    def decode(self, record: Record) -> Any:
+        """The message of a ``record``, an object of rosbags.
+
+        Raises:
+            BagError: if its type is not known or its bytes are no message of it.
+        """
+        store = self.types_of(record.type_name)
+        try:
+            return store.deserialize_cdr(record.data, record.type_name)
+        except Exception as error:
+            # Whatever the generated code raises for bytes that are none of its own.
+            raise BagError(
+                f'{record.topic}: {len(record.data)} bytes that are no {record.type_name}'
+            ) from error
+
+    def types_of(self, type_name: str) -> Typestore:
+        """Types to decode messages of a type with: the bag's definition, or else ours.
+
+        Raises:
+            BagError: if the bag has no definition and the type is not known here either, or what
+                it has makes no sense.
+        """
+        if type_name not in self._stores:
+            found = [one.msgdef for one in self._connections if one.msgtype == type_name]
+            try:
+                self._stores[type_name] = types_for(type_name, found)
+            except BagError as error:
+                raise BagError(f'{self.path}: {error}') from error
+        return self._stores[type_name]
+
+    def pick(self, wanted: str | None, types: Sequence[str], what: str) -> str:
+        """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
+
+        What the model answers with is none unless wanted. Of several topics that with messages is
+        taken, or with a usual name such as tendon_tensions, in whatever namespace.
+
+        Raises:
+            BagError: if there is none, or several; the message lists what is there.
+        """
+        expected = ' or '.join(types)
+        if wanted is not None:
+            topic = wanted if wanted in self.topics else f'/{wanted}'
+            if topic not in self.topics:
+                raise BagError(f'{self.path}: no topic {wanted} for {what}; {self._listing()}')
+            if self.topics[topic] not in types:
+                raise BagError(
+                    f'{self.path}: topic {topic} is of {self.topics[topic]}, expected {expected} '
+                    f'for {what}'
+                )
+            self.types_of(self.topics[topic])
+            return topic
+        found = [
+            topic
+            for topic, type_name in self.topics.items()
+            if type_name in types and not is_answer(topic)
+        ]
+        for narrower in (
+            [topic for topic in found if self.count([topic])],
+            [topic for topic in found if is_usual(topic)],
+        ):
+            if len(found) > 1 and narrower:
+                found = [topic for topic in found if topic in narrower]
+        if not found:
+            raise BagError(f'{self.path}: no {what}, expected {expected}; {self._listing()}')
+        if len(found) > 1:
+            raise BagError(
+                f'{self.path}: several topics of {what}, name one of {", ".join(found)}'
+            )
+        self.types_of(self.topics[found[0]])
+        return found[0]
+
+    def _listing(self) -> str:
+        if not self.topics:
+            return 'it has no topics'
+        topics = ', '.join(f'{topic} ({type_name})' for topic, type_name in self.topics.items())
+        return f'it has {topics}'

@@ -1,0 +1,231 @@
+"""A bag of tensions made into one that also has the shapes that belong to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rosbags.interfaces import Connection
+
+from octo_arm_model.bags.answers import Answer, Answers
+from octo_arm_model.bags.arms import STRING, RecordedArm
+from octo_arm_model.bags.reader import BagReader, Record
+from octo_arm_model.bags.tensions import Reading, TensionTopic
+from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.bags.writer import BagWriter, Message
+from octo_arm_model.config import Config, parameters_as_yaml
+from octo_arm_model.errors import BagError, SolveError
+
+_WRENCH = 'tip_wrench'
+_TOGETHER = 240  # messages of tensions at a time, and less where others come between
+_LARGEST = 8 * 2**20  # messages at a time [bytes]
+_LISTED = 100  # of the messages left out of each topic; all are counted
+
+
+class Skip(NamedTuple):
+    """A message that was left out: its stamp [ns] and why."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass
+class TopicReport:
+    """What became of the messages of one topic of tensions.
+
+    Attributes:
+        model: what answered them.
+        answered: how many have an answer.
+        refused: how many hold no tensions of this arm.
+        failed: how many the model had no trustworthy answer to.
+        unsorted: how many have a stamp before that of the last one.
+        skips: the first of those refused and failed.
+    """
+
+    model: str
+    answered: int = 0
+    refused: int = 0
+    failed: int = 0
+    unsorted: int = 0
+    skips: list[Skip] = field(default_factory=list)
+
+    def count(self, stamp_ns: int, answer: Answer) -> None:
+        """Count an ``answer``."""
+        if answer.messages:
+            self.answered += 1
+            return
+        if answer.is_failure:
+            self.failed += 1
+        else:
+            self.refused += 1
+        if len(self.skips) < _LISTED:
+            self.skips.append(Skip(stamp_ns, answer.reason))
+
+
+@dataclass
+class Report:
+    """What a replay came to.
+
+    Attributes:
+        topics: what became of each topic of tensions.
+        copied: how many messages were copied.
+        not_copied: topics that were to be and were not, and why.
+        notes: what else there is to know.
+    """
+
+    topics: dict[str, TopicReport]
+    copied: int = 0
+    not_copied: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def replay(
+    reader: BagReader,
+    writer: BagWriter,
+    arms: Sequence[RecordedArm],
+    *,
+    copy: bool = True,
+    lengths: bool = False,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Report:
+    """Write the answers to all tensions, with their stamps and received when these were.
+
+    Args:
+        reader: the bag to read.
+        writer: the bag to write.
+        arms: whose tensions they are, see `find_arms`.
+        copy: whether to copy what is in the bag already.
+        lengths: whether to answer with the lengths of the tendons too.
+        progress: is told how many messages of how many are done.
+
+    Raises:
+        BagError: if a bag is damaged or cannot be written, or none of the messages fits the arm.
+        ConfigError: if a model does not cover the arm or its loads.
+        SolveError: if the model has an answer to none of the messages.
+    """
+    outputs = [_Output(reader, writer, arm, lengths) for arm in arms]
+    of_topic = {topic: output for output in outputs for topic in output.topics}
+    report = Report({topic: TopicReport(str(output.model)) for topic, output in of_topic.items()})
+    for arm in arms:
+        if reader.topics.get(arm.prefix + _WRENCH) and reader.count([arm.prefix + _WRENCH]):
+            report.notes.append(f'{arm.prefix}{_WRENCH} is not applied, which the node would')
+    written = {topic for output in outputs for topic in output.written}
+    copies = _open_copies(reader, writer, written, report) if copy else {}
+    wanted = sorted({*of_topic, *(topic for topic, _ in copies)})
+    done, total = 0, reader.count(wanted)
+    progress(done, total)
+    for records in _together(reader.messages(wanted), of_topic):
+        answers: dict[int, Answer] = {}
+        for output in outputs:
+            answers.update(output.answer(records, report))
+        messages: list[Message] = []
+        for number, record in enumerate(records):
+            received = record.received_ns
+            if copied := copies.get((record.topic, record.type_name)):
+                messages.append((copied, received, record.data))
+                report.copied += 1
+            if number in answers:
+                answered = zip(of_topic[record.topic].connections, answers[number].messages)
+                messages += [(connection, received, data) for connection, data in answered]
+        writer.write(messages)
+        done += len(records)
+        progress(done, total)
+    _check(reader, report)
+    return report
+
+
+class _Output:
+    """Answers of one arm on their way into a bag.
+
+    Attributes:
+        topics: those of its tensions.
+        written: those written for it.
+        model: what answers.
+        connections: where the answers go.
+    """
+
+    def __init__(
+        self, reader: BagReader, writer: BagWriter, arm: RecordedArm, lengths: bool
+    ) -> None:
+        config = Config.from_parameters(arm.parameters)
+        self.topics, self.model = arm.topics, config.model
+        self._tensions = {topic: TensionTopic(reader, config.arm) for topic in arm.topics}
+        self._newest: dict[str, int] = {}
+        self._answers = Answers(config, lengths)
+        description = writer.add(arm.prefix + DESCRIPTION, STRING, latched=True)
+        self.connections = [
+            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers.topics
+        ]
+        self.written = [connection.topic for connection in (description, *self.connections)]
+        types = known_types()
+        message = types.types[STRING](data=parameters_as_yaml(arm.parameters))
+        data = bytes(types.serialize_cdr(message, STRING))
+        writer.write([(description, reader.start_ns, data)])
+
+    def answer(self, records: Sequence[Record], report: Report) -> dict[int, Answer]:
+        """Answers to those of ``records`` that are of this arm, by their places."""
+        readings: dict[int, Reading] = {}
+        for topic, tensions in self._tensions.items():
+            places = [i for i, record in enumerate(records) if record.topic == topic]
+            readings.update(zip(places, tensions.read([records[i] for i in places])))
+        places = sorted(readings)
+        answers = self._answers.answer([readings[place] for place in places])
+        for place, answer in zip(places, answers):
+            topic, stamp = records[place].topic, readings[place].stamp_ns
+            report.topics[topic].count(stamp, answer)
+            report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
+            self._newest[topic] = stamp
+        return dict(zip(places, answers))
+
+
+def _open_copies(
+    reader: BagReader, writer: BagWriter, written: Iterable[str], report: Report
+) -> dict[tuple[str, str], Connection]:
+    """Where to copy messages to, by topic and type."""
+    copies: dict[tuple[str, str], Connection] = {}
+    for source in reader.connections():
+        key = source.topic, source.msgtype
+        if source.topic in written:
+            report.not_copied[source.topic] = 'written anew'
+        elif key not in copies:
+            copied = writer.add_copy(reader, source)
+            if copied is None:
+                report.not_copied[source.topic] = f'nothing says what {source.msgtype} is'
+            else:
+                copies[key] = copied
+    return copies
+
+
+def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
+    """Messages in handfuls that hold some of ``topics`` and fit into memory."""
+    some: list[Record] = []
+    count = size = 0
+    for record in records:
+        some.append(record)
+        count += record.topic in topics
+        size += len(record.data)
+        if count >= _TOGETHER or size >= _LARGEST:
+            yield some
+            some, count, size = [], 0, 0
+    if some:
+        yield some
+
+
+def _check(reader: BagReader, report: Report) -> None:
+    """Refuse to call a bag without a single answer one.
+
+    Raises:
+        SolveError: if the model had none.
+        BagError: if no message fits the arm.
+    """
+    if any(topic.answered for topic in report.topics.values()):
+        return
+    for name, topic in report.topics.items():
+        if topic.skips:
+            number = topic.refused + topic.failed
+            problem = f'{reader.path}: none of {number} messages on {name} could be answered, '
+            problem += f'the first as {topic.skips[0].reason}'
+            raise SolveError(problem) if topic.failed else BagError(problem)
+    raise BagError(f'{reader.path}: no messages on {", ".join(report.topics)}')

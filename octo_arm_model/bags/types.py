@@ -1,0 +1,69 @@
+"""Types of messages: those of ROS 2 Jazzy, and ours from the text the ROS package has."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from pathlib import Path
+
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from octo_arm_model.errors import BagError
+
+PACKAGE = 'octo_arm_msgs'
+_IDL_RULE = '=' * 80 + '\n'  # between the files of one IDL definition
+
+
+@functools.cache
+def known_types() -> Typestore:
+    """Every type that can be written, and read where a bag does not define it.
+
+    Raises:
+        BagError: if our definitions are not installed.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in _definitions():
+        name = f'{PACKAGE}/msg/{path.stem}'
+        store.register(get_types_from_msg(path.read_text(encoding='utf-8'), name))
+    return store
+
+
+def _definitions() -> list[Path]:
+    """Files of our messages, in a checkout or installed."""
+    for parent in Path(__file__).resolve().parents:
+        for folder in (parent / 'msg_defs' / 'msg', parent / 'share' / 'octo_arm_model' / 'msg'):
+            if paths := sorted(folder.glob('*.msg')):
+                return paths
+    raise BagError(f'the definitions of {PACKAGE} are not installed')
+
+
+def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Typestore:
+    """Types to decode messages of one type with: the first of ``definitions``, or those known.
+
+    Each type has a store of its own, so that others in a bag may be defined as they like.
+
+    Raises:
+        BagError: if the type is neither defined nor known, or its definition makes no sense.
+    """
+    given = [one for one in definitions if one.format != MessageDefinitionFormat.NONE]
+    if not given:
+        if type_name not in known_types().fielddefs:
+            raise BagError(f'nothing defines the type {type_name}, and it is none known here')
+        return known_types()
+    store = get_typestore(Stores.EMPTY)
+    text = given[0].data
+    try:
+        if given[0].format == MessageDefinitionFormat.MSG:
+            store.register(get_types_from_msg(text, type_name))
+        else:
+            for part in filter(None, text.split(_IDL_RULE)):
+                # Each may begin with a line that says which it is.
+                idl = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
+                store.register(get_types_from_idl(idl))
+        store.get_msgdef(type_name)
+    except Exception as error:
+        # Whatever parsers raise over text that is no definition.
+        raise BagError(f'the definition of {type_name} makes no sense') from error
+    return store

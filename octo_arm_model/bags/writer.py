@@ -1,0 +1,200 @@
+"""Bags that are written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from octo_arm_model.bags.mcap import QuickMcapWriter
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.errors import BagError
+
+STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
+# A topic of the writer, when the message was received [ns], and the message.
+Message = tuple[Connection, int, 'bytes | memoryview']
+
+VERSION: Final = 9  # of the metadata, that of Jazzy
+
+
+_FOREVER = QosTime(9223372036, 854775807)  # as ROS 2 has it
+
+
+def _qos(depth: int, durability: QosDurability) -> Qos:
+    """Reliable, as the node publishes."""
+    return Qos(
+        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, _FOREVER, _FOREVER,
+        QosLiveliness.AUTOMATIC, _FOREVER, False,
+    )  # fmt: skip
+
+
+_OUTPUT = _qos(5, QosDurability.VOLATILE)
+_LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
+
+
+class _Writer(Writer):
+    """That of rosbags, quicker with many messages."""
+
+    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
+        **Writer.STORAGE_PLUGINS,
+        StoragePlugin.MCAP: QuickMcapWriter,
+    }
+
+    def write_all(self, messages: Iterable[Message]) -> None:
+        """Add messages of connections of this writer, each received at a time [ns]."""
+        assert self.storage is not None
+        write, counts = self.storage.write, self.counts
+        for connection, received_ns, data in messages:
+            write(connection, received_ns, data)
+            counts[connection.id] += 1
+            if received_ns < self.min_timestamp:
+                self.min_timestamp = received_ns
+            if received_ns > self.max_timestamp:
+                self.max_timestamp = received_ns
+
+
+class BagWriter:
+    """A bag in the making.
+
+    It grows in a hidden folder beside its place and takes it when it is complete; left by an
+    exception, of whatever kind, it vanishes.
+    """
+
+    def __init__(
+        self, path: str | Path, storage: str = 'mcap', custom: Mapping[str, str] | None = None
+    ) -> None:
+        """Write a bag to ``path``, which is not there yet, with ``custom`` data of its own.
+
+        Raises:
+            BagError: if there is something at ``path``, or nowhere to write.
+        """
+        self.path = Path(path)
+        if storage not in STORAGES:
+            raise BagError(f'storage is {storage!r}, expected one of {", ".join(STORAGES)}')
+        if self.path.exists() or self.path.is_symlink():
+            raise BagError(f'{self.path}: exists already, expected the name of a new bag')
+        if not self.path.name:
+            raise BagError(f'{self.path}: expected the name of a new bag')
+        with self._failures():
+            self._folder = Path(
+                tempfile.mkdtemp(prefix=f'.{self.path.name}.', dir=self.path.parent)
+            )
+        try:
+            with self._failures():
+                # Its file is named after its folder, so that is named as it will be.
+                self._writer = _Writer(
+                    self._folder / self.path.name,
+                    version=VERSION,
+                    storage_plugin=StoragePlugin[storage.upper()],
+                )
+                for key, value in (custom or {}).items():
+                    self._writer.set_custom_data(key, value)
+                self._writer.open()
+        except BaseException:
+            self._discard()
+            raise
+
+    def __enter__(self) -> BagWriter:
+        """Go on writing."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Complete the bag, or discard it after an ``error``.
+
+        Raises:
+            BagError: if it cannot be completed; then it is discarded.
+        """
+        try:
+            if error is None:
+                with self._failures():
+                    self._writer.close()
+                    (self._folder / self.path.name).rename(self.path)
+        finally:
+            self._discard()
+
+    def _discard(self) -> None:
+        """Remove what is not complete."""
+        with contextlib.suppress(Exception):
+            self._writer.abort()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _failures(self) -> Iterator[None]:
+        """What a disk can do, as one line."""
+        try:
+            yield
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
+        except sqlite3.Error as error:
+            raise BagError(f'{self.path}: cannot be written: {error}') from error
+
+    def add(self, topic: str, type_name: str, latched: bool = False) -> Connection:
+        """A topic of a type known here, to write to.
+
+        ``latched`` ones are kept for those who come late.
+
+        Raises:
+            BagError: if the bag cannot be written.
+        """
+        qos = _LATCHED if latched else _OUTPUT
+        with self._failures():
+            return self._writer.add_connection(
+                topic, type_name, typestore=known_types(), offered_qos_profiles=[qos]
+            )
+
+    def add_copy(self, reader: BagReader, source: Connection) -> Connection | None:
+        """A topic as it is in another bag; None where that does not say what its type is.
+
+        Raises:
+            BagError: if the bag cannot be written.
+        """
+        text, digest = source.msgdef.data, source.digest
+        if source.msgdef.format != MessageDefinitionFormat.MSG or not digest:
+            try:
+                types = reader.types_of(source.msgtype)
+            except BagError:
+                return None
+            text, _ = types.generate_msgdef(source.msgtype, ros_version=2)
+            digest = types.hash_rihs01(source.msgtype)
+        assert isinstance(source.ext, ConnectionExtRosbag2)
+        with self._failures():
+            return self._writer.add_connection(
+                source.topic,
+                source.msgtype,
+                msgdef=text,
+                rihs01=digest,
+                offered_qos_profiles=source.ext.offered_qos_profiles,
+            )
+
+    def write(self, messages: Iterable[Message]) -> None:
+        """Add ``messages``.
+
+        Raises:
+            BagError: if the bag cannot be written.
+        """
+        with self._failures():
+            self._writer.write_all(messages)

@@ -1,0 +1,1 @@
+"""Recorded experiments: the model compared with measured midlines, and fitted to them."""

@@ -1,0 +1,109 @@
+"""Errors of the model against measured midlines, step by step, as in the paper's Table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.config import Config
+from octo_arm_model.errors import SolveError
+from octo_arm_model.experiment.alignment import Alignment, undetermined
+from octo_arm_model.experiment.fit import fit_alignment
+from octo_arm_model.experiment.midlines import MidlineErrors, fraction_at_start, midline_errors
+from octo_arm_model.experiment.shapes import Shape
+from octo_arm_model.hints import FloatArray
+
+
+@dataclass(frozen=True)
+class StepComparison:
+    """One step: what was measured and what the model says.
+
+    Attributes:
+        number: which of the steps, from 1.
+        shape: what was measured.
+        measured: its midline in base_frame (m, 3) [m].
+        backbone: the model's answer.
+        errors: how far it is off.
+    """
+
+    number: int
+    shape: Shape
+    measured: FloatArray
+    backbone: Backbone
+    errors: MidlineErrors
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All steps of one model.
+
+    Attributes:
+        model: its name.
+        length: of the arm [m].
+        alignment: transform camera to base.
+        steps: those the model has an answer for.
+        refused: what it says of the others.
+        notes: what is to be known of a fitted alignment.
+    """
+
+    model: str
+    length: float
+    alignment: Alignment
+    steps: tuple[StepComparison, ...]
+    refused: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def percent(self, name: str) -> FloatArray:
+        """Errors ``name`` of all steps in per cent of the length, NaN for those of tips alone."""
+        values = [getattr(step.errors, name) for step in self.steps]
+        return np.array([np.nan if value is None else 100.0 * value / self.length
+                         for value in values])  # fmt: skip
+
+
+def compare(
+    shapes: Sequence[Shape],
+    parameters: Mapping[str, Any],
+    model: str,
+    alignment: Alignment | None,
+) -> Comparison:
+    """Hold ``model`` of the arm of ``parameters`` against measured ``shapes``.
+
+    Without ``alignment`` one is fitted, the same for all steps: it then hides whatever of the
+    model's error a motion of the camera explains.
+
+    Raises:
+        SolveError: if the model has no answer for any step.
+        MeasurementError: if an alignment cannot be fitted, or midlines do not begin near the
+            base.
+    """
+    solver = Config.from_parameters(parameters).solver(model)
+    answered: list[tuple[int, Shape, Backbone]] = []
+    refused: list[str] = []
+    for number, shape in enumerate(shapes, start=1):
+        tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
+        try:
+            answered.append((number, shape, solver.solve(tensions)))
+        except SolveError as error:
+            refused.append(f'step {number}: {error}')
+    if not answered:
+        raise SolveError(f'{model} has no answer for any step; {refused[0]}')
+    notes: list[str] = []
+    if alignment is None:
+        alignment = fit_alignment([shape for _, shape, _ in answered], parameters, model)
+        notes.append(
+            'the alignment is fitted: it hides what of the error moving the camera explains'
+        )
+        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]))
+    steps = []
+    for number, shape, backbone in answered:
+        measured = alignment.to_base(shape.points)
+        fraction_at_start(measured, backbone.position, check=True)
+        errors = midline_errors(measured, backbone.position)
+        steps.append(StepComparison(number, shape, measured, backbone, errors))
+    return Comparison(
+        solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
+    )

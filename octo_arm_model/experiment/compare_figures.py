@@ -1,0 +1,175 @@
+"""Pictures of a comparison: each step like the paper's Figure 9, and errors over tensions.
+
+Needs matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.experiment.compare import Comparison, StepComparison
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.rotation import Quaternions
+
+_COLOURS = {'renda2012': 'tab:blue', 'closed_form': 'tab:green', 'exact': 'tab:red'}
+_MEASURED = '0.15'
+_FRAME = '0.78'
+# Of the length: farther out of the main plane a second view is worth having.
+_FLAT = 0.05
+_MOST_FRAMES = 30
+
+
+def draw(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
+    """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    axes = _axes(comparisons)
+    steps: dict[int, list[tuple[Comparison, StepComparison]]] = {}
+    for comparison in comparisons:
+        for step in comparison.steps:
+            steps.setdefault(step.number, []).append((comparison, step))
+    limits = _limits(comparisons, axes)
+    paths = []
+    for number, shown in sorted(steps.items()):
+        path = folder / f'step_{number:02}.png'
+        _save(_draw_step(shown, axes, limits), path)
+        paths.append(path)
+    path = folder / 'error_over_tension.png'
+    _save(_draw_errors(comparisons), path)
+    return [*paths, path]
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout='constrained')
+
+
+def _save(figure: Any, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=120)
+
+
+def _points(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Everything modelled and measured, (n, 3) [m]."""
+    parts = [part for one in comparisons for step in one.steps
+             for part in (step.measured, step.backbone.position)]  # fmt: skip
+    return np.concatenate(parts)
+
+
+def _axes(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Directions to draw along (2 or 3, 3): the base's tangent, and where the arm bends to."""
+    backbone = comparisons[0].steps[0].backbone
+    tangent = Quaternions.from_xyzw(backbone.quaternion[0]).matrix()[:, 0]
+    away = _points(comparisons) - backbone.position[0]
+    across = away - np.outer(away @ tangent, tangent)
+    *_, directions = np.linalg.svd(across, full_matrices=False)
+    first = directions[0]
+    # Bending upwards, as in the paper.
+    first = first if (across @ first).sum() > 0.0 else -first
+    second = np.cross(tangent, first)
+    flat = np.abs(across @ second).max() < _FLAT * comparisons[0].length
+    return np.array([tangent, first] if flat else [tangent, first, second])
+
+
+def _limits(comparisons: Sequence[Comparison], axes: FloatArray) -> FloatArray:
+    """Ends of each of the axes [mm], (2 or 3, 2), the same for all steps."""
+    shown = 1e3 * (_points(comparisons) - comparisons[0].steps[0].backbone.position[0]) @ axes.T
+    margin = 0.06 * np.ptp(shown, axis=0).max()
+    return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
+
+
+def _draw_step(
+    shown: Sequence[tuple[Comparison, StepComparison]], axes: FloatArray, limits: FloatArray
+) -> Any:
+    """Measured and modelled midlines of one step: a column for each model, a row for each view."""
+    views = len(axes) - 1
+    size = np.ptp(limits, axis=1)
+    width = 7.0 if len(shown) == 1 else 5.2
+    height = width * float(size[1:].sum() / size[0])
+    figure = _figure(width * len(shown), height + 0.9 + 0.4 * views)
+    shape = shown[0][1].shape
+    outliers = f' and {shape.outliers} outliers' if shape.outliers else ''
+    figure.suptitle(
+        f'Step {shown[0][1].number}: {shape.tension:.2f} N, {shape.frames} frames{outliers}'
+    )
+    panels = figure.subplots(views, len(shown), squeeze=False, sharex=True, sharey='row')
+    names = ('where it bends to [mm]', 'across that [mm]')
+    for column, (comparison, step) in enumerate(shown):
+        for view in range(views):
+            panel = panels[view, column]
+            _draw_view(panel, comparison, step, axes[[0, view + 1]])
+            panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
+            panel.grid(alpha=0.3)
+            panel.set_axisbelow(True)
+            if not column:
+                panel.set_ylabel(names[view])
+        percent = 100.0 * step.errors.tip / comparison.length
+        panels[0, column].set_title(
+            f'{comparison.model}, tip error {percent:.1f} % of L', fontsize='medium'
+        )
+        panels[0, column].legend(loc='best', frameon=False)
+        panels[-1, column].set_xlabel('along the base [mm]')
+    return figure
+
+
+def _draw_view(
+    panel: Any, comparison: Comparison, step: StepComparison, plane: FloatArray
+) -> None:
+    """One model and the measurement, seen in a ``plane`` (2, 3)."""
+    origin = step.backbone.position[0]
+    lines = step.shape.lines
+    for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
+        flat = _flatten(comparison.alignment.to_base(line), plane, origin)
+        panel.plot(*flat.T, '.' if len(flat) == 1 else '-', color=_FRAME, linewidth=0.6, zorder=1)
+    model = _flatten(step.backbone.position, plane, origin)
+    measured = _flatten(step.measured, plane, origin)
+    colour = _COLOURS[comparison.model]
+    panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
+    panel.plot(*model.T, color=colour, linewidth=2.2, label='model', zorder=3)
+    panel.plot(*model[-1], 'o', color=colour, markersize=6, zorder=4)
+    panel.plot(
+        *measured.T, color=_MEASURED, linewidth=1.6, linestyle=(0, (4, 2)), label='measured',
+        zorder=5,
+    )  # fmt: skip
+    panel.plot(*measured[-1], 's', color=_MEASURED, markersize=5, zorder=6)
+
+
+def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> FloatArray:
+    """Points (n, 3) [m] from ``origin`` as seen in a ``plane`` (2, 3) [mm], (n, 2)."""
+    return 1e3 * (points - origin) @ plane.T
+
+
+def _draw_errors(comparisons: Sequence[Comparison]) -> Any:
+    """Errors of each step over its tensions."""
+    figure = _figure(7.2, 4.8)
+    panel = figure.add_subplot()
+    for comparison in comparisons:
+        tension = np.array([step.shape.tension for step in comparison.steps])
+        order = np.argsort(tension, kind='stable')
+        colour = _COLOURS[comparison.model]
+        # The paper's two models agree for one section: the second is drawn inside the first.
+        width = 1.6 if comparison.model != 'renda2012' else 4.0
+        for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
+            percent = comparison.percent(name)[order]
+            if np.isfinite(percent).any():
+                panel.plot(
+                    tension[order], percent, style, color=colour, linewidth=width,
+                    markersize=5.0 + width, label=f'{comparison.model}, {label}',
+                )  # fmt: skip
+    panel.set(
+        xlabel='sum of tensions [N]', ylabel='error [% of L]',
+        title='Model against measurement, by steady step',
+    )  # fmt: skip
+    panel.set_ylim(bottom=0.0)
+    panel.grid(alpha=0.3)
+    panel.legend(frameon=False)
+    return figure

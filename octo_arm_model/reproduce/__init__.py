@@ -1,0 +1,1 @@
+"""The paper reproduced: its figures, tables and claims, computed anew, on one page."""

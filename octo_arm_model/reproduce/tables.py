@@ -1,0 +1,157 @@
+"""The paper's tables: what it gives, and the models' side of what it measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.backbone import Backbone
+from octo_arm_model.body import Body
+from octo_arm_model.paper import (
+    BENDING,
+    FETCHING_IN_PLANE,
+    FETCHING_IN_SPACE,
+    PROTOTYPE_AVERAGE_ERROR,
+    PROTOTYPE_ERRORS,
+    Tensions,
+)
+from octo_arm_model.reproduce import cases
+from octo_arm_model.reproduce.document import Table
+from octo_arm_model.solver import MODELS
+from octo_arm_model.tendon import Section
+
+UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], of Figure 8: ours, as the paper prints none
+_ARMS = {
+    'Table 2': 'table2', 'Table 4': 'table4', 'section 5.1': 'fem', 'section 5.2': 'prototype',
+}  # fmt: skip
+
+
+def arms() -> Table:
+    """Tables 2 and 4, and the arms of section 5."""
+    return Table(
+        'Tables 2 and 4, sections 5.1 and 5.2. Lengths in mm, E in kPa.',
+        ('', 'E', 'ν', 'L = l1', 'Rmin', 'Rmax', 'b1', 'a1', 'b2', 'a2', 'l2', 'b3', 'a3', 'l3'),
+        tuple((name, *_parameters(cases.config(preset).arm)) for name, preset in _ARMS.items()),
+        'The paper prints no ν for the arms of section 5, where that of Table 2 stands in, and '
+        'no E for that of 5.1, where that of 5.2 stands in (‘all material and geometric '
+        'properties of the real prototype have been used’).',
+    )
+
+
+def _parameters(arm: Arm) -> list[str]:
+    body, material = arm.body, arm.material
+    assert isinstance(body, Body)
+    assert isinstance(material.youngs_modulus, float)
+    lengths = [body.length, body.radius_tip, body.radius_base]
+    for section in arm.sections:
+        assert isinstance(section, Section)
+        lengths += [section.offset_anchorage, section.offset_base, section.anchorage]
+    del lengths[5]  # l1 is L
+    numbers = [material.youngs_modulus * 1e-3, material.poisson_ratio]
+    numbers += [length * 1e3 for length in lengths]
+    return [f'{value:g}' for value in numbers] + ['–'] * (13 - len(numbers))
+
+
+def finite_elements() -> Table:
+    """Figure 8 in numbers."""
+    return Table(
+        'Figure 8 in numbers: tips of the arm of section 5.1.',
+        ('T11 [N]', *_TIPS),
+        tuple((f'{tension:g}', *_tips('fem', tension)) for tension in UNKNOWN_TENSIONS),
+        'The tensions are ours: the paper prints none.',
+    )
+
+
+def tip_errors() -> Table:
+    """Table 1, the models' side of it."""
+    rows = [
+        (f'{tension:.2f}', f'{error:.1f}', *_tips('prototype', tension))
+        for tension, error in PROTOTYPE_ERRORS.items()
+    ]
+    rows.append(('average', f'{PROTOTYPE_AVERAGE_ERROR:.1f}', *['–'] * len(_TIPS)))
+    return Table(
+        'Table 1: the prototype of section 5.2 at the tensions of the paper.',
+        ('T11 [N]', 'the paper’s: its model to the real arm [% of L]', *_TIPS),
+        tuple(rows),
+        'The second column is not computed: it is the paper’s own measurement, whose midlines '
+        'were not published. The last two say how far the choice of the model moves the tip.',
+    )
+
+
+_TIPS = (
+    *(f'{model}: tip x, y [mm]' for model in MODELS),
+    'closed_form to renda2012 [% of L]', 'exact to renda2012 [% of L]',
+)  # fmt: skip
+
+
+def _tips(preset: str, tension: float) -> list[str]:
+    """The columns `_TIPS` of an arm with one cable."""
+    pulled = cases.pull(1, (tension, 0.0, 0.0, 0.0), 1)
+    shapes = [cases.solve(preset, model, pulled) for model in MODELS]
+    first, length = shapes[0], shapes[0].s[-1]
+    apart = [float(np.linalg.norm(shape.tip - first.tip)) / length for shape in shapes[1:]]
+    return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in apart)]
+
+
+def tensions() -> Table:
+    """Tables 3 and 5."""
+    figures = {
+        **{f'Figure 11({panel})': rows for panel, rows in BENDING.items()},
+        'Figure 14': FETCHING_IN_PLANE,
+        'Figure 15': FETCHING_IN_SPACE,
+    }
+    names = ('T11', 'T12', 'T13', 'T14', 'T21', 'T32', 'T33')
+    return Table(
+        'Tables 3 and 5: the tensions [N]; all others are zero.',
+        ('', *names),
+        tuple(
+            (figure, *(f'{rows[int(name[1]) - 1][int(name[2]) - 1]:.4g}' for name in names))
+            for figure, rows in figures.items()
+        ),
+    )
+
+
+def bending() -> Table:
+    """Shapes of Figure 11, by model."""
+    return Table(
+        'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
+        ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
+        tuple(
+            (f'({panel})', f'{cases.law(rows):.0f}', *_planes_and_tips(rows))
+            for panel, rows in BENDING.items()
+        ),
+    )
+
+
+def _planes_and_tips(rows: Tensions) -> list[str]:
+    cells = []
+    for model in MODELS:
+        shape = cases.solve('table2', model, rows)
+        cells += [f'{cases.bending_plane(shape):.2f}', _point(shape, 3)]
+    return cells
+
+
+def fetching() -> Table:
+    """Shapes of Figures 14 and 15, by model."""
+    rows = []
+    for figure, pulled in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
+        for model in MODELS:
+            shape = cases.solve('table4', model, pulled)
+            rows.append((
+                f'{figure}, {model}', _point(shape, 3), f'{cases.tip_distance(shape) * 1e3:.1f}',
+                f'{100.0 * shape.q.min():.0f}', f'{cases.twist(shape):.2f}',
+            ))  # fmt: skip
+    return Table(
+        'Figures 14 and 15 in numbers.',
+        (
+            '', 'tip x, y, z [mm]', 'tip to base [mm]', 'strongest compression q [%]',
+            'twist of the tip [°]',
+        ),
+        tuple(rows),
+        'The paper takes s for the arc length of midline and cables; what the third column of '
+        'numbers shows is how much that leaves out here, and why exact differs.',
+    )  # fmt: skip
+
+
+def _point(shape: Backbone, axes: int = 2) -> str:
+    return ', '.join(f'{1e3 * value:.1f}' for value in shape.tip[:axes])

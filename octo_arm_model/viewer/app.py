@@ -1,0 +1,101 @@
+"""The page: what the node publishes, drawn; what hands ask for, commanded."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+
+import viser
+
+from octo_arm_model.config import Config
+from octo_arm_model.errors import OctoArmError
+from octo_arm_model.ros.client import DETAILS, POSES, ArmClient
+from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer.page import Page
+from octo_arm_model.viewer.theme import set_theme
+
+FRAME = 1.0 / 30.0  # [s] between pictures
+_IDLE = 0.2  # [s] between looks at the node while nobody looks at the page
+
+
+class Viewer:
+    """Shows one arm and commands it. All is done by the thread that calls `step`.
+
+    Attributes:
+        pictures: how many were drawn.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, client: ArmClient, *, always: bool = False
+    ) -> None:
+        """Show on ``server`` what ``client`` hears.
+
+        It listens to shapes while somebody looks, or ``always``.
+        """
+        self._always = always
+        self._server, self._client = server, client
+        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._page: Page | None = None
+        self._config: Config | None = None
+        self._due = time.monotonic()
+        self.pictures = 0
+        self._clear()
+        server.gui.add_html(numbers.waiting(client.command_topic))
+        # Who comes late is shown the newest picture at once.
+        server.on_client_connect(lambda client: self._todo.put(self._refresh))
+
+    def step(self) -> None:
+        """Do what hands ask for until the next picture is due; then draw it."""
+        while (wait := self._due - time.monotonic()) > 0.0:
+            try:
+                self._todo.get(timeout=wait)()
+            except queue.Empty:
+                break
+            self._command()
+        has_changed = self._listen()
+        self._command()
+        page = self._page
+        if page is not None and self._is_watched and (has_changed or page.is_stale):
+            page.draw()
+            self.pictures += 1
+        is_busy = self._is_watched or (page is not None and page.commander.is_moving)
+        now = time.monotonic()
+        self._due = max(self._due + (FRAME if is_busy else _IDLE), now)
+
+    def _command(self) -> None:
+        if self._page is not None:
+            self._page.command()
+
+    @property
+    def _is_watched(self) -> bool:
+        return bool(self._server.get_clients())
+
+    def _refresh(self) -> None:
+        if self._page is not None:
+            self._page.draw()
+
+    def _listen(self) -> bool:
+        """Take what the node published; whether there is something new."""
+        self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
+        try:
+            has_shape = self._client.poll()
+            config = self._client.config
+            if config is not self._config and config is not None:
+                self._clear()
+                self._config = config
+                self._page = Page(self._server, self._client, config, self._todo.put)
+        except OctoArmError as error:
+            self._clear()
+            self._server.gui.add_html(numbers.refused(error))
+            return False
+        return has_shape
+
+    def _clear(self) -> None:
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+        server = self._server
+        server.scene.reset()
+        server.gui.reset()
+        set_theme(server.gui, 'octo_arm')

@@ -1,0 +1,125 @@
+"""What the hand on the sliders wants, from moment to moment; nothing of ROS or of a screen."""
+
+from __future__ import annotations
+
+import math
+import shlex
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+
+from octo_arm_model.arm import Arm
+from octo_arm_model.config import load_config
+from octo_arm_model.hints import FloatArray
+from octo_arm_model.inverse import default_highest
+from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+from octo_arm_model.simulation.commands import Profile, transition
+
+MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
+_FIGURES = {
+    'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
+    'renda2012_table4': {'14': FETCHING_IN_PLANE, '15': FETCHING_IN_SPACE},
+}
+
+
+def figures(arm: Arm) -> dict[str, FloatArray]:
+    """Tensions (tendons,) [N] of the paper's figures of ``arm``, by number; empty for others."""
+    for name, found in _FIGURES.items():
+        if load_config(preset_path(name)).arm == arm:
+            return {figure: np.ravel(tensions) for figure, tensions in found.items()}
+    return {}
+
+
+def highest_tensions(arm: Arm) -> FloatArray:
+    """How far each slider goes (tendons,) [N]: what the arm bears, or a figure of it asks for."""
+    highest = default_highest(arm).ravel()
+    for tensions in figures(arm).values():
+        highest = np.maximum(highest, tensions)
+    # To two digits, upwards.
+    digit = 10.0 ** np.floor(np.log10(highest) - 1.0)
+    return np.ceil(highest / digit - 1e-9) * digit
+
+
+class Commander:
+    """Tensions to command: set by hand, on the way to others, or played from a profile.
+
+    Attributes:
+        tensions: commanded last [N], (tendons,).
+        profile: what is being played; None where nothing is.
+    """
+
+    def __init__(self, tensions: ArrayLike) -> None:
+        """Begin at ``tensions`` [N], (tendons,), with nothing to command."""
+        self.tensions = np.array(tensions, dtype=np.float64)
+        self.profile: Profile | None = None
+        self._speed, self._loop = 1.0, False
+        self._way: Profile | None = None
+        self._began = 0.0
+        self._is_due = False
+
+    def pull(self, tendon: int, tension: float) -> None:
+        """One tendon at once, all others as they are [N]; whatever was under way stops."""
+        self.stop()
+        self.tensions[tendon] = tension
+        self._is_due = True
+
+    def move(self, tensions: ArrayLike, now: float, duration: float = MOVE_TIME) -> None:
+        """Smoothly to ``tensions`` [N] from ``now`` on, within ``duration`` [s]."""
+        self.stop()
+        self._way, self._began = transition(self.tensions, tensions, duration), now
+
+    def play(self, profile: Profile, now: float, *, speed: float = 1.0, loop: bool = True) -> None:
+        """Play ``profile`` from its beginning, after a smooth way there."""
+        self.move(profile.at(0.0), now)
+        self.profile, self._speed, self._loop = profile, speed, loop
+
+    def change_speed(self, speed: float, now: float) -> None:
+        """Go on from the same place at another ``speed``."""
+        if self.profile is not None and self._way is None:
+            self._began = now - (now - self._began) * self._speed / speed
+        self._speed = speed
+
+    def stop(self) -> None:
+        """Stay where it is."""
+        self.profile = self._way = None
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether something is under way."""
+        return self._way is not None or self.profile is not None
+
+    def advance(self, now: float) -> FloatArray | None:
+        """Tensions to command at ``now`` [s], (tendons,) [N]; None where nothing changed."""
+        if self._way is not None:
+            self._set(self._way.at(now - self._began))
+            if now - self._began >= self._way.duration:
+                self._began += self._way.duration
+                self._way = None
+        elif self.profile is not None:
+            time = (now - self._began) * self._speed
+            self._set(self.profile.at(time, loop=self._loop))
+            if time >= self.profile.duration and not self._loop:
+                self.profile = None
+        is_due, self._is_due = self._is_due, False
+        return self.tensions.copy() if is_due else None
+
+    def _set(self, tensions: FloatArray) -> None:
+        self._is_due = self._is_due or not np.array_equal(tensions, self.tensions)
+        self.tensions = np.array(tensions)
+
+
+def as_yaml(arm: Arm, tensions: FloatArray) -> str:
+    """``tensions`` (tendons,) [N] as the YAML of an octo_arm_msgs/msg/TendonTensions."""
+    return _yaml(arm, tensions, None)
+
+
+def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
+    """``tensions`` (tendons,) [N] as a line for a shell that publishes them once on ``topic``."""
+    message = shlex.quote(_yaml(arm, tensions, True).strip())
+    return f'ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
+
+
+def _yaml(arm: Arm, tensions: FloatArray, flow: bool | None) -> str:
+    message = {'name': list(arm.tendon_names), 'tension': np.round(tensions, 6).tolist()}
+    return yaml.safe_dump(message, default_flow_style=flow, sort_keys=False, width=math.inf)

@@ -1,0 +1,72 @@
+"""The viewer as a program: `octo_arm_viewer`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.node import Node
+
+from octo_arm_model.errors import OctoArmError
+from octo_arm_model.ros.children import stop_signals
+from octo_arm_model.ros.client import ArmClient
+from octo_arm_model.viewer.options import add_address
+
+_EPILOG = """\
+examples:
+  octo_arm_viewer                      # the arm of the node in the root namespace
+  octo_arm_viewer --namespace arm_3    # one arm of several
+  octo_arm_viewer --host 0.0.0.0       # seen from other machines too; whoever sees it can pull
+
+It shows what the node publishes, and commands nothing until a slider or button is used.
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='octo_arm_viewer',
+        description='Show an arm in the browser and pull its tendons.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--namespace', default='', help='namespace of the arm')
+    add_address(parser)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve the page until told to stop; returns the exit status."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # What ROS is told comes last, and is its own business.
+    own = given.index('--ros-args') if '--ros-args' in given else len(given)
+    options = build_parser().parse_args(given[:own])
+    try:
+        from octo_arm_model.viewer.address import serving
+        from octo_arm_model.viewer.app import Viewer
+    except ModuleNotFoundError as error:
+        return _fail(f'needs {error.name}; install it with: pip install {error.name}')
+    is_over = stop_signals()
+    rclpy.init(args=given[own:], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    try:
+        client = ArmClient(Node('octo_arm_viewer'), options.namespace)
+        with serving(options.host, options.port) as server:
+            viewer = Viewer(server, client)
+            while not is_over():
+                viewer.step()
+    except OctoArmError as error:
+        return _fail(error)
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _fail(problem: object) -> int:
+    print(f'octo_arm_viewer: error: {problem}', file=sys.stderr)
+    return 2
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,147 @@
+"""Experiments for tests: recordings and shapes of an arm whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from recordings import START, TYPES, Sample, header, make, tensions_data, text_sample, write_bag
+
+from octo_arm_model import Arm
+from octo_arm_model.config import Config, load_parameters, parameters_as_yaml
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.polylines import resample
+from octo_arm_model.experiment.recording import Recording
+from octo_arm_model.experiment.shapes import Shape, mean_shape
+from octo_arm_model.experiment.steps import Window
+from octo_arm_model.paper import preset_path
+
+PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
+ARM = Config.from_parameters(PARAMETERS).arm
+HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
+FAR = Alignment(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
+
+
+def one_tendon(tension: float) -> np.ndarray:
+    return np.array([tension, 0.0, 0.0, 0.0])
+
+
+def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
+    """Midline of the prototype with parameters changed, evenly along its length."""
+    values = {**PARAMETERS, **{name.replace('__', '.'): value for name, value in changes.items()}}
+    config = Config.from_parameters({**values, 'model': model, 'stations': 201})
+    shape = config.solver().solve(pulled.reshape(config.arm.tension_shape)).position
+    return resample(shape, np.linspace(0.0, 1.0, count))
+
+
+def shapes(
+    lines: Sequence[np.ndarray],
+    tensions: Sequence[np.ndarray],
+    rng: np.random.Generator | None = None,
+    noise: float = 0.0,
+    frames: int = 5,
+) -> list[Shape]:
+    """Steps with ``frames`` noisy copies of each of the true ``lines``."""
+    rng = rng or np.random.default_rng(0)
+    return [
+        mean_shape(
+            Window(0.0, 1.0, np.array(pulled), np.zeros(len(pulled))),
+            [line + noise * rng.standard_normal(line.shape) for _ in range(frames)],
+        )
+        for line, pulled in zip(lines, tensions, strict=True)
+    ]
+
+
+def staircase(
+    held: Sequence[float] = HELD, hold: float = 3.0, ramp: float = 1.0, rate: float = 50.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and tensions of the first tendon [N]: each held, then on to the next."""
+    begins = np.arange(len(held)) * (hold + ramp)
+    corners = np.stack([begins, begins + hold], axis=1).ravel()
+    time = np.arange(0.0, corners[-1], 1.0 / rate)
+    return time, np.interp(time, corners, np.repeat(held, 2))
+
+
+def recording(
+    model: str = 'closed_form',
+    ahead: float = 0.0,
+    held: Sequence[float] = HELD,
+    camera: Alignment = FAR,
+    rate: float = 10.0,
+    **changes: Any,
+) -> Recording:
+    """A camera that sees the arm follow a staircase at once, its clock ``ahead`` [s]."""
+    time, pulled = staircase(held)
+    tensions = np.zeros((time.size, 4))
+    tensions[:, 0] = pulled
+    seen = np.arange(0.0, time[-1], 1.0 / rate)
+    known = {tension: midline(model, one_tendon(tension), 31, **changes)
+             for tension in np.unique(np.interp(seen, time, pulled))}  # fmt: skip
+    frames = [camera.to_camera(known[at]) for at in np.interp(seen, time, pulled)]
+    return Recording(PARAMETERS, time, tensions, seen + ahead, tuple(frames), 'camera')
+
+
+def path_sample(
+    points: np.ndarray, stamp_ns: int, topic: str = '/camera/midline', frame: str = 'arm_base'
+) -> Sample:
+    """A nav_msgs/Path."""
+    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+    about = header(stamp_ns, frame)
+    poses = [
+        make(
+            'geometry_msgs/msg/PoseStamped',
+            header=about,
+            pose=make(
+                'geometry_msgs/msg/Pose',
+                position=make('geometry_msgs/msg/Point', x=float(x), y=float(y), z=float(z)),
+                orientation=level,
+            ),
+        )
+        for x, y, z in points
+    ]
+    name = 'nav_msgs/msg/Path'
+    data = TYPES.serialize_cdr(make(name, header=about, poses=poses), name)
+    return Sample(topic, name, stamp_ns, bytes(data))
+
+
+def pose_sample(
+    point: np.ndarray, stamp_ns: int, topic: str = '/tracker/tip', frame: str = 'arm_base'
+) -> Sample:
+    """A geometry_msgs/PoseStamped."""
+    x, y, z = (float(value) for value in point)
+    pose = make(
+        'geometry_msgs/msg/Pose',
+        position=make('geometry_msgs/msg/Point', x=x, y=y, z=z),
+        orientation=make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    name = 'geometry_msgs/msg/PoseStamped'
+    message = make(name, header=header(stamp_ns, frame), pose=pose)
+    return Sample(topic, name, stamp_ns, bytes(TYPES.serialize_cdr(message, name)))
+
+
+def nanoseconds(time: float) -> int:
+    return START + round(time * 1e9)
+
+
+def tension_samples(time: np.ndarray, pulled: np.ndarray, arm: Arm = ARM) -> list[Sample]:
+    """Messages of the tension of the first tendon."""
+    kind = 'octo_arm_msgs/msg/TendonTensions'
+    return [
+        Sample(
+            '/tendon_tensions', kind, nanoseconds(at),
+            tensions_data(kind, arm.tendon_names, one_tendon(tension), nanoseconds(at)),
+        )
+        for at, tension in zip(time, pulled)
+    ]  # fmt: skip
+
+
+def description(**changes: Any) -> Sample:
+    """The arm, as the node announces it."""
+    return text_sample('/arm_description', parameters_as_yaml({**PARAMETERS, **changes}))
+
+
+def bag_of(path: Path, samples: Sequence[Sample]) -> Path:
+    """A bag of ``samples`` in order of receipt."""
+    return write_bag(path, sorted(samples, key=lambda sample: sample.received_ns))

@@ -1,0 +1,116 @@
+"""Bags for tests, made by rosbags itself."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from octo_arm_model import Arm
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.readings import READERS
+
+START = 1_700_000_000 * 10**9  # [ns]
+STEP = 10**6  # between messages [ns]
+TENDON_TENSIONS, ARRAY, JOINT_STATE = (kind for kind, _ in READERS.values())
+TYPES = known_types()
+
+
+class Sample(NamedTuple):
+    """A message to be in a bag."""
+
+    topic: str
+    type_name: str
+    received_ns: int
+    data: bytes
+
+
+def make(type_name: str, /, **fields: Any) -> Any:
+    """A message object of rosbags."""
+    return TYPES.types[type_name](**fields)
+
+
+def header(stamp_ns: int, frame: str = 'of the load cells') -> Any:
+    """A std_msgs/Header."""
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    stamp = make('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
+    return make('std_msgs/msg/Header', stamp=stamp, frame_id=frame)
+
+
+def tensions_data(
+    type_name: str, names: Sequence[str], tensions: Any, stamp_ns: int, **changes: Any
+) -> bytes:
+    """Bytes of a message of tensions [N]."""
+    values = np.array(tensions, dtype=np.float64).ravel()
+    none = np.zeros(0)
+    fields: dict[str, dict[str, Any]] = {
+        TENDON_TENSIONS: {'header': header(stamp_ns), 'name': list(names), 'tension': values},
+        ARRAY: {
+            'layout': make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0),
+            'data': values,
+        },
+        JOINT_STATE: {
+            'header': header(stamp_ns),
+            'name': list(names),
+            'position': none,
+            'velocity': none,
+            'effort': values,
+        },
+    }
+    message = make(type_name, **{**fields[type_name], **changes})
+    return bytes(TYPES.serialize_cdr(message, type_name))
+
+
+def samples(
+    arm: Arm,
+    rows: Iterable[Any],
+    topic: str = '/tendon_tensions',
+    type_name: str = TENDON_TENSIONS,
+) -> list[Sample]:
+    """Messages of the tensions ``rows`` of ``arm``, received a little after their stamps."""
+    return [
+        Sample(
+            topic, type_name, START + i * STEP + 1000,
+            tensions_data(type_name, arm.tendon_names, row, START + i * STEP),
+        )
+        for i, row in enumerate(rows)
+    ]  # fmt: skip
+
+
+def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:
+    """A std_msgs/String."""
+    data = TYPES.serialize_cdr(make('std_msgs/msg/String', data=text), 'std_msgs/msg/String')
+    return Sample(topic, 'std_msgs/msg/String', received_ns, bytes(data))
+
+
+def write_bag(
+    path: Path, content: Iterable[Sample], storage: str = 'mcap', version: int = 9
+) -> Path:
+    """Write a bag."""
+    with Writer(path, version=version, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+        topics: dict[str, Any] = {}
+        for topic, type_name, received_ns, data in content:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, type_name, typestore=TYPES)
+            writer.write(topics[topic], received_ns, data)
+    return path
+
+
+def fingerprint(path: Path) -> dict[str, str]:
+    """Hash of every file of a bag."""
+    return {
+        str(file.relative_to(path)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(path.rglob('*'))
+        if file.is_file()
+    }
+
+
+def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -> np.ndarray:
+    """Sets of tensions [N], some tendons slack, that the arms of the paper bear."""
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
+    return rows * (rng.random(rows.shape) < 0.6)

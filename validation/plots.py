@@ -1,0 +1,111 @@
+"""Pictures of the comparison: shapes, errors over tension, convergence of the meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cases import CASES
+from compare import MODELS, solve_models
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_COLOURS = dict(zip(MODELS, ('tab:red', 'tab:orange', 'tab:blue', 'tab:green')))
+_DASHES = dict(zip(MODELS, ('-', '--', '-', ':')))
+
+
+def draw(results: dict[str, Any], folder: Path) -> Iterator[Path]:
+    """Draw ``results`` into ``folder`` and yield the path of each picture."""
+    for name, figure in (
+        ('shapes', _shapes(results['cases'])),
+        ('errors', _errors(results['cases'])),
+        ('meshes', _meshes(results['cases'])),
+    ):
+        FigureCanvasAgg(figure)
+        path = folder / f'{name}.png'
+        figure.savefig(path, dpi=110)
+        yield path
+
+
+def _panels(cases: dict[str, Any], title: str) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(1.0 + 5.0 * len(cases), 5.2), layout='constrained')
+    figure.suptitle(title)
+    return figure, figure.subplots(1, len(cases), squeeze=False)[0]
+
+
+def _shapes(cases: dict[str, Any]) -> Figure:
+    figure, panels = _panels(cases, 'Midlines: elements (black, thick) and models')
+    known = {case.name: case for case in CASES}
+    for axes, (name, case) in zip(panels, cases.items()):
+        models = solve_models(known[name], case['tensions_N'])
+        # Across the arm: along n where the tendon lies there, else in the plane it bends in.
+        ends = np.array(case['midlines_mm'])[:, -1, 1:]
+        way = ends[-1] / np.linalg.norm(ends[-1])
+        for number, midline in enumerate(np.array(case['midlines_mm'])):
+            axes.plot(midline[:, 0], midline[:, 1:] @ way, color='0.1', lw=4.5, alpha=0.45,
+                      label=None if number else 'elements')  # fmt: skip
+            for model, backbones in models.items():
+                path = 1e3 * backbones[number].position
+                axes.plot(path[:, 0], path[:, 1:] @ way, _DASHES[model], color=_COLOURS[model],
+                          lw=1.2, label=None if number else model)  # fmt: skip
+            load = ', '.join(f'{t:.3g}' for t in case['tensions_N'][number])
+            axes.annotate(f'{load} N', (midline[-1, 0], midline[-1, 1:] @ way),
+                          textcoords='offset points', xytext=(5, 2), fontsize=8)  # fmt: skip
+        axes.set(title=name, xlabel='along t of the base [mm]',
+                 ylabel='across, in the plane of bending [mm]', aspect='equal')  # fmt: skip
+        axes.grid(alpha=0.3)
+        axes.margins(x=0.12)
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def _errors(cases: dict[str, Any]) -> Figure:
+    figure, panels = _panels(cases, 'Distance of the tip of models from that of elements')
+    for axes, (name, case) in zip(panels, cases.items()):
+        loads = _sizes(case['tensions_N'])
+        for model, errors in case['tip_error_percent'].items():
+            axes.plot(loads, errors, _DASHES[model], marker='o', ms=4, color=_COLOURS[model],
+                      label=model)  # fmt: skip
+        kept = case['variants'].get('tendon kept in its section')
+        if kept:
+            for model in ('renda2012', 'exact'):
+                axes.plot(_sizes(kept['loads']), kept['tip_error_percent'][model], marker='x',
+                          ls='none', color=_COLOURS[model], ms=8,
+                          label=f'{model}, tendon kept in its section')  # fmt: skip
+        axes.fill_between(loads, 0.0, case['mesh_error_percent'], color='0.5', alpha=0.5,
+                          label='uncertain by the mesh')  # fmt: skip
+        axes.set(title=name, xlabel='tension [N]', ylabel='% of the length')
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+        axes.grid(alpha=0.3)
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def _meshes(cases: dict[str, Any]) -> Figure:
+    figure, panels = _panels(cases, 'Distance of the tip from that of the mesh with most unknowns')
+    known = {case.name: case for case in CASES}
+    for axes, (name, case) in zip(panels, cases.items()):
+        length = 1e3 * known[name].arm.length
+        order = sorted(case['meshes'], key=lambda mesh: case['meshes'][mesh]['unknowns'])
+        tips = np.array([case['meshes'][mesh]['tips_mm'] for mesh in order])
+        unknowns = [case['meshes'][mesh]['unknowns'] for mesh in order]
+        away = 100.0 * np.linalg.norm(tips - tips[-1], axis=-1) / length
+        for number, load in enumerate(case['tensions_N']):
+            label = ', '.join(f'{t:.3g}' for t in load)
+            axes.loglog(unknowns[:-1], away[:-1, number], 'o-', label=f'{label} N')
+        for mesh, count, height in zip(order[:-1], unknowns, away.max(axis=1)):
+            axes.annotate(mesh, (count, height), textcoords='offset points', xytext=(0, 7),
+                          ha='center', fontsize=8)  # fmt: skip
+        axes.set(title=f'{name}: to mesh {order[-1]} ({unknowns[-1]} unknowns)',
+                 xlabel='unknowns', ylabel='% of the length')  # fmt: skip
+        axes.grid(alpha=0.3, which='both')
+        axes.margins(0.15)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def _sizes(tensions: list[list[float]]) -> list[float]:
+    return [float(np.linalg.norm(load)) for load in tensions]
