@@ -23,7 +23,7 @@ _SLOW = 1e-2
 _PATIENCE = 6
 # Below this the slopes that tell a step too long are rounding.
 _ROUNDING = 1e-6
-_GUESSES = 2  # steps towards the initial strain
+_FIRST_STEPS = 2  # for two unknowns instead of all
 _SHORTEST_TENDON = 0.05  # of its reference length, where no balance is found
 
 
@@ -42,20 +42,20 @@ class Minimum(NamedTuple):
 
 
 def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
-    """Nearly the strain of least energy: that under tendons that stay parallel to the midline.
+    """Nearly the strain of least energy: the one under tendons parallel to the midline.
 
-    Their force and moment depend on no strain and bend a section in one plane, so that two
-    unknowns are left, its stretch and its curvature times its radius, and the law alone decides.
+    Their force and moment depend on no strain, and a section bends in one plane. That leaves two
+    unknowns, its stretch and its curvature times its radius, to a few cheap steps of Newton's.
     """
     moment_n, moment_b, force = energy.resultants(pulls) / energy.stiffness.axial
-    moment = np.hypot(moment_n, moment_b)
+    moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
     load = moment / energy.radius
     # Right to first order for every law, and never inside out.
     straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
     slope = 4.0 * load
     bend = slope / np.sqrt(1.0 + np.square(slope / straight))
-    stretch = straight + 0.5 * bend * bend  # rubber gets longer as it bends, about so much
-    for _ in range(_GUESSES):
+    stretch = straight + 0.5 * bend * bend  # Rubber gets longer as it bends, about so much.
+    for _ in range(_FIRST_STEPS):
         square = bend * bend
         f = energy.law.density(stretch, square)
         twice = bend + bend
@@ -67,7 +67,7 @@ def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
         bend = bend - over * (f.by_stretch_stretch * moved - cross * left)
     curvature = bend / energy.radius
     # Not where that turns something inside out after all, or is no number.
-    fails = ~(stretch > curvature * energy.reach)
+    fails = ~(stretch > np.abs(curvature) * energy.reach)
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
     curvature /= np.maximum(moment, 1e-300)
@@ -116,12 +116,13 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
     step: FloatArray | None = None
     slope = np.zeros(0)
     previous = np.inf
-    tendons: FloatArray | float = 0.0
+    tendons: FloatArray | None = None
     iterations = 0
     for _ in range(MAX_ITERATIONS):
         gradient, hessian = energy.material(strain)
         gradient += energy.tendon_gradient(strain, pulls)
-        left = np.abs(gradient * over)
+        left = gradient * over
+        np.abs(left, out=left)
         worst = float(left.max(initial=0.0))  # NaN where a section cannot be
         if worst <= TOLERANCE:
             return Minimum(strain, left.max(axis=(0, 2), initial=0.0), iterations)
@@ -140,7 +141,8 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
             _, tendons = energy.tendon_derivatives(_full(strain), pulls)
             tendons = tendons[1:, 1:] if flat else tendons
         previous = worst
-        hessian += tendons
+        if tendons is not None:
+            hessian += tendons
         step = substitute(factorise(hessian), gradient)
         np.negative(step, out=step)
         slope = -np.add.reduce(gradient * step)

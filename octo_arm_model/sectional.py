@@ -97,37 +97,35 @@ class SectionEnergy:
         """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
         flat = len(strain) == 3
         bending = slice(None) if flat else slice(1, 4)
+        slope = None
+        if self.law.widens:
+            width, slope, _ = self.law.widening(strain[-1] if flat else strain[3])
+            strain = strain / width  # u points where u / w does, in which r' does not widen
         u_t = self._along(strain[bending])
         square = u_t * u_t
-        width = slope = None
-        if self.law.widens:
-            width, slope, _ = self.law.widening(strain[bending][2])
-        gradient = np.empty_like(strain)
-        wider: FloatArray | None = None
         if flat:
-            across = self._slope_squared
-            square += across if width is None else across * (width * width)
-            pull = pulls / np.sqrt(square, out=square)
-            if width is not None and slope is not None:
-                wider = np.einsum('j...,j...->...', pull, across)
-                wider *= slope * width
+            square += self._slope_squared
         else:
-            u_n, u_b = self._across(strain, width)
+            u_n, u_b = self._across(strain, None)
             square += u_n * u_n
             square += u_b * u_b
-            pull = pulls / np.sqrt(square, out=square)
-            u_n *= pull
-            u_b *= pull
-            gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
-            if slope is not None:
-                wider = slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
-            if len(strain) == 6:
-                np.add.reduce(u_n, out=gradient[4])
-                np.add.reduce(u_b, out=gradient[5])
+        np.sqrt(square, out=square)
+        pull = np.divide(pulls, square, out=square)
         u_t *= pull
+        gradient = np.empty_like(strain)
         gradient[bending] = self.resultants(u_t)
-        if wider is not None:
-            gradient[bending][2] += wider
+        if flat:
+            if slope is not None:
+                gradient[2] += slope * np.einsum('j...,j...->...', pull, self._slope_squared)
+            return gradient
+        u_n *= pull
+        u_b *= pull
+        gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
+        if slope is not None:
+            gradient[3] += slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
+        if len(strain) == 6:
+            np.add.reduce(u_n, out=gradient[4])
+            np.add.reduce(u_b, out=gradient[5])
         return gradient
 
     def _across(

@@ -15,6 +15,7 @@ from octo_arm_model.experiment.alignment import Alignment, undetermined
 from octo_arm_model.experiment.fit import fit_alignment
 from octo_arm_model.experiment.midlines import MidlineErrors, fraction_at_start, midline_errors
 from octo_arm_model.experiment.shapes import Shape
+from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.hints import FloatArray
 
 
@@ -80,7 +81,8 @@ def compare(
         MeasurementError: if an alignment cannot be fitted, or midlines do not begin near the
             base.
     """
-    solver = Config.from_parameters(parameters).solver(model)
+    config = Config.from_parameters(parameters)
+    solver = config.solver(model, max(config.stations, FINE_STATIONS))
     answered: list[tuple[int, Shape, Backbone]] = []
     refused: list[str] = []
     for number, shape in enumerate(shapes, start=1):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config import Config
-from octo_arm_model.errors import ConfigError
+from octo_arm_model.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import Comparison, compare
 from octo_arm_model.experiment.observations import Observations
 from octo_arm_model.experiment.options import EPILOG, add_recording, read_options
@@ -56,17 +56,24 @@ def _run(options: argparse.Namespace) -> int:
 
         if out.exists() and not out.is_dir():
             raise ConfigError(f'--out is {str(out)!r}, a file, expected a folder')
+        out.mkdir(parents=True, exist_ok=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
-    comparisons = [
-        compare(observations.shapes, recording.parameters, model, alignment) for model in models
-    ]
     notes = [*observations.notes, *notes]
+    comparisons = []
+    for model in models:
+        try:
+            comparisons.append(
+                compare(observations.shapes, recording.parameters, model, alignment)
+            )
+        except (ConfigError, SolveError) as error:
+            if model == models[-1] and not comparisons:
+                raise
+            notes.append(f'{model} is not compared: {error}')
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.compare_figures import draw
 
-        out.mkdir(parents=True, exist_ok=True)
         (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
         write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
         pictures = draw(comparisons, out)

@@ -101,7 +101,9 @@ def _draw_step(
     figure.suptitle(
         f'Step {shown[0][1].number}: {shape.tension:.2f} N, {shape.frames} frames{outliers}'
     )
-    panels = figure.subplots(views, len(shown), squeeze=False, sharex=True, sharey='row')
+    panels = figure.subplots(
+        views, len(shown), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
+    )
     names = ('where it bends to [mm]', 'across that [mm]')
     for column, (comparison, step) in enumerate(shown):
         for view in range(views):
@@ -134,13 +136,13 @@ def _draw_view(
     measured = _flatten(step.measured, plane, origin)
     colour = _COLOURS[comparison.model]
     panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
-    panel.plot(*model.T, color=colour, linewidth=2.2, label='model', zorder=3)
-    panel.plot(*model[-1], 'o', color=colour, markersize=6, zorder=4)
     panel.plot(
-        *measured.T, color=_MEASURED, linewidth=1.6, linestyle=(0, (4, 2)), label='measured',
-        zorder=5,
+        *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
+    )
+    panel.plot(
+        *measured.T, color=_MEASURED, linewidth=1.6, linestyle=(0, (4, 2)), marker='s',
+        markersize=5, markevery=[-1], label='measured', zorder=5,
     )  # fmt: skip
-    panel.plot(*measured[-1], 's', color=_MEASURED, markersize=5, zorder=6)
 
 
 def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> FloatArray:

@@ -217,7 +217,9 @@ def _notes(problem: Problem, fits: Sequence[str], folds: int, after: Misfit) -> 
     if folds < len(problem.shapes):
         notes.append(f'{len(problem.shapes)} steps are left out in {folds} groups')
     if 'tension_offset' in fits:
-        notes.append('the tension offset is one for all tendons that are pulled at all')
+        notes.append(
+            'one tension offset for all tendons that read at least 1 % of the highest tension'
+        )
     if 'alignment' in fits:
         notes += undetermined(np.concatenate([shape.points for shape in problem.shapes]))
     return notes

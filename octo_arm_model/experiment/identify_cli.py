@@ -66,6 +66,8 @@ def add_command(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     if options.out is not None and options.out.is_dir():
         raise ConfigError(f'--out is {str(options.out)!r}, a folder, expected a file')
+    if options.out is not None:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
     recording, observations, models, alignment, notes = read_options(options)
     notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
@@ -78,14 +80,12 @@ def _run(options: argparse.Namespace) -> int:
             fitted[model] = identify(
                 observations.shapes, recording.parameters, model, fits, alignment, bar
             )
-        except SolveError as error:
-            if len(models) == 1:
+        except (ConfigError, SolveError) as error:
+            if model == models[-1] and not fitted:
                 raise
             notes.append(f'{model} is not fitted: {error}')
         finally:
             bar.leave()
-    if not fitted:
-        raise SolveError('no model could be fitted: ' + '; '.join(notes[-len(models) :]))
     best = best_of(list(fitted.values()))
     if options.out is not None and best.is_trustworthy:
         options.out.write_text(as_config(best, str(options.bag)), encoding='utf-8')

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from octo_arm_model.experiment.unknowns import Unknown, Unknowns
 from octo_arm_model.hints import FloatArray
@@ -60,7 +60,7 @@ def estimates_of(
             for unknown, at in zip(unknowns.unknowns, x, strict=True)
         }
     deviation = np.sqrt((count - 1) / count * ((found - x) ** 2).sum(axis=0))
-    reach = student.ppf(0.5 + 0.5 * _CONFIDENCE, freedom) * deviation
+    reach = stdtrit(freedom, 0.5 + 0.5 * _CONFIDENCE) * deviation
     return {
         unknown.name: _estimate(unknown, *numbers)
         for unknown, *numbers in zip(

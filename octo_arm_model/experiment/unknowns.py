@@ -29,8 +29,10 @@ _ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'tu
 _OFFSET = 'tendon_offset.'
 _EXACT_ONLY = ('poisson_ratio', 'tendon_offsets')
 _EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
+# Stations are joined by straight lines, so there are enough for these to be as good as the curve.
+FINE_STATIONS = 201
 _FARTHEST = 10.0  # that logarithms go either way
-_PULLED = 1e-3  # of the highest tension: below this a tendon counts as slack in all steps
+_PULLED = 1e-2  # of the highest tension: below this a tendon counts as slack
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,8 @@ class Unknowns:
             self._parameters['material.shear_modulus'] = 0.0
             self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
         self.arm = config.arm
-        highest = tensions.max(initial=0.0)
-        self._pulled = tensions.max(axis=0, initial=0.0) > _PULLED * highest
+        self._slack = _PULLED * tensions.max(initial=0.0)
+        self._pulled = tensions.max(axis=0, initial=0.0) > self._slack
         self.unknowns = tuple(
             unknown for name in FITS if name in fits for unknown in self._unknowns_of(name)
         )
@@ -158,9 +160,9 @@ class Unknowns:
         return Alignment(x[first + 3 : first + 6].copy(), x[first : first + 3].copy())
 
     def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
-        """What pulls (..., tendons) [N], where the sensors ``read`` so; a slack tendon not."""
+        """What pulls (tendons,) [N] where sensors ``read`` so; slack tendons have no offset."""
         scale, offset = self._get(x, 'tension_scale', 1.0), self._get(x, 'tension_offset', 0.0)
-        return np.maximum(scale * read + offset * self._pulled, 0.0)
+        return np.maximum(scale * read + offset * (read > self._slack), 0.0)
 
     def parameters(self, x: FloatArray) -> dict[str, Any]:
         """Parameters of the arm at ``x``."""
@@ -187,7 +189,8 @@ class Unknowns:
         Raises:
             ArmDefinitionError: if there can be no such arm.
         """
-        return Config.from_parameters(self.parameters(x)).solver()
+        config = Config.from_parameters(self.parameters(x))
+        return config.solver(stations=max(config.stations, FINE_STATIONS))
 
     def displacement(
         self, x: FloatArray, read: FloatArray, backbone: Backbone, solver: Solver
@@ -209,7 +212,7 @@ class Unknowns:
             elif name == 'tension_scale':
                 column += by_tension @ (scale * read * pulls)
             elif name == 'tension_offset':
-                column += by_tension @ (self._pulled * pulls).astype(np.float64)
+                column += by_tension @ ((read > self._slack) & pulls).astype(np.float64)
             elif name.startswith(_OFFSET) and change.by_offset is not None:
                 tendon = self.arm.tendon_names.index(name.removeprefix(_OFFSET))
                 column += change.by_offset.pose[:, :3, tendon]

@@ -8,25 +8,22 @@ from typing import Any, NamedTuple
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import LoadError, OctoArmError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.parameters import PARAMETERS
-from octo_arm_model.ros.declare import check_types, read_parameters
 from octo_arm_model.ros.health import Health
 from octo_arm_model.ros.inbox import INPUT_QOS, TOPICS, Inbox
+from octo_arm_model.ros.live import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.outbox import Outbox
 from octo_arm_model.ros.services import answer_find_tensions, answer_solve
 from octo_arm_model.solver import Solver
 
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
-_NAMES = {parameter.name for parameter in PARAMETERS}
 
 
 class Prepared(NamedTuple):
@@ -66,17 +63,14 @@ class Engine:
     def __init__(self, node: Node) -> None:
         """Declare the parameters of ``node``."""
         self._node = node
-        self._given = read_parameters(node)
+        self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
-        self._candidate: Prepared | None = None
         self._health = Health(node)
         self._inboxes: list[Inbox] = []
         self._others: list[tuple[Any, Any]] = []
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
-        node.add_on_set_parameters_callback(self._check)
-        node.add_post_set_parameters_callback(self._swap)
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -87,7 +81,7 @@ class Engine:
             ArmDefinitionError: if the arm cannot exist.
         """
         self._outbox = Outbox(self._node)
-        self._use(Prepared.of(self._given))
+        self._live.begin()
 
     def activate(self) -> None:
         """Start answering."""
@@ -116,42 +110,13 @@ class Engine:
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
+        self._live.end()
         if self._outbox is not None:
             self._outbox.close()
         self._outbox = self._prepared = None
 
-    # Parameters ---------------------------------------------------------------------------------
-
-    def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Whether the whole arm could be with these ``parameters``; nothing is changed yet."""
-        changed = {
-            parameter.name: parameter.value for parameter in parameters if parameter.name in _NAMES
-        }
-        self._candidate = None
-        if not changed:
-            return SetParametersResult(successful=True)
-        values = {**self._given, **changed}
-        values = {
-            name: list(value) if hasattr(value, 'typecode') else value
-            for name, value in values.items()
-            if value is not None
-        }
-        try:
-            check_types(values)
-            self._candidate = Prepared.of(values)
-        except OctoArmError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _swap(self, parameters: list[RosParameter]) -> None:
-        """Take what `_check` prepared, between two messages."""
-        candidate, self._candidate = self._candidate, None
-        if candidate is not None:
-            self._given = candidate.values
-            if self._prepared is not None:
-                self._use(candidate)
-
-    def _use(self, prepared: Prepared) -> None:
+    def _use(self, prepared: Prepared, names: set[str]) -> None:
+        """Answer with the arm ``prepared`` from now on, between two messages."""
         assert self._outbox is not None
         config = prepared.config
         self._prepared, self._last = prepared, None

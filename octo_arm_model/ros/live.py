@@ -26,21 +26,35 @@ class LiveParameters(Generic[Prepared]):
         prepare: Callable[[dict[str, Any]], Prepared],
         use: Callable[[Prepared, set[str]], None],
     ) -> None:
-        """Declare ``table`` on ``node`` and use what ``prepare`` makes of what was given.
+        """Declare ``table`` on ``node``.
 
-        ``use`` gets what was prepared and the names that were set, now and at every change that
-        ``prepare`` can make something of; others are refused with its reason.
+        Between `begin` and `end`, ``use`` gets what ``prepare`` makes of them and the names that
+        were set, at every change that it can make something of. Others are always refused with
+        its reason.
 
         Raises:
-            OctoArmError: if nothing can be made of what was given.
+            ConfigError: if an integer is given where ROS needs a double.
         """
         self._table, self._prepare, self._use = table, prepare, use
         self._values = read_parameters(node, table)
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
-        use(prepare(self._values), set(self._values))
+        self._is_used = False
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
+
+    def begin(self) -> None:
+        """Use what the parameters make.
+
+        Raises:
+            OctoArmError: if nothing can be made of them.
+        """
+        self._use(self._prepare(self._values), set(self._values))
+        self._is_used = True
+
+    def end(self) -> None:
+        """Use it no more; changes are kept for the next time."""
+        self._is_used = False
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
         """Whether something can be made with these ``parameters``; nothing is changed yet."""
@@ -65,4 +79,5 @@ class LiveParameters(Generic[Prepared]):
         candidate, self._candidate = self._candidate, None
         if candidate is not None:
             self._values, prepared = candidate
-            self._use(prepared, {parameter.name for parameter in parameters})
+            if self._is_used:
+                self._use(prepared, {parameter.name for parameter in parameters})

@@ -59,6 +59,7 @@ class SimulatorNode(Node):
         self._effective = self._open('ground_truth/tendon_tensions')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 5)
         self._live = LiveParameters(self, PARAMETERS, SimulatorConfig.from_parameters, self._use)
+        self._live.begin()
         self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
         # Time of ROS may stand still; how the node is doing is told all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
