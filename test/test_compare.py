@@ -27,6 +27,7 @@ from experiments import (
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.cli import main
+from octo_arm_model.config import parameters_as_yaml
 from octo_arm_model.errors import MeasurementError, SolveError
 from octo_arm_model.experiment.alignment import Alignment
 from octo_arm_model.experiment.compare import compare
@@ -199,3 +200,17 @@ def test_nonsense_is_refused_in_one_line(
     assert err.startswith('octo-arm: error: ')
     assert message in err
     assert err.count('\n') == 1
+
+
+def test_of_all_models_those_that_cover_the_arm_are_compared(
+    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weight = {**PARAMETERS, 'loads.gravity': [0.0, 0.0, -9.81], 'material.density': 1000.0}
+    config = tmp_path / 'heavy.yaml'
+    config.write_text(parameters_as_yaml(weight))
+    arguments = ['compare', str(write()), '--config', str(config), '--json']
+    assert main([*arguments, '--model', 'all']) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert set(said['models']) == {'exact'}
+    assert any('renda2012 is not compared: model is' in note for note in said['notes'])
+    assert main([*arguments, '--model', 'renda2012']) == 2
