@@ -10,7 +10,6 @@ from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.errors import ConvergenceError
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.tendons import TendonSums
-from octo_arm_model.vectors import times
 
 COLLOCATION_POINTS = 20
 # Sweeps stop when p changes by less than this part of the largest moment in the arm, which
@@ -91,6 +90,11 @@ class Coefficients:
         p[...] = slope[..., -1:]
         p_t, p_n, p_b = p
         turn = np.empty_like(p_t)
+        # As `times` does, each product into its place; for one arm `dot` is quicker.
+        product, row = (np.dot, ...) if p.ndim == 2 else (np.matmul, np.s_[..., np.newaxis, :])
+        with_t, with_n, with_b = slope[row]
+        to_t, to_n, to_b = p[row]
+        integrate = piece.integrate
         found: tuple[FloatArray, FloatArray, IntArray] | None = None
         sweeps = 0
         while True:
@@ -101,14 +105,15 @@ class Coefficients:
                 slope_t += k_0
                 slope_t *= p_n
                 slope_t -= np.multiply(xi_0, p_b, out=turn)
-                times(slope[0], piece.integrate, out=p_t)
+                product(with_t, integrate, out=to_t)
                 np.multiply(product_n, p_b, out=slope_n)
                 slope_n += linear_n
                 slope_n *= p_t
                 np.multiply(product_b, p_n, out=slope_b)
                 slope_b += linear_b
                 slope_b *= p_t
-                times(slope[1:], piece.integrate, out=p[1:])
+                product(with_n, integrate, out=to_n)
+                product(with_b, integrate, out=to_b)
             sweeps += _SWEEPS_BETWEEN_CHECKS
             previous -= p
             change = (np.abs(previous) * self._per_moment).max(axis=(0, -1))

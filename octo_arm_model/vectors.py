@@ -24,12 +24,11 @@ def skew(v: FloatArray) -> FloatArray:
     return matrix
 
 
-def times(rows: FloatArray, matrix: FloatArray, out: FloatArray | None = None) -> FloatArray:
+def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
 
     BLAS gets one row at a time, since several come out with other last digits than one: so an
     arm is the same, to the last bit, whatever stands beside it.
     """
-    whole = None if out is None else out[..., np.newaxis, :]
-    product: FloatArray = np.matmul(rows[..., np.newaxis, :], matrix, out=whole)
+    product: FloatArray = rows[..., np.newaxis, :] @ matrix
     return product[..., 0, :]
