@@ -76,7 +76,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'model',
                 default_value='',
-                description='renda2012, closed_form or exact; empty for that of params_file',
+                description='name of a model; empty for that of params_file',
             ),
             OpaqueFunction(function=start),
         ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 
@@ -80,6 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail('interrupted', 130)
     except SolveError as error:
         return _fail(error, 1)
+    except BrokenPipeError:
+        # Whoever reads has enough, as `head` does. Python would complain once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (OctoArmError, OSError) as error:
         return _fail(error, 2)
     except ModuleNotFoundError as error:

@@ -13,7 +13,7 @@ from typing import Any
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import DEFAULT_STATIONS
 from octo_arm_model.laws import DEFAULT_LAW
-from octo_arm_model.solver import DEFAULT_MODEL
+from octo_arm_model.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,11 @@ class Parameter:
         raise ConfigError(f'{self.name} is {value!r}, expected {self.type_name}')
 
 
+_MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
+
 PARAMETERS = (
-    Parameter('model', str, 'what turns tensions into strains: renda2012, closed_form or exact',
-              DEFAULT_MODEL, range='renda2012, closed_form or exact'),
+    Parameter('model', str, f'what turns tensions into strains: {_MODELS}', DEFAULT_MODEL,
+              range=_MODELS),
     Parameter('stations', int, 'stations along the backbone, anchorages and loads among them',
               DEFAULT_STATIONS, range='at least two, one more for every anchorage and load'),
     Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),

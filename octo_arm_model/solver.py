@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,7 @@ from octo_arm_model.equilibrium import Condition
 from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, SolveError
 from octo_arm_model.exact import Exact, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.kinematics import Frame, Pose, node_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
 from octo_arm_model.load_table import LoadTable
@@ -32,7 +33,11 @@ from octo_arm_model.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.statics import Statics
 from octo_arm_model.tendons import check_tensions
 
-MODELS = ('renda2012', 'closed_form', 'exact')
+_PAPERS_MODELS: dict[str, Callable[[Arm, FloatArray, IntArray], Statics]] = {
+    'renda2012': Renda2012,
+    'closed_form': ClosedForm,
+}
+MODELS = (*_PAPERS_MODELS, 'exact')
 DEFAULT_MODEL = 'renda2012'
 # Arms are solved side by side: enough to hide the cost of a NumPy call, few enough to stay in
 # cache and for BLAS not to share a product among threads, which on a busy machine wait for each
@@ -106,8 +111,7 @@ class Solver:
         if model == 'exact':
             self._statics = Exact(arm, nodes, section, self.law, shear)
         else:
-            papers_model = Renda2012 if model == 'renda2012' else ClosedForm
-            self._statics = papers_model(arm, nodes, section)
+            self._statics = _PAPERS_MODELS[model](arm, nodes, section)
 
     @functools.cached_property
     def _loaded(self) -> LoadedArm:

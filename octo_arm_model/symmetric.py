@@ -24,11 +24,6 @@ def factorise(matrix: FloatArray) -> FloatArray:
     return factors
 
 
-def is_definite(factors: FloatArray) -> bool:
-    """Whether all factorised matrices are positive definite."""
-    return all(float(np.min(factors[j, j], initial=np.inf)) > 0.0 for j in range(len(factors)))
-
-
 def substitute(factors: FloatArray, right: FloatArray) -> FloatArray:
     """Solve factorised systems for ``right`` (n, ...) or (n, columns, ...)."""
     count = len(factors)

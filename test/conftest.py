@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -61,3 +62,10 @@ def rod() -> Config:
 def prototype() -> Config:
     """Arm of the tank, one section."""
     return load_config(preset_path('renda2012_prototype'))
+
+
+@pytest.fixture
+def to_the_last_bit() -> None:
+    """Skip where one and the same solve does not come out twice the same."""
+    if np.__version__.startswith('1.'):
+        pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')

@@ -1,4 +1,4 @@
-"""What holds for any arm and any tensions, in both models."""
+"""What holds for any arm and any tensions, in the paper's models."""
 
 from __future__ import annotations
 

@@ -83,6 +83,7 @@ def expected_messages(
 # The same bytes ---------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 @pytest.mark.parametrize('kind', [TENDON_TENSIONS, ARRAY, JOINT_STATE])
 @pytest.mark.parametrize('storage', STORAGES)
 def test_answers_are_those_of_single_solves_to_the_last_bit(
@@ -105,6 +106,7 @@ def test_answers_are_those_of_single_solves_to_the_last_bit(
             assert one == (topic, ANSWERS[topic[1:]], received, data)
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 @pytest.mark.parametrize(
     ('preset', 'model'),
     [
@@ -126,6 +128,7 @@ def test_every_model_answers_alike_alone_and_side_by_side(preset: str, model: st
         assert [bytes(message) for message in answer.messages] == expected
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 def test_solving_alone_gives_the_same_where_side_by_side_differs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -147,6 +150,7 @@ def test_solving_alone_gives_the_same_where_side_by_side_differs(
         assert [len(data) for data in one.messages] == [len(data) for data in expected]
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(
     tmp_path: Path,
 ) -> None:
@@ -233,6 +237,7 @@ def test_the_description_of_the_answers_is_latched_and_has_the_model(tmp_path: P
     assert information['rosbag2_bagfile_information']['version'] == 9
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(tmp_path: Path) -> None:
     softer = {**TABLE_4, 'material.youngs_modulus': 1e5, 'model': 'closed_form'}
     content = [
@@ -429,6 +434,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 # Beside the node --------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures('to_the_last_bit')
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')

@@ -13,9 +13,9 @@ import numpy as np
 
 from octo_arm_model.experiment.compare import Comparison, StepComparison
 from octo_arm_model.hints import FloatArray
+from octo_arm_model.reproduce.plotting import LINES
 from octo_arm_model.rotation import Quaternions
 
-_COLOURS = {'renda2012': 'tab:blue', 'closed_form': 'tab:green', 'exact': 'tab:red'}
 _MEASURED = '0.15'
 _FRAME = '0.78'
 # Of the length: farther out of the main plane a second view is worth having.
@@ -134,7 +134,7 @@ def _draw_view(
         panel.plot(*flat.T, '.' if len(flat) == 1 else '-', color=_FRAME, linewidth=0.6, zorder=1)
     model = _flatten(step.backbone.position, plane, origin)
     measured = _flatten(step.measured, plane, origin)
-    colour = _COLOURS[comparison.model]
+    colour = LINES[comparison.model]['color']
     panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
     panel.plot(
         *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
@@ -157,7 +157,7 @@ def _draw_errors(comparisons: Sequence[Comparison]) -> Any:
     for comparison in comparisons:
         tension = np.array([step.shape.tension for step in comparison.steps])
         order = np.argsort(tension, kind='stable')
-        colour = _COLOURS[comparison.model]
+        colour = LINES[comparison.model]['color']
         # The paper's two models agree for one section: the second is drawn inside the first.
         width = 1.6 if comparison.model != 'renda2012' else 4.0
         for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):

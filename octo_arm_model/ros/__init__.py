@@ -1,1 +1,1 @@
-"""The ROS 2 side: everything here may import rclpy, nothing else in the package does."""
+"""The ROS 2 side: everything here may import rclpy, elsewhere only the viewer does."""
