@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from collections.abc import Callable
@@ -18,7 +19,7 @@ import run
 import verify
 from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
 from cases import PROTOTYPE, SECTION_5_1, Case
-from compare import solve_models
+from compare import run_case, solve_models
 from elasticity import Contact, ElasticArm, Shape
 
 from octo_arm_model import load_config
@@ -109,14 +110,28 @@ def test_models_on_the_arm_of_5_1() -> None:
     assert max(errors['exact'], errors['renda2012'], errors['closed_form']) < 1.0 / 300.0
 
 
-def test_results_are_those_of_the_full_command() -> None:
-    results = json.loads((VALIDATION / 'results.json').read_text(encoding='utf-8'))
-    assert results['made_by'] == 'python validation/run.py'
-    assert all(check['passed'] for check in results['checks'].values())
-    assert set(results['cases']) == {case.name for case in run.CASES}
-    text = run.tables(results)
-    for case in results['cases'].values():
-        errors = case['tip_error_percent']
-        assert all(f'{error:.2f}' in text for error in errors['exact'])
-        # What is compared is larger than what the mesh leaves open.
-        assert case['mesh_error_percent'][-1] < errors['exact, linear'][-1]
+def test_a_case_is_compared_written_and_drawn(tmp_path: Path) -> None:
+    pytest.importorskip('matplotlib')
+    from plots import draw
+
+    small = Mesh(1, 0.3)
+    case = dataclasses.replace(
+        PROTOTYPE,
+        tensions=((0.5,),),
+        meshes=(small, COARSE),
+        result=COARSE,
+        pairs=((small, COARSE),),
+        varied=(0,),
+        variants={'tendon kept in its section': {'sheath': None}},
+        basis=small,
+    )
+    lines: list[str] = []
+    compared = run_case(case, lines.append)
+    assert any('residual' in line for line in lines)
+    results = {'made_by': 'a test', 'minutes': 0.0, 'checks': {}, 'cases': {case.name: compared}}
+    json.dumps(results)
+    assert compared['mesh_error_percent'][0] < 0.2
+    assert compared['tip_error_percent']['exact'][0] < 0.3
+    assert f'{compared["tip_error_percent"]["exact"][0]:.2f}' in run.tables(results)
+    for path in draw(results, tmp_path):
+        assert path.stat().st_size > 10_000

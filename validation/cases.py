@@ -17,6 +17,9 @@ from elasticity import Contact
 from octo_arm_model import Arm, load_config
 from octo_arm_model.paper import BENDING, preset_path
 
+BASIC, _WIDE, _LONG, _SHORT = Mesh(1, 1), Mesh(2, 1), Mesh(1, 2), Mesh(1, 0.5)
+_STUDY = ((_WIDE, BASIC), (_LONG, BASIC))
+
 
 @dataclass(frozen=True)
 class Case:
@@ -32,7 +35,8 @@ class Case:
         result: the mesh the models are compared with.
         pairs: meshes whose difference bounds the error across and along the arm.
         varied: the loads of the variants.
-        variants: what else is computed, on the mesh `BASIC`.
+        variants: what else is computed.
+        basis: the mesh of the variants.
     """
 
     name: str
@@ -45,6 +49,7 @@ class Case:
     pairs: tuple[tuple[Mesh, Mesh], ...]
     varied: tuple[int, ...] = ()
     variants: dict[str, dict[str, Any]] = field(default_factory=dict)
+    basis: Mesh = BASIC
 
     @property
     def arm(self) -> Arm:
@@ -52,8 +57,6 @@ class Case:
         return load_config(preset_path(self.preset)).arm
 
 
-BASIC, _WIDE, _LONG, _SHORT = Mesh(1, 1), Mesh(2, 1), Mesh(1, 2), Mesh(1, 0.5)
-_STUDY = ((_WIDE, BASIC), (_LONG, BASIC))
 _VARIANTS: dict[str, dict[str, Any]] = {
     'tendon kept in its section': {'sheath': None},
     'kept, and no disc': {'sheath': None, 'disc': 0.0},

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from arm_mesh import Mesh
-from cases import BASIC, Case
+from cases import Case
 from elasticity import ElasticArm, Report, Shape
 
 from octo_arm_model import Backbone, Solver
@@ -38,7 +38,7 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
         tell = _telling(report, f'{case.name}, mesh {mesh}')
         arms[mesh] = ElasticArm(case.arm, mesh, case.pulled, case.contact)
         # From the best that is known; the first of all is followed from the unloaded arm.
-        nearest = BASIC if BASIC in shapes else case.meshes[0]
+        nearest = case.basis if case.basis in shapes else case.meshes[0]
         known = shapes.get(nearest, [])
         guesses = [arms[mesh].guess(arms[nearest], shape.state) for shape in known]
         shapes[mesh] = list(arms[mesh].follow(case.tensions, tell, guesses))
@@ -71,7 +71,7 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
             for name, found in models.items()
         },
         'variants': {
-            name: _variant(case, change, arms[BASIC], shapes[BASIC], models,
+            name: _variant(case, change, arms[case.basis], shapes[case.basis], models,
                            _telling(report, f'{case.name}, {name}'))
             for name, change in case.variants.items()
         },
@@ -105,7 +105,7 @@ def _variant(
         ratio = contact.pop('poisson_ratio')
         material = dataclasses.replace(arm.material, poisson_ratio=ratio)
         arm = dataclasses.replace(arm, material=material)
-    varied = ElasticArm(arm, BASIC, case.pulled, dataclasses.replace(case.contact, **contact))
+    varied = ElasticArm(arm, case.basis, case.pulled, dataclasses.replace(case.contact, **contact))
     before = [shapes[i] for i in case.varied]
     guesses = [varied.guess(base, shape.state) for shape in before]
     loads = [case.tensions[i] for i in case.varied]

@@ -30,7 +30,7 @@ def draw(results: dict[str, Any], folder: Path) -> Iterator[Path]:
 
 
 def _panels(cases: dict[str, Any], title: str) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(1.0 + 5.0 * len(cases), 5.2), layout='constrained')
+    figure = Figure(figsize=(1.0 + 4.6 * len(cases), 5.2), layout='constrained')
     figure.suptitle(title)
     return figure, figure.subplots(1, len(cases), squeeze=False)[0]
 

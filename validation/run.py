@@ -116,10 +116,10 @@ def tables(results: dict[str, Any]) -> str:
     for name, case in results['cases'].items():
         lines += ['', f'{name} ({case["arm"]}): distance of the tips, % of the length']
         loads = [' '.join(f'{t:.3g}' for t in load) for load in case['tensions_N']]
-        lines.append(f'  {"tension [N]":30}' + ''.join(f'{load:>11}' for load in loads))
+        lines.append(f'  {"tension [N]":30}' + ''.join(f'{load:>16}' for load in loads))
         rows = dict(case['tip_error_percent'])
         rows['uncertain by the mesh'] = case['mesh_error_percent']
-        lines += [f'  {row:30}' + ''.join(f'{x:11.2f}' for x in rows[row]) for row in rows]
+        lines += [f'  {row:30}' + ''.join(f'{x:16.2f}' for x in rows[row]) for row in rows]
         lines.append('  what moves the tip of the elements, and what is then left to exact')
         for variant, found in case['variants'].items():
             at = {tuple(load): i for i, load in enumerate(found['loads'])}
@@ -128,7 +128,7 @@ def tables(results: dict[str, Any]) -> str:
             lines.append(
                 f'  {variant:30}'
                 + ''.join(
-                    ' ' * 11 if i is None else f'{moved[i]:6.2f}/{left[i]:4.2f}' for i in cells
+                    ' ' * 16 if i is None else f'{moved[i]:9.2f} / {left[i]:.2f}' for i in cells
                 )
             )
     lines += ['', f'made by {results["made_by"]} in {results["minutes"]} minutes']

@@ -39,8 +39,8 @@ class Solid:
         """Elements of ``mesh``; those of its discs ``disc_factor`` times as stiff."""
         nodes, corners = mesh.displacement, mesh.pressure
         self._count = nodes.N
-        self.displacements = 3 * nodes.N
-        self.size = self.displacements + corners.N
+        self.displacements = 3 * int(nodes.N)
+        self.size = self.displacements + int(corners.N)
         self._weight = nodes.dx
         # (elements, functions, 3, points) and (functions, points).
         self._slope = np.stack([np.asarray(f[0].grad) for f in nodes.basis]).transpose(2, 0, 1, 3)

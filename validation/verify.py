@@ -38,7 +38,7 @@ class Check(NamedTuple):
     @property
     def passed(self) -> bool:
         """Whether the difference is small enough."""
-        return self.error <= self.tolerance
+        return bool(self.error <= self.tolerance)
 
 
 def cylinder(offset: float, length: float, poisson_ratio: float = 0.5) -> Arm:
