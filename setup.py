@@ -29,12 +29,14 @@ setup(
     extras_require={
         'bags': ['rosbags'],
         'cluster': ['distributed'],
+        'compiled': ['numba'],
         'figures': ['matplotlib'],
         'test': [
             'hypothesis',
             'matplotlib',
             'mcap',
             'mcap-ros2-support',
+            'numba',
             'pillow',
             'pytest',
             'selenium',

@@ -8,39 +8,37 @@ the letters.
 
 from __future__ import annotations
 
-import numpy as np
-
 from octo_arm_model.arm import Arm
-from octo_arm_model.cross_section import Stiffness, complete_twist
+from octo_arm_model.cross_section import Stiffness, curvatures, twist_of
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.statics import Solution
 from octo_arm_model.tendons import TendonWeights
 
 
 class ClosedForm:
-    """Strains from tensions, node by node."""
+    """Strains from tensions, node by node.
+
+    Attributes:
+        weights: of the tensions at every node.
+        stiffness: there.
+    """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
-        self._weights = TendonWeights(arm, nodes, section)
-        self._stiffness = Stiffness.at(arm, nodes)
+        self.weights = TendonWeights(arm, nodes, section)
+        self.stiffness = Stiffness.at(arm, nodes)
 
     def solve(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
-        sums = self._weights.sums(tensions)
-        bending = self._stiffness.bending
-        twist = np.zeros((4, *sums.axial.shape), sums.axial.dtype)
-        tau, xi, k, _ = twist
-        about_n, about_b = bending + sums.second_b, bending + sums.second_n
-        if sums.mixed is None:
-            np.divide(-sums.first_b, about_n, out=xi)
-            np.divide(sums.first_n, about_b, out=k)
-        else:
-            determinant = about_n * about_b - sums.mixed * sums.mixed
-            xi[...] = (sums.mixed * sums.first_n - about_b * sums.first_b) / determinant
-            k[...] = (about_n * sums.first_n - sums.mixed * sums.first_b) / determinant
-        if sums.swirl is not None:
-            polar = self._stiffness.torsion + sums.second_n + sums.second_b
-            np.divide(-sums.swirl, polar, out=tau)
-        complete_twist(twist, sums, self._stiffness)
-        return Solution(twist, 0.0, 0)
+        sums = self.weights.sums(tensions)
+        _, torsion, bending = self.stiffness
+        _, n, b, nn, bb, mixed, swirl = sums
+        tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)
+        if mixed is not None:
+            about_n, about_b = bending + bb, bending + nn
+            determinant = about_n * about_b - mixed * mixed
+            xi = (mixed * n - about_b * b) / determinant
+            k = (about_n * n - mixed * b) / determinant
+        if swirl is not None:
+            tau = -swirl / (torsion + (nn + bb))
+        return Solution(twist_of(tau, xi, k, sums, self.stiffness), 0.0, 0)

@@ -93,12 +93,21 @@ class Config:
             uncertainty=uncertainty,
         )
 
-    def solver(self, model: str | None = None, stations: int | None = None) -> Solver:
+    def solver(
+        self,
+        model: str | None = None,
+        stations: int | None = None,
+        *,
+        compiled: bool | None = False,
+    ) -> Solver:
         """Solver of this arm, with another ``model`` or number of ``stations`` if given.
+
+        ``compiled`` is as in `Solver`.
 
         Raises:
             ConfigError: if there is no such model, it does not cover the arm or its loads, or the
                 stations are too few.
+            ModuleNotFoundError: if ``compiled`` but numba is not installed.
         """
         return Solver(
             self.arm,
@@ -108,6 +117,7 @@ class Config:
             material=self.law,
             shear=self.shear,
             loads=self.loads,
+            compiled=compiled,
         )
 
 

@@ -1,4 +1,4 @@
-"""How stiff a cross section is, and how far it compresses."""
+"""How stiff a cross section is, and how it bends and compresses in the paper's models."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.hints import FloatArray, Number
 from octo_arm_model.tendons import TendonSums
 
 
@@ -35,18 +35,44 @@ class Stiffness(NamedTuple):
         return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
 
 
-def complete_twist(twist: FloatArray, sums: TendonSums, stiffness: Stiffness) -> None:
-    """Make the twist of the frame of what begins, in ``twist`` (4, ..., nodes), with omega.
+def curvatures(
+    p_t: Number, p_n: Number, p_b: Number, first_n: Number, first_b: Number,
+    second_n: Number, second_b: Number, torsion: Number, bending: Number,
+) -> tuple[Number, Number, Number]:  # fmt: skip
+    """Strains omega = C (F + p) = (tau, xi, k) [1/m] under the imbalance p [N m]."""
+    return (
+        p_t / (torsion + (second_n + second_b)),
+        (p_n - first_b) / (bending + second_b),
+        (p_b + first_n) / (bending + second_n),
+    )
 
-    From omega = (tau, xi, k) [1/m] follows q = N / (E A) with N from (9a); the twist is the
-    angular strain (1 + q) omega and the stretch 1 + q [-].
-    """
-    tau, xi, k, stretch = twist
-    np.multiply(k, sums.first_n, out=stretch)
-    stretch -= xi * sums.first_b
-    stretch -= sums.axial
-    stretch /= stiffness.axial
-    stretch += 1.0
-    tau *= stretch
-    xi *= stretch
-    k *= stretch
+
+def imbalance_of(
+    tau: Number, xi: Number, k: Number, first_n: Number, first_b: Number,
+    second_n: Number, second_b: Number, torsion: Number, bending: Number,
+) -> tuple[Number, Number, Number]:  # fmt: skip
+    """The imbalance p [N m] that strains (tau, xi, k) [1/m] leave: `curvatures` turned around."""
+    return (
+        tau * (torsion + (second_n + second_b)),
+        xi * (bending + second_b) + first_b,
+        k * (bending + second_n) - first_n,
+    )
+
+
+def stretch(
+    xi: Number, k: Number, pull: Number, first_n: Number, first_b: Number, axial: Number
+) -> Number:
+    """1 + q = 1 + N / (E A) with N from (9a); ``pull`` is the sum of tensions [N]."""
+    return (k * first_n - xi * first_b - pull) / axial + 1.0
+
+
+def twist_of(
+    tau: FloatArray, xi: FloatArray, k: FloatArray, sums: TendonSums, stiffness: Stiffness
+) -> FloatArray:
+    """Twist (4, ..., nodes) of the frame: (1 + q) (tau, xi, k) [1/m] and 1 + q [-]."""
+    stretched = stretch(xi, k, sums.axial, sums.first_n, sums.first_b, stiffness.axial)
+    twist = np.empty((4, *stretched.shape), stretched.dtype)
+    for strain, out in zip((tau, xi, k), twist):
+        np.multiply(strain, stretched, out=out)
+    twist[3] = stretched
+    return twist

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,13 @@ from octo_arm_model.hints import FloatArray
 _ENCAPSULATION = bytes([0, 1, 0, 0])  # plain CDR, little-endian, no options
 _STAMP = len(_ENCAPSULATION)  # where the fields begin, and every number is aligned from
 _FRAME = _STAMP + 8
+
+
+class Stamp(NamedTuple):
+    """Seconds and nanoseconds, as in builtin_interfaces/Time, which takes long to make."""
+
+    sec: int
+    nanosec: int
 
 
 class Familiar:
@@ -43,8 +51,8 @@ class Familiar:
         self._place = place + (_STAMP - place) % 8
         self._fixed = example[_FRAME : self._place]
 
-    def read(self, data: bytes) -> tuple[FloatArray, int, int] | None:
-        """Tensions [N] and the stamp, seconds and nanoseconds; None if it is not so familiar."""
+    def read(self, data: bytes) -> tuple[FloatArray, Stamp] | None:
+        """Tensions [N] and the stamp; None if it is not so familiar."""
         if (
             len(data) != self._length
             or not data.startswith(_ENCAPSULATION)
@@ -52,8 +60,8 @@ class Familiar:
         ):
             return None
         tensions = np.frombuffer(data, '<f8', self._count, self._place)[self._order]
-        sec, nanosec = struct.unpack_from('<iI', data, _STAMP)
-        return tensions.reshape(self.arm.tension_shape), sec, nanosec
+        stamp = Stamp(*struct.unpack_from('<iI', data, _STAMP))
+        return tensions.reshape(self.arm.tension_shape), stamp
 
 
 def _after_string(place: int, data: bytes) -> int:

@@ -22,8 +22,8 @@ import numpy as np
 
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.grid import StationGrid
-from octo_arm_model.hints import ComplexArray, FloatArray
-from octo_arm_model.rotation import Quaternions, cumulative_product
+from octo_arm_model.hints import ComplexArray, FloatArray, Number
+from octo_arm_model.rotation import Quaternions, cumulative_product, displacement
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def node_frames(
     for steps, out in ((along, 0), (aside.real, 1), (aside.imag, 2)):
         np.add.accumulate(steps, axis=-1, out=ends[..., 1:, out])
     position += base.position
-    along, aside = _displacement(start, move, half)
+    along, aside = displacement(*start.times(move), *half)
     middles[..., 0] = ends[..., :-1, 0] + along
     middles[..., 1] = ends[..., :-1, 1] + aside.real
     middles[..., 2] = ends[..., :-1, 2] + aside.imag
@@ -115,7 +115,7 @@ def node_frames(
 def _end_frames(
     twist: FloatArray, grid: StationGrid, base: Frame
 ) -> tuple[Quaternions, tuple[FloatArray, ComplexArray]]:
-    """Frames of the interval ends, (..., intervals + 1), and `_displacement` of each interval."""
+    """Frames of the interval ends, (..., intervals + 1), and `displacement` of each interval."""
     screw = _magnus(twist, grid)
     # The base and then the rotation of each interval, in the axes of its own first frame.
     chain = Quaternions.empty(*screw.shape[1:-1], screw.shape[-1] + 1)
@@ -123,19 +123,7 @@ def _end_frames(
     move = _exponential(screw, chain.part(slice(1, None)))
     frames = cumulative_product(chain)
     ends = frames.part(slice(1, None))
-    return frames, _displacement(frames.part(slice(None, -1)), move, ends)
-
-
-def _displacement(
-    start: Quaternions, move: Quaternions, end: Quaternions
-) -> tuple[FloatArray, ComplexArray]:
-    """How far motions go, from frame to frame: along x, and along y and z as real and imaginary.
-
-    ``move`` is that of `_exponential`; the vector is start move end^-1.
-    """
-    a, b = start.times(move)
-    c, d = end
-    return (a * c.conj() + b * d.conj()).imag, b * c - a * d
+    return frames, displacement(*frames.part(slice(None, -1)).times(move), *ends)
 
 
 def _three(twist: FloatArray, grid: StationGrid) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -149,10 +137,7 @@ def _magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
     h = grid.step
     first, last, middle = _three(twist, grid)
     screw = np.zeros((6, *first.shape[1:]))
-    mean = np.multiply(4.0, middle, out=screw[: len(twist)])
-    mean += first
-    mean += last
-    mean *= h / 6.0
+    screw[: len(twist)] = mean_twist(first, middle, last, h)
     _add_commutator(screw, first, last, h * h / 12.0)
     return screw
 
@@ -170,36 +155,60 @@ def _half_magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
 def _add_commutator(
     screw: FloatArray, first: FloatArray, last: FloatArray, factor: FloatArray
 ) -> None:
-    """Add ``factor`` [X_first, X_last] with [X, X'] = (w x w', w x v' - w' x v) to ``screw``."""
-    (t, n, b, v), (t_last, n_last, b_last, v_last) = first[:4], last[:4]
-    x, y, z, p, q, r = screw
-    x += factor * (n * b_last - b * n_last)
-    y -= factor * (t * b_last - b * t_last)
-    z += factor * (t * n_last - n * t_last)
-    q -= factor * (v * b_last - b * v_last)
-    r += factor * (v * n_last - n * v_last)
+    """Add ``factor`` [X_first, X_last] to ``screw``."""
+    for row, values in zip((0, 1, 2, 4, 5), commutator(*first[:4], *last[:4])):
+        screw[row] += factor * values
     if len(first) == 6:
-        (v_n, v_b), (w_n, w_b) = first[4:], last[4:]
-        p += factor * (n * w_b - b * w_n - n_last * v_b + b_last * v_n)
-        q -= factor * (t * w_b - t_last * v_b)
-        r += factor * (t * w_n - t_last * v_n)
+        (_, n, b, _, v_n, v_b), (_, n_last, b_last, _, w_n, w_b) = first, last
+        t, t_last = first[0], last[0]
+        screw[3] += factor * (n * w_b - b * w_n - n_last * v_b + b_last * v_n)
+        screw[4] -= factor * (t * w_b - t_last * v_b)
+        screw[5] += factor * (t * w_n - t_last * v_n)
+
+
+def mean_twist(first: Number, middle: Number, last: Number, step: Number) -> Number:
+    """The expansion to second order, of any component of the twist."""
+    return (4.0 * middle + first + last) * (step / 6.0)
+
+
+def commutator(
+    t: Number, n: Number, b: Number, v: Number,
+    t_last: Number, n_last: Number, b_last: Number, v_last: Number,
+) -> tuple[Number, Number, Number, Number, Number]:  # fmt: skip
+    """[X, X'] = (w x w', w x v' - w' x v) of twists without shear.
+
+    Its component along the linear t is zero and left out.
+    """
+    return (
+        n * b_last - b * n_last,
+        b * t_last - t * b_last,
+        t * n_last - n * t_last,
+        b * v_last - v * b_last,
+        v * n_last - n * v_last,
+    )
 
 
 def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
-    """Exponential of screws (6, ...): fills ``rotation`` and returns what moves.
+    """Fill in the ``rotation`` of screws (6, ...); returns what moves."""
+    move = Quaternions.empty(*screw.shape[1:])
+    (a, b), (c, d) = rotation, move
+    (
+        a.real, a.imag, b.real, b.imag, c.real, c.imag, d.real, d.imag,
+    ) = exponential(*screw)  # fmt: skip
+    return move
+
+
+def exponential(
+    x: Number, y: Number, z: Number, p: Number, q: Number, r: Number
+) -> tuple[Number, Number, Number, Number, Number, Number, Number, Number]:
+    """Exponential of a screw: rotation and what moves, each a quaternion w, x, y, z.
 
     The motion is the dual quaternion rotation + epsilon/2 move, of which the translation is the
     vector move rotation^-1. Written like this no term loses digits for small angles, so that no
     series is needed; the tiny number only avoids 0 / 0.
     """
-    x, y, z, p, q, r = screw
-    squared = x * x
-    squared += y * y
-    squared += z * z
-    squared += 1e-300
-    along = x * p
-    along += y * q
-    along += z * r
+    squared = x * x + y * y + z * z + 1e-300
+    along = x * p + y * q + z * r
     angle = np.sqrt(squared)
     # Sine and cosine of half the angle from the tangent of a quarter: one function instead of
     # two, one that NumPy vectorises, and their squares sum to one whatever it rounds.
@@ -208,15 +217,9 @@ def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
     secant = 1.0 + square
     half_sinc = 2.0 * tangent / (secant * angle)
     cosine = (1.0 - square) / secant
-    rotation.a.real = cosine
-    np.multiply(half_sinc, x, out=rotation.a.imag)
-    np.multiply(half_sinc, y, out=rotation.b.real)
-    np.multiply(half_sinc, z, out=rotation.b.imag)
     sinc = half_sinc + half_sinc
-    move = Quaternions.empty(*angle.shape)
-    np.multiply(-half_sinc, along, out=move.a.real)
-    along *= (cosine - sinc) / squared
-    np.add(sinc * p, along * x, out=move.a.imag)
-    np.add(sinc * q, along * y, out=move.b.real)
-    np.add(sinc * r, along * z, out=move.b.imag)
-    return move
+    aside = along * ((cosine - sinc) / squared)
+    return (
+        cosine, half_sinc * x, half_sinc * y, half_sinc * z,
+        -half_sinc * along, sinc * p + aside * x, sinc * q + aside * y, sinc * r + aside * z,
+    )  # fmt: skip

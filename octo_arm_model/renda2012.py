@@ -26,18 +26,18 @@ import functools
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.body import Body
 from octo_arm_model.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.cross_section import Stiffness, complete_twist
+from octo_arm_model.cross_section import Stiffness, curvatures, imbalance_of, twist_of
 from octo_arm_model.errors import ConfigError, ConvergenceError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
-from octo_arm_model.imbalance import COLLOCATION_POINTS, Coefficients, Piece
+from octo_arm_model.imbalance import COLLOCATION_POINTS, Piece, Sweeps
 from octo_arm_model.profiles import Profile
 from octo_arm_model.statics import Solution
+from octo_arm_model.tables import MarchTables, packed, runs_of
 from octo_arm_model.tendon import Section
 from octo_arm_model.tendons import TendonWeights
 from octo_arm_model.vectors import times
@@ -76,7 +76,12 @@ def papers_sections(arm: Arm) -> tuple[Section, ...]:
 
 
 class Renda2012:
-    """Strains from tensions, from the tip to the base."""
+    """Strains from tensions, from the tip to the base.
+
+    Attributes:
+        weights: of the tensions at every node.
+        stiffness: there.
+    """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,).
@@ -85,8 +90,8 @@ class Renda2012:
             ConfigError: if the arm is not one the paper's equations cover.
         """
         papers_sections(arm)
-        self._weights = TendonWeights(arm, nodes, section)
-        self._stiffness = Stiffness.at(arm, nodes)
+        self.weights = TendonWeights(arm, nodes, section)
+        self.stiffness = Stiffness.at(arm, nodes)
         self._march = functools.lru_cache(lambda pieces: _March(arm, nodes, section, pieces))
         self._march(PIECES[0])
 
@@ -96,21 +101,17 @@ class Renda2012:
         Raises:
             ConvergenceError: if equation (10) could not be integrated.
         """
-        sums = self._weights.sums(tensions)
-        # First the imbalance p, zero where no piece says otherwise, then from it omega.
-        twist = np.zeros((4, *sums.axial.shape), sums.axial.dtype)
-        residual, sweeps = self._imbalance(tensions, twist[:3])
-        tau, xi, k, _ = twist
-        bending = self._stiffness.bending
-        polar = self._stiffness.torsion + sums.second_n
-        polar += sums.second_b
-        tau /= polar
-        xi -= sums.first_b
-        xi /= bending + sums.second_b
-        k += sums.first_n
-        k /= bending + sums.second_n
-        complete_twist(twist, sums, self._stiffness)
-        return Solution(twist, residual, sweeps)
+        sums = self.weights.sums(tensions)
+        p = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
+        residual, sweeps = self._imbalance(tensions, p)
+        p_t, p_n, p_b = p
+        _, torsion, bending = self.stiffness
+        strains = curvatures(p_t, p_n, p_b, *sums[1:5], torsion, bending)
+        return Solution(twist_of(*strains, sums, self.stiffness), residual, sweeps)
+
+    def march_tables(self) -> MarchTables:
+        """What it integrates along, for compiled loops; arms too hard for that are not solved."""
+        return self._march(PIECES[0]).tables()
 
     def _imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -168,10 +169,9 @@ class _March:
                 inside &= (nodes >= start) if is_base else (nodes > start)
                 to_nodes = [
                     (run, barycentric_matrix(_POINTS, (stop - nodes[run]) / length).T)
-                    for run in _runs(inside)
+                    for run in runs_of(inside)
                 ]
-                # Integration runs towards the base, against s; the last row adds the start.
-                integrate = np.vstack([-length * _INTEGRALS, np.ones(COLLOCATION_POINTS)])
+                integrate = -length * _INTEGRALS  # towards the base, against s
                 points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
                 is_anchorage = stop == panel.stop
                 self._pieces.append(
@@ -192,6 +192,32 @@ class _March:
             arm, np.array([part.anchorage for part in arm.sections])
         ).bending
 
+    def tables(self) -> MarchTables:
+        """All of it, for compiled loops."""
+        pieces, tendons = self._pieces, len(self._at_anchorages)
+        runs = [
+            (number, run.start, run.stop - run.start)
+            for number, piece in enumerate(pieces)
+            for run, _ in piece.to_nodes
+        ]
+        matrices = [matrix for piece in pieces for _, matrix in piece.to_nodes]
+        nothing = np.zeros(0)
+        at_anchorages = self._at_anchorages.reshape(tendons, 2, 2, -1)
+        return MarchTables(
+            weights=packed(self._weights.matrices[1:]),
+            stiffness=np.array(self._stiffness[1:]),
+            jump_weights=at_anchorages.transpose(2, 1, 0, 3),
+            jump_bending=self._bending,
+            pieces=np.array(
+                [(piece.section, piece.jump, piece.points.start) for piece in pieces], np.int64
+            ).reshape(-1, 3),
+            integrate=np.array([piece.integrate for piece in pieces]).reshape(
+                -1, COLLOCATION_POINTS, COLLOCATION_POINTS
+            ),
+            runs=np.array(runs, np.int64).reshape(-1, 3),
+            to_nodes=np.concatenate([nothing, *map(np.ravel, matrices)]),
+        )
+
     def imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
     ) -> tuple[FloatArray, IntArray]:
@@ -203,31 +229,28 @@ class _March:
         Raises:
             ConvergenceError: if the sweeps of a piece do not settle.
         """
-        coefficients = Coefficients(self._weights.sums(tensions), self._stiffness)
-        force, compliance = coefficients.force, coefficients.compliance
+        sums = self._weights.sums(tensions)
+        sweeps_of = Sweeps(sums, self._stiffness)
+        # What takes strains to p and back, point by point.
+        _, torsion, bending = self._stiffness
+        at_points = [values.T for values in (*sums[1:5], torsion, bending)]
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
-        omega = compliance[..., 1] * force[..., 1]
-        residual, sweeps = np.zeros(omega.shape[1:]), np.zeros(omega.shape[1:], np.int64)
+        tau, xi, k = curvatures(0.0, 0.0, 0.0, *(values[1] for values in at_points))
+        residual, sweeps = np.zeros(xi.shape), np.zeros(xi.shape, np.int64)
         for piece in self._pieces:
             first, last = piece.points.start, piece.points.stop - 1
             if piece.jump:
-                omega[1:] += added[piece.section - 1]
-            start = omega / compliance[..., first] - force[..., first]
-            p, change, count = coefficients.sweep(piece, start)
+                xi, k = (xi, k) + added[piece.section - 1]
+            start = imbalance_of(tau, xi, k, *(values[first] for values in at_points))
+            p, change, count = sweeps_of.sweep(piece, np.array(start))
             residual, sweeps = np.maximum(residual, change), np.maximum(sweeps, count)
             for run, matrix in piece.to_nodes:
                 imbalance[..., run] = times(p, matrix)
-            omega = compliance[..., last] * (force[..., last] + p[..., -1])
+            tau, xi, k = curvatures(*p[..., -1], *(values[last] for values in at_points))
         return residual, sweeps
 
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
         """What (11) adds to xi and k at each anchorage, (sections, 2, ...) [1/m]."""
         sums = times(tensions, self._at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
         return (sums[..., 0, :, :] / (sums[..., 1, :, :] + self._bending)).T
-
-
-def _runs(inside: NDArray[np.bool_]) -> list[slice]:
-    """Where ``inside`` is true, as runs without gaps."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    return [slice(start, stop) for start, stop in edges.reshape(-1, 2)]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ztbsv
 
-from octo_arm_model.hints import ComplexArray, FloatArray, IntArray
+from octo_arm_model.hints import ComplexArray, FloatArray, IntArray, Number
 
 
 class Quaternions(NamedTuple):
@@ -47,9 +47,7 @@ class Quaternions(NamedTuple):
 
     def times(self, other: tuple[ComplexArray, ComplexArray]) -> Quaternions:
         """Product; as rotations, ``other`` first, then ``self``, both about fixed axes."""
-        a, b = self
-        c, d = other
-        return Quaternions(a * c - b * d.conj(), a * d + b * c.conj())
+        return Quaternions(*product(*self, *other))
 
     def rotate(self, vector: Quaternions) -> Quaternions:
         """Vectors turned by these unit quaternions."""
@@ -68,6 +66,16 @@ class Quaternions(NamedTuple):
         """Write the quaternions into ``out`` (..., 4) in the order x, y, z, w."""
         out[..., 0], out[..., 3] = self.a.imag, self.a.real
         out[..., 1], out[..., 2] = self.b.real, self.b.imag
+
+
+def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
+    """Quaternion (a + b j) (c + d j), of complex numbers."""
+    return a * c - b * np.conj(d), a * d + b * np.conj(c)
+
+
+def displacement(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
+    """Vector (a + b j) (c + d j)^-1: along x, and along y and z as real and imaginary part."""
+    return (a * np.conj(c) + b * np.conj(d)).imag, b * c - a * d
 
 
 def cumulative_product(factors: Quaternions) -> Quaternions:

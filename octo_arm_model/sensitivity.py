@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,11 @@ class Uncertainty:
     youngs_modulus: float = 0.0
     poisson_ratio: float = 0.0
     offset: float = 0.0
+
+    @functools.cached_property
+    def is_any(self) -> bool:
+        """Whether anything is uncertain."""
+        return self != Uncertainty()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.closed_form import ClosedForm
+from octo_arm_model.compiled import Compiled, is_available
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.derivatives import derivatives, papers_derivatives
 from octo_arm_model.equilibrium import Condition
@@ -71,17 +72,21 @@ class Solver:
         material: str = DEFAULT_LAW,
         shear: bool = False,
         loads: Loads = Loads(),
+        compiled: bool | None = False,
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (with the
         linear law alone) and ``loads`` act all the time; these three are for the model exact, and
-        the law is ignored by the others, which are linear.
+        the law is ignored by the others, which are linear. Where the tendons allow it these in
+        turn run in machine code if ``compiled``, or, if that is None, if numba is installed; see
+        `octo_arm_model.compiled`.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, or the stations are too few.
             ArmDefinitionError: if a load does not fit the arm.
+            ModuleNotFoundError: if ``compiled`` but numba is not installed.
         """
         if model not in MODELS:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(MODELS)}')
@@ -112,6 +117,16 @@ class Solver:
             self._statics = Exact(arm, nodes, section, self.law, shear)
         else:
             self._statics = _PAPERS_MODELS[model](arm, nodes, section)
+        self._compiled: Compiled | None = None
+        if compiled is None:
+            compiled = is_available()
+        if compiled and isinstance(self._statics, (ClosedForm, Renda2012)):
+            self._compiled = Compiled.of(self._statics, self.grid, self._base)
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether it runs in machine code."""
+        return self._compiled is not None
 
     @functools.cached_property
     def _loaded(self) -> LoadedArm:
@@ -157,32 +172,35 @@ class Solver:
         if start is not None:
             self._own_twist(start)
 
-        # One arm goes without the axis of a batch, which NumPy is much quicker with.
-        is_one = lead == ()
         batch = math.prod(lead)
-        if batch > 1:
-            _keep_freed_memory()
-        results = Results(() if is_one else (batch,), self.grid, self._base)
         flat = checked.reshape(batch, len(self.arm.tendons))
-        flat_wrenches = wrenches.reshape(batch, 6)
-        size = 1 if is_loaded else self._batch
-        for first in range(0, batch, size):
-            part = slice(first, min(first + size, batch))
+        # One arm goes without the axis of a batch, which NumPy is much quicker with.
+        results = Results(lead and (batch,), self.grid, self._base)
+        if self._compiled is not None:
+            # The few that are too hard for the loops, or have no answer at all, go on to NumPy.
+            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results)]
+        else:
+            size = 1 if is_loaded else self._batch
+            parts = [slice(arm, min(arm + size, batch)) for arm in range(0, batch, size)]
+            if batch > 1:
+                _keep_freed_memory()
+        for part in parts:
+            wrench = wrenches.reshape(batch, 6)[part.start]
             try:
                 with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
                     if is_loaded:
-                        solution = self._loaded.solve(flat[part], flat_wrenches[first], start)
-                    elif is_one and self.model != 'exact':
+                        solution = self._loaded.solve(flat[part], wrench, start)
+                    elif results.is_one and self.model != 'exact':
                         solution = self._statics.solve(flat[0])
                     else:
                         solution = self._statics.solve(flat[part])
-                if is_one:
+                if results.is_one:
                     results.add((), solution.one())
                 else:
                     results.add(part, solution)
             except SolveError as error:
                 if batch > 1:
-                    error.in_batch(first, part.stop - first)
+                    error.in_batch(part.start, part.stop - part.start)
                 raise
         return results.backbone(self.model, checked, wrenches, lead)
 
@@ -226,7 +244,7 @@ class Solver:
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
-        if uncertainty == Uncertainty():
+        if not uncertainty.is_any:
             return np.zeros((6, 6))
         return self.sensitivity(backbone).tip_covariance(uncertainty)
 

@@ -47,7 +47,11 @@ class TendonSums(NamedTuple):
 
 
 class TendonWeights:
-    """The matrix that turns tensions into `TendonSums` at given nodes."""
+    """The matrices that turn tensions into `TendonSums` at given nodes.
+
+    Attributes:
+        matrices: one for each sum that there is, (5 to 7, tendons, nodes).
+    """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         """Tabulate the tendons of ``arm`` at ``nodes`` (n,), each in its ``section`` (n,).
@@ -67,11 +71,16 @@ class TendonWeights:
             sums.append(mixed)
         if self._swirls:
             sums.append(swirl)
-        self._matrices = np.stack(sums)
+        self.matrices = np.stack(sums)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether n and b stand apart: tendons make neither mixed second moment nor swirl."""
+        return not (self._is_mixed or self._swirls)
 
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
-        matrices = self._matrices if tensions.ndim == 1 else self._matrices[:, np.newaxis]
+        matrices = self.matrices if tensions.ndim == 1 else self.matrices[:, np.newaxis]
         sums = list(times(tensions, matrices))
         swirl = sums.pop() if self._swirls else None
         mixed = sums.pop() if self._is_mixed else None
@@ -96,17 +105,17 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
         array = np.asarray(tensions)
     except ValueError:  # rows of different length
         array = np.asarray(None)
-    expected = f'(..., {", ".join(str(count) for count in shape)})'
-    if array.dtype.kind not in 'fiu':
-        raise TensionError(
-            f'tensions must be numbers in rows of equal length, expected shape {expected}'
-        )
-    array = array.astype(np.float64, copy=False)
-    if array.shape[-len(shape) :] != shape:
+    if array.dtype.kind not in 'fiu' or array.shape[-len(shape) :] != shape:
+        expected = f'(..., {", ".join(str(count) for count in shape)})'
+        if array.dtype.kind not in 'fiu':
+            raise TensionError(
+                f'tensions must be numbers in rows of equal length, expected shape {expected}'
+            )
         meaning = f'{len(arm.tendons)} tendons, section by section from the tip'
         if len(shape) == 2:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
         raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
+    array = array.astype(np.float64, copy=False)
     # One pass accepts the ordinary case: NaN fails the first comparison, infinity the second.
     if array.size and not (array.min() >= 0.0 and array.max() < np.inf):
         bad = ~((array >= 0.0) & (array < np.inf))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from octo_arm_model import MODELS, Config, load_config
+from octo_arm_model.compiled import is_available
 from octo_arm_model.paper import preset_path
 
 settings.register_profile(
@@ -65,7 +66,24 @@ def prototype() -> Config:
 
 
 @pytest.fixture
-def to_the_last_bit() -> None:
+def numpy_to_the_last_bit() -> None:
     """Skip where one and the same solve does not come out twice the same."""
     if np.__version__.startswith('1.'):
         pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')
+
+
+@pytest.fixture
+def installed_to_the_last_bit(request: pytest.FixtureRequest) -> None:
+    """As `numpy_to_the_last_bit`, which matters where numba is not installed."""
+    if not is_available():
+        request.getfixturevalue('numpy_to_the_last_bit')
+
+
+@pytest.fixture(params=['numba', 'NumPy'])
+def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With numba and as if it were not installed, but where that is not the same every time."""
+    if request.param == 'numba':
+        pytest.importorskip('numba')
+    else:
+        request.getfixturevalue('numpy_to_the_last_bit')
+        monkeypatch.setattr('octo_arm_model.solver.is_available', lambda: False)

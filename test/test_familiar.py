@@ -38,11 +38,11 @@ def assert_read_right(familiar, data, must_be_familiar=False):
     if found is None:
         assert not must_be_familiar
         return
-    tensions, sec, nanosec = found
+    tensions, stamp = found
     full = deserialize_message(data, TendonTensions)
     expected = tensions_from_tendon_tensions(full, ARM)
     assert tensions.shape == expected.shape and tensions.tobytes() == expected.tobytes()
-    assert (sec, nanosec) == (full.header.stamp.sec, full.header.stamp.nanosec)
+    assert stamp == (full.header.stamp.sec, full.header.stamp.nanosec)
 
 
 @given(NAMES, FRAMES, TENSIONS, TENSIONS, STAMPS)

@@ -33,7 +33,7 @@ def test_the_core_imports_neither_ros_nor_matplotlib(modules: str) -> None:
     loaded = modules_after(f'import {modules}')
     assert 'numpy' in loaded
     unwanted = {'rclpy', 'ament_index_python', 'octo_arm_msgs', 'std_msgs', 'matplotlib'}
-    unwanted |= {'rosbags', 'viser', 'skfem'}
+    unwanted |= {'numba', 'rosbags', 'viser', 'skfem'}
     assert not loaded & unwanted
 
 

@@ -95,7 +95,7 @@ def test_answers_are_those_of_single_solves_to_the_last_bit(
     )
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--storage', storage]) == 0
     config = Config.from_parameters(TABLE_4)
-    solver = config.solver()
+    solver = config.solver(compiled=None)
     found = content_of(tmp_path / 'out', *BACKBONE)
     assert len(found) == 4 * 200
     for number, row in enumerate(tensions):
@@ -121,7 +121,7 @@ def test_every_model_answers_alike_alone_and_side_by_side(preset: str, model: st
     config = dataclasses.replace(load_config(preset_path(preset)), model=model)
     tensions = random_tensions(config.arm, 40)
     readings = [Reading(START + i, row, '') for i, row in enumerate(tensions)]
-    solver = config.solver()
+    solver = config.solver(compiled=None)
     answers = Answers(config).answer(readings)
     for reading, answer in zip(readings, answers, strict=True):
         expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
@@ -138,7 +138,7 @@ def test_solving_alone_gives_the_same_where_side_by_side_differs(
     for is_alike in (True, False):
         monkeypatch.setattr(Answers, '_is_alike', lambda self, is_alike=is_alike: is_alike)
         found.append(Answers(config).answer(readings))
-    solver = config.solver()
+    solver = config.solver(compiled=None)
     together, alone = found
     for reading, one, other in zip(readings, together, alone, strict=True):
         expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
@@ -172,7 +172,7 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
     options = ['--config', str(tmp_path / 'arm.yaml'), '--lengths']
     assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == 0
     found = content_of(tmp_path / 'out', *BACKBONE, '/tendon_lengths')
-    solver, last, writer = config.solver(), None, writer_of(config)
+    solver, last, writer = config.solver(compiled=None), None, writer_of(config)
     for number, row in enumerate(tensions):
         last = solver.solve(row, start=None if number == 4 else last)
         stamp = START + (number if number != 4 else 1) * STEP
@@ -253,12 +253,13 @@ def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(tmp_path: 
         found = content_of(tmp_path / 'out', *(f'/{name}{topic}' for topic in BACKBONE))
         assert len(found) == 20
         stamp = START + (1000 if name == 'arm_2' else 0)
-        backbone = config.solver().solve(random_tensions(ARM, 5)[0])
+        backbone = config.solver(compiled=None).solve(random_tensions(ARM, 5)[0])
         assert [data for *_, data in found[:4]] == expected_messages(config, backbone, stamp)
     # One of them alone, when asked.
     options = ['--topics', 'arm_1/tendon_tensions']
     assert main(['replay', str(bag), str(tmp_path / 'one'), *options]) == 0
-    assert '/arm_2/backbone/path' not in dict(BagReader(tmp_path / 'one').topics)
+    with BagReader(tmp_path / 'one') as reader:
+        assert '/arm_2/backbone/path' not in reader.topics
 
 
 # What does not fit ------------------------------------------------------------------------------
@@ -434,7 +435,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 # Beside the node --------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures('to_the_last_bit')
+@pytest.mark.usefixtures('installed_to_the_last_bit')
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')

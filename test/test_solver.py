@@ -314,7 +314,7 @@ def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> Non
     assert set(MODELS) == {'renda2012', 'closed_form', 'exact'}
 
 
-@pytest.mark.usefixtures('to_the_last_bit')
+@pytest.mark.usefixtures('numpy_to_the_last_bit')
 @pytest.mark.parametrize('count', [2, 7, 150])
 def test_an_arm_comes_out_the_same_to_the_last_bit_alone_and_among_others(
     preset, papers_model, count

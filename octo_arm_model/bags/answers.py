@@ -17,7 +17,6 @@ from octo_arm_model.config import Config
 from octo_arm_model.errors import SolveError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.inverse import default_highest
-from octo_arm_model.sensitivity import Uncertainty
 
 LENGTHS = 'tendon_lengths'
 _ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change
@@ -54,7 +53,8 @@ class Answers:
         Raises:
             ConfigError: if the model does not cover the arm or its loads.
         """
-        self._uncertainty, self._solver = config.uncertainty, config.solver()
+        self._uncertainty = config.uncertainty
+        self._solver = config.solver(compiled=None)
         self.topics = tuple(topic for topic in ANSWERS if lengths or topic != LENGTHS)
         self._last: Backbone | None = None
         self._newest: int | None = None
@@ -62,12 +62,12 @@ class Answers:
         self._writer = BackboneWriter(
             config.base_frame, config.model, grid.s, grid.section, config.arm.tendon_names
         )
-        is_plain = not (config.loads.any or lengths or config.uncertainty != Uncertainty())
+        is_plain = not (config.loads.any or lengths or config.uncertainty.is_any)
         self.is_quick = is_plain and self._is_alike()
         self._bulk = self._learn() if self.is_quick else ()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
-        """An answer to each of ``readings``."""
+        """An answer to each of ``readings``, whose messages hold until the next are answered."""
         answers = [Answer((), reading.reason) for reading in readings]
         places = [i for i, reading in enumerate(readings) if reading.tensions is not None]
         good = [readings[place] for place in places]
@@ -108,13 +108,12 @@ class Answers:
             if isinstance(result, SolveError):
                 answers.append(Answer((), str(result), is_failure=True))
                 continue
-            poses = np.concatenate([result.position, result.quaternion], axis=-1)
+            poses = result.position, result.quaternion
             strains = np.stack([result.tau, result.xi, result.k, result.q], axis=1)
-            tip = np.zeros((len(poses), 7 + 6 * 6))
-            tip[:, :7] = poses[:, -1]
+            tip = (*(pose[:, -1:] for pose in poses), np.zeros((len(strains), 1, 6 * 6)))
             columns = [
-                bulk.write(stamps[part], numbers)
-                for bulk, numbers in zip(self._bulk, (poses, poses, strains, tip))
+                bulk.write(stamps[part], numbers, part.start)
+                for bulk, numbers in zip(self._bulk, (poses, poses, (strains,), tip))
             ]
             answers += map(Answer, zip(*columns))
         return answers

@@ -6,7 +6,7 @@ these, every bit of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -44,24 +44,45 @@ class Bulk:
         self._apart = int(numbers[self._length] - numbers[0]) if ends.size else 0
         run, place = np.divmod(np.arange(numbers.size), self._length)
         assert np.array_equal(numbers, self._first + run * self._apart + place)
+        self._make_room(0)
 
-    def write(self, stamps_ns: IntArray, numbers: FloatArray) -> list[memoryview]:
-        """Messages with ``stamps_ns`` (n,) [ns] and ``numbers`` (n, ...) in their order there."""
-        count = len(stamps_ns)
-        rows = np.empty((count, self._row.size), np.uint8)
-        rows[:] = self._row
+    def _make_room(self, count: int) -> None:
+        """Have ``count`` messages lie ready, of which only stamps and numbers change."""
+        self._rows = np.tile(self._row, (count, 1))
+        first, last, size = self._message.start, self._message.stop, self._row.size
+        flat = self._rows.reshape(-1).data
+        self._messages = [flat[i * size + first : i * size + last] for i in range(count)]
+
+    def write(
+        self, stamps_ns: IntArray, numbers: Sequence[FloatArray], first: int = 0
+    ) -> list[memoryview]:
+        """Messages with ``stamps_ns`` (n,) [ns] and ``numbers``, each (n, rows, columns).
+
+        They stand there row by row, the columns of each of the ``numbers`` in turn. The messages
+        are those from ``first`` on that are held here, and stay as they are until these are
+        written again.
+        """
+        part = slice(first, first + len(stamps_ns))
+        if part.stop > len(self._messages):
+            # Those written before stay with whoever has them.
+            self._make_room(part.stop)
+        rows = self._rows[part]
         sec, nanosec = np.divmod(stamps_ns, 10**9)
         words = rows.view('<u4')
         words[:, self._sec] = sec.astype('<i4').view('<u4')[:, np.newaxis]
         words[:, self._nanosec] = nanosec.astype('<u4')[:, np.newaxis]
+        width = sum(columns.shape[-1] for columns in numbers)
+        in_run = self._length // width  # rows
         runs: FloatArray = np.ndarray(
-            (count, self._runs, self._length), '<f8', rows, _WORD * self._first,
-            (self._row.size, _WORD * self._apart, _WORD),
+            (len(rows), self._runs, in_run, width), '<f8', rows, _WORD * self._first,
+            (self._row.size, _WORD * self._apart, _WORD * width, _WORD),
         )  # fmt: skip
-        runs[...] = numbers.reshape(count, self._runs, self._length)
-        flat, size = rows.reshape(-1).data, self._row.size
-        first, last = self._message.start, self._message.stop
-        return [flat[i * size + first : i * size + last] for i in range(count)]
+        done = 0
+        for columns in numbers:
+            place = runs[..., done : done + columns.shape[-1]]
+            place[...] = columns.reshape(place.shape)
+            done += columns.shape[-1]
+        return self._messages[part]
 
 
 def _padded(message: bytes) -> bytes:

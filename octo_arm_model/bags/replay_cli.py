@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from octo_arm_model.compiled import is_ready
 from octo_arm_model.config import load_parameters
 from octo_arm_model.errors import BagError
 from octo_arm_model.options import find_path
@@ -105,6 +106,8 @@ def _run(options: argparse.Namespace) -> int:
             if options.bag.resolve() in options.out.resolve().parents:
                 raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
             arms = find_arms(reader, options.topics, parameters, options.model)
+            if any(arm.parameters.get('model') != 'exact' for arm in arms) and not is_ready():
+                print('octo-arm: compiling, once, some ten seconds', file=sys.stderr)
             custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
             with BagWriter(options.out, options.storage, custom) as writer:
                 report = replay(

@@ -23,6 +23,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.bags.mcap import QuickMcapWriter
 from octo_arm_model.bags.reader import BagReader
@@ -51,12 +52,24 @@ _OUTPUT = _qos(5, QosDurability.VOLATILE)
 _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
+class _Sqlite3Writer(Sqlite3Writer):
+    """That of rosbags with pages that hold several messages.
+
+    It keeps no journal: what fails is discarded whole.
+    """
+
+    SQLITE_SCHEMA = (
+        f'PRAGMA page_size = {2**16}; PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
+    )
+
+
 class _Writer(Writer):
     """That of rosbags, quicker with many messages."""
 
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
         **Writer.STORAGE_PLUGINS,
         StoragePlugin.MCAP: QuickMcapWriter,
+        StoragePlugin.SQLITE3: _Sqlite3Writer,
     }
 
     def write_all(self, messages: Iterable[Message]) -> None:

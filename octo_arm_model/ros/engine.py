@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 
 from octo_arm_model.backbone import Backbone
+from octo_arm_model.compiled import is_ready
 from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import LoadError, OctoArmError
+from octo_arm_model.familiar import Stamp
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.parameters import PARAMETERS
 from octo_arm_model.ros.health import Health
@@ -40,14 +42,16 @@ class Prepared(NamedTuple):
     solver: Solver
 
     @classmethod
-    def of(cls, values: dict[str, Any]) -> Prepared:
-        """Prepare the arm that ``values`` describe.
+    def of(cls, values: dict[str, Any], log: Callable[[str], object]) -> Prepared:
+        """Prepare the arm that ``values`` describe, and ``log`` if that takes long.
 
         Raises:
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
-        solver = config.solver()
+        solver = config.solver(compiled=None)
+        if solver.is_compiled and not is_ready():
+            log('compiling the solver, which takes some ten seconds, once on this machine')
         # Whatever is tabulated at the first solve is tabulated now.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
@@ -63,7 +67,9 @@ class Engine:
     def __init__(self, node: Node) -> None:
         """Declare the parameters of ``node``."""
         self._node = node
-        self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
+        self._live = LiveParameters(
+            node, PARAMETERS, lambda values: Prepared.of(values, self._log), self._use
+        )
         self._prepared: Prepared | None = None
         self._health = Health(node)
         self._inboxes: list[Inbox] = []
@@ -71,6 +77,9 @@ class Engine:
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
+
+    def _log(self, text: str) -> None:
+        self._node.get_logger().info(text)
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -121,10 +130,12 @@ class Engine:
         config = prepared.config
         self._prepared, self._last = prepared, None
         self._health.model = config.model
+        self._health.is_compiled = prepared.solver.is_compiled
         self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
         self._outbox.announce(parameters_as_yaml(prepared.values))
-        self._node.get_logger().info(
-            f'{config.model}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
+        how = ' (compiled)' if prepared.solver.is_compiled else ''
+        self._log(
+            f'{config.model}{how}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
             + ' '.join(config.arm.tendon_names)
         )
@@ -185,8 +196,8 @@ class Engine:
             f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
         )
 
-    def _stamp(self, stamp: Time | None) -> Time:
+    def _stamp(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""
-        if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
-            return self._node.get_clock().now().to_msg()
-        return stamp
+        if stamp is not None and any(stamp):
+            return stamp
+        return Stamp(*self._node.get_clock().now().seconds_nanoseconds())

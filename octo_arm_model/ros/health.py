@@ -9,13 +9,14 @@ from rclpy.node import Node
 
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.errors import OctoArmError, SolveError
+from octo_arm_model.familiar import Stamp
 
 PERIOD = 1.0  # [s]
 # Stamps this far ahead of the node's clock are of another clock [s].
 _AHEAD = 0.1
 
 
-def seconds(stamp: Time) -> float:
+def seconds(stamp: Time | Stamp) -> float:
     """A stamp in seconds."""
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
@@ -25,13 +26,14 @@ class Health:
 
     Attributes:
         model: name of the model that solves.
+        is_compiled: whether it does so in machine code.
         is_active: whether the node listens, so that silence means something.
     """
 
     def __init__(self, node: Node) -> None:
         """Report as part of ``node``."""
         self._node = node
-        self.model = ''
+        self.model, self.is_compiled = '', False
         self.is_active = False
         self._totals = dict.fromkeys(
             ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'unstamped'), 0
@@ -52,7 +54,7 @@ class Health:
         self._totals[what] += number
         self._lately[what] += number
 
-    def received(self, topic: str, stamp: Time | None) -> bool:
+    def received(self, topic: str, stamp: Stamp | None) -> bool:
         """Count a message with its ``stamp``, None where it has none.
 
         Returns:
@@ -60,7 +62,7 @@ class Health:
         """
         self._received += 1
         self._topics[topic] = self._topics.get(topic, 0) + 1
-        if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
+        if stamp is None or not any(stamp):
             self._count('unstamped')
             return False
         time = seconds(stamp)
@@ -114,6 +116,7 @@ class Health:
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
         return _status('solver', level, problem, 'solving', {
             'model': self.model,
+            'compiled': self.is_compiled,
             'residual': f'{self._residual:.3e}',
             'iterations': self._iterations,
             'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',

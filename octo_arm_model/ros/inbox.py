@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -16,7 +15,7 @@ from std_msgs.msg import Float64MultiArray
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.errors import TensionError
-from octo_arm_model.familiar import Familiar
+from octo_arm_model.familiar import Familiar, Stamp
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.readings import READERS
 
@@ -84,7 +83,7 @@ class Inbox:
                 older += 1
         self._answer(self, newest, older)
 
-    def read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Time | None]:
+    def read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
         """Tensions [N] and the stamp of a message, None where its type has none.
 
         Raises:
@@ -94,15 +93,14 @@ class Inbox:
         if familiar is not None and familiar.arm is arm:
             found = familiar.read(data)
             if found is not None:
-                tensions, sec, nanosec = found
-                return tensions, Time(sec=sec, nanosec=nanosec)
+                return found
         message, stamp = self.decode(data)
         tensions = self._read(message, arm)
         if self._type is TendonTensions:
             self._familiar = Familiar(data, message.name, arm)
         return tensions, stamp
 
-    def decode(self, data: bytes) -> tuple[Any, Time | None]:
+    def decode(self, data: bytes) -> tuple[Any, Stamp | None]:
         """A message and its stamp.
 
         Raises:
@@ -114,4 +112,6 @@ class Inbox:
             # Whatever the middleware raises for bytes that are none of its own.
             raise TensionError(f'{len(data)} bytes that are no {self._type.__name__}') from error
         header = getattr(message, 'header', None)
-        return message, header.stamp if header is not None else None
+        if header is None:
+            return message, None
+        return message, Stamp(header.stamp.sec, header.stamp.nanosec)

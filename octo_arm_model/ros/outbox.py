@@ -17,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.cdr import BackboneWriter
+from octo_arm_model.familiar import Stamp
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.ros.frames import broadcast, make_broadcaster, transforms
 from octo_arm_model.ros.markers import TOPIC as MARKERS_TOPIC
@@ -82,29 +83,29 @@ class Outbox:
         """Publish what the arm is, as a ROS parameter file."""
         self._description.publish(String(data=description))
 
-    def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Time) -> None:
+    def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Stamp) -> None:
         """Publish one answer: on every topic, but what takes longer only if somebody listens."""
         assert self._writer is not None and self._solver is not None
-        writer, time = self._writer, (stamp.sec, stamp.nanosec)
-        messages = (
-            writer.path(backbone, *time),
-            writer.poses(backbone, *time),
-            writer.strains(backbone, *time),
-            writer.tip_pose(backbone, covariance, *time),
-        )
-        for publisher, message in zip(self._publishers, messages, strict=True):
-            publisher.publish(message)
+        writer = self._writer
+        # Each leaves before the next is written: who waits for one does not wait for all.
+        path, poses, strains, tip = self._publishers
+        path.publish(writer.path(backbone, *stamp))
+        poses.publish(writer.poses(backbone, *stamp))
+        strains.publish(writer.strains(backbone, *stamp))
+        tip.publish(writer.tip_pose(backbone, covariance, *stamp))
         if self._transforms is not None:
-            frames = transforms(backbone, self._solver.arm, self._frame, self._prefix, stamp)
+            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            frames = transforms(backbone, self._solver.arm, self._frame, self._prefix, time)
             broadcast(self._transforms, frames)
         if self._lengths.get_subscription_count():
             lengths = self._solver.tendon_lengths(backbone)
-            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *time))
+            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if self._markers.get_subscription_count():
             assert self._drawing is not None
             # Red is the largest tension ever, so that colours can be compared over time.
             self._largest = max(self._largest, float(backbone.tensions.max()))
-            drawing = self._drawing.build(backbone, stamp, self._frame, self._largest or None)
+            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            drawing = self._drawing.build(backbone, time, self._frame, self._largest or None)
             if not self._is_drawn:
                 # Nothing of another arm may stay.
                 drawing.markers.insert(0, Marker(action=Marker.DELETEALL))
