@@ -43,12 +43,11 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
     # By fours, so that `out` is loaded and stored less often.
     while i + 4 <= row.size:
         a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
-        if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
-            for j in range(out.size):
-                out[j] += (
-                    a * matrix[i, j] + b * matrix[i + 1, j]
-                    + (c * matrix[i + 2, j] + d * matrix[i + 3, j])
-                )  # fmt: skip
+        for j in range(out.size):
+            out[j] += (
+                a * matrix[i, j] + b * matrix[i + 1, j]
+                + (c * matrix[i + 2, j] + d * matrix[i + 3, j])
+            )  # fmt: skip
         i += 4
     while i < row.size:
         for j in range(out.size):
@@ -56,13 +55,29 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
         i += 1
 
 
+def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
+    """The largest of |p - previous|, or infinity where some are not within ``limit``."""
+    beyond, total = 0, 0.0
+    for k in range(3):
+        for i in range(p.shape[1]):
+            beyond += abs(p[k, i] - previous[k, i]) > limit
+    if beyond:
+        return np.inf
+    largest = 0.0
+    for k in range(3):
+        for i in range(p.shape[1]):
+            largest = max(largest, abs(p[k, i] - previous[k, i]))
+            total += p[k, i]
+    return largest if np.isfinite(total) else np.inf
+
+
 def settle(
-    p: FloatArray, constant: FloatArray, integrate: FloatArray, per_moment: float
+    p: FloatArray, constant: FloatArray, integrate: FloatArray, moment: float
 ) -> tuple[float, int]:
     """Sweep p (3, points), constant at first, with its `slope_coefficients` (7, points).
 
     Returns:
-        Last relative change and number of sweeps; 0 where it does not settle.
+        Last change relative to ``moment`` and number of sweeps; 0 where it does not settle.
     """
     points = p.shape[1]
     start, slope, previous = p[:, 0].copy(), np.empty((2, points)), np.empty_like(p)
@@ -74,24 +89,18 @@ def settle(
             slope[0, i] = slope_along(
                 p[1, i], p[2, i], constant[0, i], constant[1, i], constant[2, i]
             )
-        p[0] = 0.0
+        p[0] = start[0]
         add_products(slope[0], integrate, p[0])
-        p[0] += start[0]
         for i in range(points):
             slope[0, i] = slope_aside(p[0, i], p[2, i], constant[3, i], constant[5, i])
             slope[1, i] = slope_aside(p[0, i], p[1, i], constant[4, i], constant[6, i])
-        p[1:] = 0.0
+        p[1], p[2] = start[1], start[2]
         add_products(slope[0], integrate, p[1])
         add_products(slope[1], integrate, p[2])
-        p[1] += start[1]
-        p[2] += start[2]
         if is_checked:
-            change = 0.0
-            for k in range(3):
-                for i in range(points):
-                    change = max(change, abs(p[k, i] - previous[k, i]))
-            if change * per_moment <= TOLERANCE and np.isfinite(p.sum()):
-                return change * per_moment, sweep
+            change = largest_change(p, previous, TOLERANCE * moment)
+            if change <= TOLERANCE * moment:
+                return change / moment, sweep
     return np.inf, 0
 
 
@@ -137,7 +146,7 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
             here[k] = start[k]
         last = first + points - 1
         own = np.ascontiguousarray(constant[:, first : last + 1])
-        change, count = settle(here, own, tables.integrate[number], 1.0 / largest)
+        change, count = settle(here, own, tables.integrate[number], largest)
         if count == 0:
             return change, -1
         residual, sweeps = max(residual, change), max(sweeps, count)
@@ -168,10 +177,11 @@ def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple
             twist[0, i], twist[1, i], twist[2, i], n[i], b[i], nn[i], bb[i], torsion[i], bending[i]
         )
         stretched = stretch(xi, k_b, pull[i], n[i], b[i], axial[i])
-        if not stretched > 0.0:  # which NaN is not either
-            sweeps = -1
         twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k_b
         twist[3, i] = stretched
+    for i in range(axial.size):
+        if not twist[3, i] > 0.0:  # which NaN is not either
+            sweeps = -1
     return residual, sweeps
 
 

@@ -68,13 +68,16 @@ class Answers:
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
-        answers = [Answer((), reading.reason) for reading in readings]
-        places = [i for i, reading in enumerate(readings) if reading.tensions is not None]
-        good = [readings[place] for place in places]
-        found = self._answer_together(good) if self.is_quick else map(self._answer_alone, good)
-        for place, answer in zip(places, found):
-            answers[place] = answer
-        return answers
+        good = [reading for reading in readings if reading.tensions is not None]
+        found = (
+            iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
+        )
+        if len(good) == len(readings):
+            return list(found)
+        return [
+            Answer((), reading.reason) if reading.tensions is None else next(found)
+            for reading in readings
+        ]
 
     def _answer_alone(self, reading: Reading) -> Answer:
         assert reading.tensions is not None
@@ -101,7 +104,8 @@ class Answers:
     def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
         if not readings:
             return []
-        tensions = np.stack([np.asarray(reading.tensions) for reading in readings])
+        sets = [reading.tensions for reading in readings if reading.tensions is not None]
+        tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
         stamps = np.array([reading.stamp_ns for reading in readings])
         answers: list[Answer] = []
         for part, result in self._solve(tensions, 0):

@@ -19,7 +19,7 @@ from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import BagError, SolveError
 
 _WRENCH = 'tip_wrench'
-_TOGETHER = 240  # messages of tensions at a time, and less where others come between
+_TOGETHER = 128  # messages of tensions at a time, and less where others come between
 _LARGEST = 8 * 2**20  # messages at a time [bytes]
 _LISTED = 100  # of the messages left out of each topic; all are counted
 
