@@ -135,3 +135,24 @@ def test_a_case_is_compared_written_and_drawn(tmp_path: Path) -> None:
     assert f'{compared["tip_error_percent"]["exact"][0]:.2f}' in run.tables(results)
     for path in draw(results, tmp_path):
         assert path.stat().st_size > 10_000
+
+
+def test_the_table_of_the_manual_is_that_of_the_results() -> None:
+    cases = json.loads((VALIDATION / 'results.json').read_text())['cases']
+    text = (VALIDATION.parent / 'docs' / 'accuracy.md').read_text()
+    table = text[text.index('| arm | tension [N] |') :].split('\n\n')[0]
+    name, seen = '', set()
+    for line in table.splitlines()[2:]:
+        arm, _, *numbers = (cell.strip() for cell in line.strip('|').split('|'))
+        name = arm or name
+        errors, variants = cases[name]['tip_error_percent'], cases[name]['variants']
+        assert errors['renda2012'] == pytest.approx(errors['closed_form'], abs=0.01)
+        models = [errors[model] for model in ('renda2012', 'exact', 'exact, linear')]
+        rows = list(zip(*models, cases[name]['mesh_error_percent'], strict=True))
+        found = [[f'{value:.2f}' for value in row] for row in rows].index(numbers[:4])
+        seen.add((name, found))
+        if numbers[4]:
+            kept = variants['tendon kept in its section']
+            place = kept['loads'].index(cases[name]['tensions_N'][found])
+            assert numbers[4] == f'{kept["tip_error_percent"]["exact"][place]:.2f}'
+    assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)

@@ -29,14 +29,14 @@ def draw(results: dict[str, Any], folder: Path) -> Iterator[Path]:
         yield path
 
 
-def _panels(cases: dict[str, Any], title: str) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(1.0 + 4.6 * len(cases), 5.2), layout='constrained')
+def _panels(cases: dict[str, Any], title: str, height: float = 5.2) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(1.0 + 4.6 * len(cases), height), layout='constrained')
     figure.suptitle(title)
     return figure, figure.subplots(1, len(cases), squeeze=False)[0]
 
 
 def _shapes(cases: dict[str, Any]) -> Figure:
-    figure, panels = _panels(cases, 'Midlines: elements (black, thick) and models')
+    figure, panels = _panels(cases, 'Midlines: elements (grey, thick) and models', 3.9)
     known = {case.name: case for case in CASES}
     for axes, (name, case) in zip(panels, cases.items()):
         models = solve_models(known[name], case['tensions_N'])
@@ -56,8 +56,8 @@ def _shapes(cases: dict[str, Any]) -> Figure:
         axes.set(title=name, xlabel='along t of the base [mm]',
                  ylabel='across, in the plane of bending [mm]', aspect='equal')  # fmt: skip
         axes.grid(alpha=0.3)
-        axes.margins(x=0.12)
-    panels[0].legend(fontsize=8)
+        axes.margins(x=0.16, y=0.1)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center', ncols=5)
     return figure
 
 
@@ -80,7 +80,7 @@ def _errors(cases: dict[str, Any]) -> Figure:
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)
-    panels[0].legend(fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center', ncols=4)
     return figure
 
 

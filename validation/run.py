@@ -1,6 +1,6 @@
 """The models against three-dimensional elasticity, as the paper did in its section 5.1.
 
-    python validation/run.py                   everything, half an hour or more on two cores
+    python validation/run.py                   everything, twenty minutes or more
     python validation/run.py --coarse          two coarse meshes, two loads an arm: a minute or two
     python validation/run.py --out DIR         results.json and figures there, not beside this file
     python validation/run.py --case prototype  only one arm; nothing is written but with --out
