@@ -40,6 +40,7 @@ from octo_arm_model.paper import preset_path
 FILE = preset_path('renda2012_table4')
 CONFIG = load_config(FILE)
 SCALE = np.array([[0.2], [1.5], [3.0]])
+ARM_RATES = (50.0, 100.0, 150.0, 200.0, 300.0, 400.0)  # [Hz]
 DEADLINE = 30.0  # [s] for what takes milliseconds
 STAMP = slice(4, 12)  # of a serialised message with a header
 
@@ -241,9 +242,10 @@ def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[
 
     def broken() -> tuple[int, bytes]:
         topic, data = one_bad()
+        # At least a byte: what has none DDS does not take for a message, and delivers nothing.
         if random.random() < 0.5:
-            return topic, data[: int(random.integers(0, len(data)))]
-        return int(random.integers(3)), random.bytes(int(random.integers(0, 300)))
+            return topic, data[: int(random.integers(1, len(data)))]
+        return int(random.integers(3)), random.bytes(int(random.integers(1, 300)))
 
     kinds = (one_bad, wrong_length, wrong_names, odd_layout, empty_joints, broken)
     return lambda: kinds[int(random.integers(len(kinds)))]()
@@ -336,7 +338,7 @@ def restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> li
     return [process, 'killed and started again', f'answers {time.monotonic() - began:.2f} s later']
 
 
-def octopus(domain: int, seconds: float, rate: float) -> list[str]:
+def octopus(domain: int, seconds: float) -> list[str]:
     """Eight arms at once."""
     names = [f'/arm_{number}' for number in range(1, 9)]
     nodes = [start_node(domain, '-r', f'__ns:={name}') for name in names]
@@ -351,18 +353,13 @@ def octopus(domain: int, seconds: float, rate: float) -> list[str]:
             client.wait(answered, 'an answer of every arm')
         for client in clients:
             client.answers.clear()
-        tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
-        began = time.monotonic()
-        due = began
-        while time.monotonic() < began + seconds:
-            for client in clients:
-                client.good(tensions)
-                client.listen()
-            due += 1.0 / rate
-            time.sleep(max(0.0, due - time.monotonic()))
-        for client in clients:
-            client.listen()
-        answers = [len(client.answers) / seconds for client in clients]
+        # As many as each arm is asked for, as long as all of them keep up.
+        sustained = 0.0
+        for rate in ARM_RATES:
+            slowest = min(asked_at(rate, clients, seconds))
+            sustained = max(sustained, slowest)
+            if slowest < 0.95 * rate:
+                break
     finally:
         for client in clients:
             client.close()
@@ -371,7 +368,28 @@ def octopus(domain: int, seconds: float, rate: float) -> list[str]:
         codes = [node.wait(timeout=DEADLINE) for node in nodes]
     if any(codes):
         raise RuntimeError(f'exit status {codes}')
-    return ['eight arms at once', f'{min(answers):.0f} to {max(answers):.0f} shapes/s each']
+    return ['eight arms at once', f'{sustained:.0f} shapes/s each']
+
+
+def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
+    """Answers in a second to every one of ``clients`` that ask at ``rate`` [Hz]."""
+    tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
+    for client in clients:
+        client.listen()
+        client.answers.clear()
+    began = time.monotonic()
+    sent = 0
+    while (now := time.monotonic() - began) < seconds:
+        while sent < now * rate:
+            for client in clients:
+                client.good(tensions)
+            sent += 1
+        for client in clients:
+            client.listen()
+        time.sleep(0.001)
+    for client in clients:
+        client.listen()
+    return [len(client.answers) / seconds for client in clients]
 
 
 def run(part: float, domain: int) -> list[list[str]]:
@@ -393,7 +411,7 @@ def run(part: float, domain: int) -> list[list[str]]:
         code = process.wait(timeout=DEADLINE)
     if code:
         raise RuntimeError(f'exit status {code}')
-    rows.append(octopus(domain + 1, max(20.0 * part, 2.0), 50.0))
+    rows.append(octopus(domain + 1, max(10.0 * part, 1.0)))
     print(*rows[-1], sep=': ', flush=True)
     return rows
 

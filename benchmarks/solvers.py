@@ -19,6 +19,7 @@ from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
 from octo_arm_model import MODELS, Arm, Config, Loads, Solver, load_config
+from octo_arm_model.compiled import is_available
 from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
 
 STATIONS = 101
@@ -131,6 +132,11 @@ def main() -> None:
     config = load_config(preset_path('renda2012_table4'))
     arm = config.arm
     solvers = {model: Solver(arm, model, STATIONS) for model in MODELS}
+    if is_available():
+        for model in ('renda2012', 'closed_form'):
+            solver = Solver(arm, model, STATIONS, compiled=True)
+            solver.solve(FETCHING_IN_SPACE)
+            solvers[f'{model}, compiled'] = solver
     unloaded(arm, solvers)
     batches(arm, solvers)
     loaded(config)
@@ -141,26 +147,24 @@ def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
     paper = PaperWay(arm, method='RK23')
     tight = PaperWay(arm, method='DOP853', rtol=1e-11, atol=1e-12)
     print(f"One solve at {STATIONS} stations, arm of Table 4; the paper's way is 1")
-    print(f'{"":12}{"way":14}{"ms":>8}{"quicker":>9}{"closed_form":>13}{"tip error / L":>15}')
+    print(f'{"":12}{"way":24}{"ms":>8}{"quicker":>9}{"closed_form":>13}{"tip error / L":>15}')
     for name, tensions in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
         reference = tight.tip(tensions)
         slow = seconds(lambda: paper.tip(tensions), 15)
         error = np.linalg.norm(paper.tip(tensions) - reference) / arm.length
-        print(f'{name:12}{"paper, RK23":14}{slow * 1e3:8.3f}{1.0:9.1f}{"":13}{error:15.1e}')
+        print(f'{name:12}{"paper, RK23":24}{slow * 1e3:8.3f}{1.0:9.1f}{"":13}{error:15.1e}')
         quick = {
-            model: seconds(lambda: solver.solve(tensions), 400)
-            for model, solver in solvers.items()
+            way: seconds(lambda: solver.solve(tensions), 400) for way, solver in solvers.items()
         }
-        for model, solver in solvers.items():
+        for way, solver in solvers.items():
             # The others are not the paper's equations: their own fine grid is the reference.
             fine = reference
-            if model != 'renda2012':
-                law = {'material': 'neo_hookean'} if model == 'exact' else {}
-                fine = Solver(arm, model, 20 * STATIONS, **law).solve(tensions).tip
+            if solver.model != 'renda2012':
+                fine = Solver(arm, solver.model, 20 * STATIONS).solve(tensions).tip
             error = np.linalg.norm(solver.solve(tensions).tip - fine) / arm.length
             print(
-                f'{"":12}{model:14}{quick[model] * 1e3:8.3f}{slow / quick[model]:9.1f}'
-                f'{quick[model] / quick["closed_form"]:12.1f}x{error:15.1e}'
+                f'{"":12}{way:24}{quick[way] * 1e3:8.3f}{slow / quick[way]:9.1f}'
+                f'{quick[way] / quick["closed_form"]:12.1f}x{error:15.1e}'
             )
     solver = solvers['exact']
     backbone = solver.solve(FETCHING_IN_SPACE)
@@ -173,11 +177,11 @@ def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
     scale = np.array([[0.2], [1.5], [3.0]])
     sets = np.random.default_rng(2012).uniform(0.0, 1.0, (BATCH, *arm.tension_shape)) * scale
     print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
-    print(f'{"model":14}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
-    for model, solver in solvers.items():
+    print(f'{"way":24}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
+    for way, solver in solvers.items():
         single = seconds(lambda: [solver.solve(x) for x in sets[:500]], 3) / 500
         batch = seconds(lambda: solver.solve(sets), 3) / BATCH
-        print(f'{model:14}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
+        print(f'{way:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
 
 
 def loaded(config: Config) -> None:
