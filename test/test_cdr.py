@@ -12,7 +12,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.serialization import deserialize_message, serialize_message
@@ -22,7 +22,7 @@ from std_msgs.msg import Header
 from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.cdr import BackboneWriter
 from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
-from octo_arm_model.ros.messages import backbone_messages, lengths_message, tip_message
+from octo_arm_model.ros.messages import backbone_messages, pose_message
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 SOLVER = Solver(CONFIG.arm, 'closed_form', 11, CONFIG.base)
@@ -178,7 +178,9 @@ def test_tip_and_tendons_likewise(frame, names, sec, nanosec, seed):
     writer = writer_for(backbone, frame, names)
     stamp = Time(sec=sec, nanosec=nanosec)
     covariance = random.normal(size=(6, 6))
-    tip = tip_message(backbone, covariance, stamp, frame)
+    tip = PoseWithCovarianceStamped(header=Header(stamp=stamp, frame_id=frame))
+    tip.pose.pose = pose_message(backbone.position[-1], backbone.quaternion[-1])
+    tip.pose.covariance = covariance.ravel()
     assert_serialised(writer.tip_pose(backbone, covariance, sec, nanosec), tip)
     lengths, tensions = random.normal(size=(2, len(names)))
     joints = JointState(
@@ -211,9 +213,11 @@ def test_a_solved_arm_arrives_as_it_was_solved():
         np.testing.assert_array_equal(getattr(strains, name), getattr(backbone, name))
     lengths = SOLVER.tendon_lengths(backbone)
     ours = writer.tendon_lengths(lengths, backbone.tensions, -3, 4)
-    stamp = Time(sec=-3, nanosec=4)
-    joints = lengths_message(lengths, backbone.tensions, CONFIG.arm, stamp, 'here')
-    assert deserialize_message(ours, JointState) == joints
+    joints = deserialize_message(ours, JointState)
+    assert joints.header == path.header and joints.name == list(names)
+    np.testing.assert_array_equal(joints.position, lengths.ravel())
+    np.testing.assert_array_equal(joints.effort, backbone.tensions.ravel())
+    assert not joints.velocity
 
 
 def test_bytes_stay_when_the_next_are_written():

@@ -9,14 +9,12 @@ from geometry_msgs.msg import (
     Pose,
     PoseArray,
     PoseStamped,
-    PoseWithCovarianceStamped,
     Quaternion,
     Wrench,
     WrenchStamped,
 )
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from octo_arm_model.arm import Arm
@@ -55,33 +53,11 @@ def tensions_message(tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str)
     return TendonTensions(header=header, name=list(arm.tendon_names), tension=tensions.ravel())
 
 
-def lengths_message(
-    lengths: FloatArray, tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str
-) -> JointState:
-    """Length of every tendon [m] as position, its tension [N] as effort."""
-    return JointState(
-        header=Header(stamp=stamp, frame_id=frame_id),
-        name=list(arm.tendon_names),
-        position=lengths.ravel(),
-        effort=tensions.ravel(),
-    )
-
-
 def pose_message(position: FloatArray, quaternion: FloatArray) -> Pose:
     """One pose from position [m] and quaternion x, y, z, w."""
     x, y, z = position.tolist()
     qx, qy, qz, qw = quaternion.tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-
-
-def tip_message(
-    backbone: Backbone, covariance: FloatArray, stamp: Time, frame_id: str
-) -> PoseWithCovarianceStamped:
-    """Pose of the tip with its ``covariance`` (6, 6) in the frame of the backbone."""
-    message = PoseWithCovarianceStamped(header=Header(stamp=stamp, frame_id=frame_id))
-    message.pose.pose = pose_message(backbone.position[-1], backbone.quaternion[-1])
-    message.pose.covariance = covariance.ravel()
-    return message
 
 
 def backbone_messages(
