@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import gc
 import hashlib
-import importlib.util
+import importlib
 import inspect
 import types
 from pathlib import Path
@@ -31,9 +31,21 @@ from octo_arm_model.tables import MarchTables, Tables, packed
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 
 
+@functools.cache
+def fault() -> str | None:
+    """Why there is no machine code: '' without numba, else what is wrong with it; or None."""
+    try:
+        importlib.import_module('numba')
+    except ModuleNotFoundError as error:
+        return '' if error.name == 'numba' else str(error)
+    except Exception as error:  # as with a NumPy that is newer than it knows
+        return f'{type(error).__name__}: {error}'
+    return None
+
+
 def is_available() -> bool:
-    """Whether numba is installed."""
-    return importlib.util.find_spec('numba') is not None
+    """Whether numba is installed and works."""
+    return fault() is None
 
 
 def is_ready() -> bool:

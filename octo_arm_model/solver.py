@@ -118,9 +118,9 @@ class Solver:
         else:
             self._statics = _PAPERS_MODELS[model](arm, nodes, section)
         self._compiled: Compiled | None = None
-        if compiled is None:
-            compiled = is_available()
-        if compiled and isinstance(self._statics, (ClosedForm, Renda2012)):
+        if isinstance(self._statics, (ClosedForm, Renda2012)) and (
+            is_available() if compiled is None else compiled
+        ):
             self._compiled = Compiled.of(self._statics, self.grid, self._base)
 
     @property

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,19 @@ TABLE_4 = load_config(preset_path('renda2012_table4'))
 
 def both(config: Config, model: str) -> tuple[Solver, Solver]:
     return config.solver(model, compiled=True), config.solver(model)
+
+
+@contextlib.contextmanager
+def nothing_known() -> Iterator[None]:
+    """As if numba had not been looked for yet, now and afterwards."""
+    caches = compiled._machine_code, compiled.fault
+    for cached in caches:
+        cached.cache_clear()
+    try:
+        yield
+    finally:
+        for cached in caches:
+            cached.cache_clear()
 
 
 def assert_alike(one: Backbone, other: Backbone, tolerance: float = 1e-12) -> None:
@@ -203,23 +218,32 @@ def test_where_nothing_can_be_kept_it_compiles_all_the_same(
         return original(function, **options)
 
     monkeypatch.setattr(numba, 'njit', refuses)
-    compiled._machine_code.cache_clear()
-    try:
+    with nothing_known():
         assert compiled._machine_code().signatures == []
-    finally:
-        compiled._machine_code.cache_clear()
+        assert not compiled.is_ready()
 
 
 def test_without_numba_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'numba', None)
-    compiled._machine_code.cache_clear()
-    try:
+    with nothing_known():
         with pytest.raises(ModuleNotFoundError, match='numba'):
             TABLE_4.solver(compiled=True)
-        monkeypatch.setattr('octo_arm_model.solver.is_available', lambda: False)
         assert not TABLE_4.solver(compiled=None).is_compiled
-    finally:
-        compiled._machine_code.cache_clear()
+        assert compiled.fault() == '' and compiled.is_ready()
+
+
+def test_a_numba_that_does_not_work_is_done_without(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'numba.py').write_text("raise ImportError('Numba needs NumPy 2.3 or less')")
+    monkeypatch.delitem(sys.modules, 'numba')
+    monkeypatch.syspath_prepend(tmp_path)
+    with nothing_known():
+        assert not TABLE_4.solver(compiled=None).is_compiled
+        assert compiled.fault() == 'ImportError: Numba needs NumPy 2.3 or less'
+        assert compiled.is_ready()
+        with pytest.raises(ImportError, match=r'NumPy 2\.3'):
+            TABLE_4.solver(compiled=True)
 
 
 def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.compiled import is_ready
+from octo_arm_model.compiled import fault, is_ready
 from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import LoadError, OctoArmError
 from octo_arm_model.familiar import Stamp
@@ -42,8 +42,8 @@ class Prepared(NamedTuple):
     solver: Solver
 
     @classmethod
-    def of(cls, values: dict[str, Any], log: Callable[[str], object]) -> Prepared:
-        """Prepare the arm that ``values`` describe, and ``log`` if that takes long.
+    def of(cls, values: dict[str, Any], logger: RcutilsLogger) -> Prepared:
+        """Prepare the arm that ``values`` describe, and say if that takes long.
 
         Raises:
             OctoArmError: if they do not describe one; the message says why.
@@ -51,7 +51,9 @@ class Prepared(NamedTuple):
         config = Config.from_parameters(values)
         solver = config.solver(compiled=None)
         if solver.is_compiled and not is_ready():
-            log('compiling the solver, which takes some ten seconds, once on this machine')
+            logger.info('compiling the solver: some ten seconds, once on this machine')
+        if solver.model != 'exact' and fault():
+            logger.warning(f'solving without numba, which does not work: {fault()}')
         # Whatever is tabulated at the first solve is tabulated now.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
@@ -68,7 +70,7 @@ class Engine:
         """Declare the parameters of ``node``."""
         self._node = node
         self._live = LiveParameters(
-            node, PARAMETERS, lambda values: Prepared.of(values, self._log), self._use
+            node, PARAMETERS, lambda values: Prepared.of(values, node.get_logger()), self._use
         )
         self._prepared: Prepared | None = None
         self._health = Health(node)
@@ -77,9 +79,6 @@ class Engine:
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
-
-    def _log(self, text: str) -> None:
-        self._node.get_logger().info(text)
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -134,7 +133,7 @@ class Engine:
         self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
         self._outbox.announce(parameters_as_yaml(prepared.values))
         how = ' (compiled)' if prepared.solver.is_compiled else ''
-        self._log(
+        self._node.get_logger().info(
             f'{config.model}{how}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
             + ' '.join(config.arm.tendon_names)
