@@ -43,7 +43,8 @@ trustworthy answer to are left out, counted and listed with their stamps. Loaded
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
 of the config, and a tip_wrench in IN is not applied.
 
-OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none.
+OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The paper's
+models are quicker where numba is installed (the extra compiled).
 
 exit status: 0 done, 1 the model has a trustworthy answer to no message, 2 the input is wrong (no
 bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 interrupted
