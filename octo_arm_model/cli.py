@@ -12,6 +12,7 @@ from octo_arm_model import inverse_cli, play_cli, workspace_cli
 from octo_arm_model.bags import demo_cli, replay_cli
 from octo_arm_model.errors import OctoArmError, SolveError, TensionError
 from octo_arm_model.experiment import compare_cli, identify_cli
+from octo_arm_model.logs import show_logs
 from octo_arm_model.options import add_config, read_config, read_json
 from octo_arm_model.report import as_dict, summary
 from octo_arm_model.reproduce import cli as reproduce_cli
@@ -75,6 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = build_parser().parse_args(arguments)
+    show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
     try:
         return options.run(options) or 0
     except KeyboardInterrupt:

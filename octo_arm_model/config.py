@@ -107,7 +107,7 @@ class Config:
         Raises:
             ConfigError: if there is no such model, it does not cover the arm or its loads, or the
                 stations are too few.
-            ModuleNotFoundError: if ``compiled`` but numba is not installed.
+            Exception: if ``compiled`` but numba is not installed or does not work.
         """
         return Solver(
             self.arm,

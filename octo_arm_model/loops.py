@@ -214,7 +214,7 @@ def integrate_twist(
             a, b = product(a, b, complex(w, x), complex(y, z))
             further = displacement(moved[0], moved[1], a, b)
             along, aside = along + further[0], aside + further[1]
-        if tables.station_node[station] == end:
+        while station < len(position) and tables.station_node[station] == end:
             position[station, 0] = along + base[0]
             position[station, 1] = aside.real + base[1]
             position[station, 2] = aside.imag + base[2]

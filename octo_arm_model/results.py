@@ -21,7 +21,7 @@ class Results:
         strains: torsion and curvatures [1/m] and longitudinal strain [-], (4, ..., stations).
         residual: what is left of the model's equations, relative, (...).
         iterations: steps it took, (...).
-        twist: of the last arms added, (4 or 6, ..., nodes).
+        twist: of the last arms added or, where compiled, looked at, (4 or 6, ..., nodes).
     """
 
     def __init__(self, lead: tuple[int, ...], grid: StationGrid, base: Frame) -> None:
@@ -69,10 +69,12 @@ class Results:
     def _check(self, stretch: FloatArray) -> None:
         # NaN fails too.
         if not stretch.min(initial=1.0) > 0.0:
-            arm, node = divmod(int(np.argmin(stretch)), stretch.shape[-1])
+            lowest = np.atleast_2d(stretch).min(axis=-1)
+            arm = int(np.argmin(lowest > 0.0))
+            node = int(np.argmin(np.atleast_2d(stretch)[arm]))
             raise SolveError(
                 f'tensions compress the arm to nothing at s = {self._grid.nodes[node]:.4g} m '
-                f'(q = {stretch.flat[np.argmin(stretch)] - 1.0:.4g}, must be > -1)',
+                f'(q = {lowest[arm] - 1.0:.4g}, must be > -1)',
                 arm,
             )
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
 from octo_arm_model.closed_form import ClosedForm
-from octo_arm_model.compiled import Compiled, is_available
+from octo_arm_model.compiled import Compiled
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.derivatives import derivatives, papers_derivatives
 from octo_arm_model.equilibrium import Condition
@@ -25,6 +25,7 @@ from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
 from octo_arm_model.load_table import LoadTable
 from octo_arm_model.loaded import LoadedArm
 from octo_arm_model.loads import Loads
+from octo_arm_model.machine_code import is_available
 from octo_arm_model.quadrature import integration_weights
 from octo_arm_model.renda2012 import Renda2012
 from octo_arm_model.results import Results
@@ -79,14 +80,15 @@ class Solver:
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (with the
         linear law alone) and ``loads`` act all the time; these three are for the model exact, and
         the law is ignored by the others, which are linear. Where the tendons allow it these in
-        turn run in machine code if ``compiled``, or, if that is None, if numba is installed; see
-        `octo_arm_model.compiled`.
+        turn run in machine code if ``compiled``, or, if that is None, if numba is installed and
+        works; see `octo_arm_model.machine_code`.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, or the stations are too few.
             ArmDefinitionError: if a load does not fit the arm.
-            ModuleNotFoundError: if ``compiled`` but numba is not installed.
+            ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
+                whatever it raises.
         """
         if model not in MODELS:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(MODELS)}')

@@ -27,6 +27,9 @@ class Weights(NamedTuple):
 class MarchTables(NamedTuple):
     """What `renda2012` integrates along: pieces between anchorages and points in these.
 
+    The first two points stand for the panel that begins at the first anchorage, its ends; nothing
+    has to be integrated there.
+
     Attributes:
         weights: of the tensions in first_n, first_b, second_n and second_b at every point.
         stiffness: torsion and bending there [N m^2], (2, points).
@@ -67,6 +70,32 @@ class Tables(NamedTuple):
     step: FloatArray
     station_node: IntArray
     base: FloatArray
+
+
+def no_march() -> MarchTables:
+    """Of a model that does not march."""
+    return MarchTables(
+        weights=packed(np.zeros((1, 0, 0))),
+        stiffness=np.zeros((2, 0)),
+        jump_weights=np.zeros((2, 2, 0, 0)),
+        jump_bending=np.zeros(0),
+        pieces=np.zeros((0, 3), np.int64),
+        integrate=np.zeros((0, 0, 0)),
+        runs=np.zeros((0, 3), np.int64),
+        to_nodes=np.zeros(0),
+    )
+
+
+def no_arm() -> Tables:
+    """Of an arm without anything."""
+    return Tables(
+        weights=packed(np.zeros((1, 0, 0))),
+        stiffness=np.zeros((3, 0)),
+        march=no_march(),
+        step=np.zeros(0),
+        station_node=np.zeros(0, np.int64),
+        base=np.zeros(7),
+    )
 
 
 def packed(matrices: FloatArray) -> Weights:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from octo_arm_model import MODELS, Config, load_config
-from octo_arm_model.compiled import is_available
+from octo_arm_model.machine_code import is_available
 from octo_arm_model.paper import preset_path
 
 settings.register_profile(
@@ -72,10 +72,14 @@ def numpy_to_the_last_bit() -> None:
         pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')
 
 
+# What has to be compiled is compiled before any test looks at what is printed.
+HAS_NUMBA = is_available()
+
+
 @pytest.fixture
 def installed_to_the_last_bit(request: pytest.FixtureRequest) -> None:
     """As `numpy_to_the_last_bit`, which matters where numba is not installed."""
-    if not is_available():
+    if not HAS_NUMBA:
         request.getfixturevalue('numpy_to_the_last_bit')
 
 

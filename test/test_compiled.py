@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import logging
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model import Backbone, Config, SolveError, Solver, compiled, load_config, loops
+from octo_arm_model import Backbone, Config, SolveError, Solver, load_config, loops, machine_code
 from octo_arm_model.imbalance import TOLERANCE
 from octo_arm_model.inverse import default_highest
+from octo_arm_model.logs import show_logs
 from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
 from octo_arm_model.renda2012 import Renda2012
 
@@ -29,17 +30,20 @@ def both(config: Config, model: str) -> tuple[Solver, Solver]:
     return config.solver(model, compiled=True), config.solver(model)
 
 
-@contextlib.contextmanager
-def nothing_known() -> Iterator[None]:
-    """As if numba had not been looked for yet, now and afterwards."""
-    caches = compiled._machine_code, compiled.fault
+@pytest.fixture
+def nothing_known(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
+    """As if numba had not been looked for yet, now and afterwards; what is logged then."""
+    caches = machine_code.find_shapes, machine_code.fault
+    logger = logging.getLogger('octo_arm_model')
+    for name in ('handlers', 'level', 'propagate'):
+        monkeypatch.setattr(logger, name, getattr(logger, name))
+    logged: list[tuple[str, bool]] = []
+    show_logs(lambda text, is_warning: logged.append((text, is_warning)))
     for cached in caches:
         cached.cache_clear()
-    try:
-        yield
-    finally:
-        for cached in caches:
-            cached.cache_clear()
+    yield logged
+    for cached in caches:
+        cached.cache_clear()
 
 
 def assert_alike(one: Backbone, other: Backbone, tolerance: float = 1e-12) -> None:
@@ -159,13 +163,14 @@ def test_an_arm_compressed_to_nothing_is_refused_by_name(papers_model: str) -> N
     machine, numpy = both(TABLE_4, papers_model)
     tensions = random_tensions(TABLE_4, 5)
     tensions[3] = default_highest(TABLE_4.arm, 2.0)
+    tensions[4] = default_highest(TABLE_4.arm, 3.0)
     messages = []
     for solver in (machine, numpy):
         with pytest.raises(SolveError) as e:
             solver.solve(tensions)
         messages.append(str(e.value))
     assert 'compress the arm to nothing' in messages[0]
-    assert messages[0] == messages[1]
+    assert messages[0] == messages[1] and 'in set 3' in messages[0]
 
 
 def test_what_the_loops_do_not_cover_is_solved_by_numpy(rod: Config) -> None:
@@ -195,55 +200,20 @@ def test_as_plain_python_the_loops_do_the_same() -> None:
     np.testing.assert_allclose(residual, found.residual, rtol=1e-6)
 
 
-def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: Config) -> None:
-    solver = preset.solver(papers_model, 31, compiled=True)
-    for count in (0, 1, 5):
-        solver.solve(random_tensions(preset, count))
-    solver.solve(random_tensions(preset, 1)[0])
-    machine = compiled._machine_code()
-    assert len(machine.signatures) == 1
-    # And it is kept on disk.
-    assert any(Path(machine.stats.cache_path).glob(f'*{machine.py_func.__qualname__}*.nbi'))
-
-
-def test_where_nothing_can_be_kept_it_compiles_all_the_same(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    numba = sys.modules['numba']
-    original = numba.njit
-
-    def refuses(function: object, *, cache: bool = False, **options: object) -> object:
-        if cache:
-            raise RuntimeError('cannot cache function: no locator available')
-        return original(function, **options)
-
-    monkeypatch.setattr(numba, 'njit', refuses)
-    with nothing_known():
-        assert compiled._machine_code().signatures == []
-        assert not compiled.is_ready()
-
-
-def test_without_numba_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'numba', None)
-    with nothing_known():
-        with pytest.raises(ModuleNotFoundError, match='numba'):
-            TABLE_4.solver(compiled=True)
-        assert not TABLE_4.solver(compiled=None).is_compiled
-        assert compiled.fault() == '' and compiled.is_ready()
-
-
-def test_a_numba_that_does_not_work_is_done_without(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / 'numba.py').write_text("raise ImportError('Numba needs NumPy 2.3 or less')")
-    monkeypatch.delitem(sys.modules, 'numba')
-    monkeypatch.syspath_prepend(tmp_path)
-    with nothing_known():
-        assert not TABLE_4.solver(compiled=None).is_compiled
-        assert compiled.fault() == 'ImportError: Numba needs NumPy 2.3 or less'
-        assert compiled.is_ready()
-        with pytest.raises(ImportError, match=r'NumPy 2\.3'):
-            TABLE_4.solver(compiled=True)
+def test_two_stations_at_one_node_are_both_filled_in() -> None:
+    solver = TABLE_4.solver('closed_form', 11, compiled=True)
+    assert solver._compiled is not None
+    found = solver.solve(FETCHING_IN_SPACE)
+    tables = solver._compiled._tables
+    station_node = tables.station_node.copy()
+    station_node[3] = station_node[2]
+    position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
+    twist = np.array(found.twist)
+    loops.integrate_twist(tables._replace(station_node=station_node), twist, position, quaternion)
+    expected = found.position.copy()
+    expected[3] = expected[2]
+    np.testing.assert_allclose(position, expected, atol=1e-15)
+    assert np.isfinite(quaternion).all()
 
 
 def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:
@@ -252,3 +222,109 @@ def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:
     twist = np.empty((4, solver.grid.nodes.size))
     _, sweeps = loops.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
     assert sweeps < 0
+
+
+# The compiler ------------------------------------------------------------------------------------
+
+
+def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: Config) -> None:
+    solver = preset.solver(papers_model, 31, compiled=True)
+    for count in (0, 1, 5):
+        solver.solve(random_tensions(preset, count))
+    solver.solve(random_tensions(preset, 1)[0])
+    assert len(machine_code.find_shapes().signatures) == 1
+
+
+def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
+    files = {Path(file).name for file in machine_code.sources()}
+    assert files >= {'loops.py', 'tables.py', 'imbalance.py', 'kinematics.py', 'rotation.py'}
+    assert files >= {'cross_section.py', 'machine_code.py'}
+
+
+def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
+    machine = machine_code.find_shapes()
+    assert machine_code._kept(machine)
+    # Loaded, and so nothing to say.
+    assert sum(machine.stats.cache_hits.values()) == 1 and not nothing_known
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Compiles next to nothing, and keeps it in a folder of its own, which this is."""
+
+    def find_shapes(*arguments: object) -> int:
+        return len(arguments)
+
+    numba = sys.modules['numba']
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    find_shapes.__qualname__ = 'find_shapes'
+    monkeypatch.setattr(machine_code, '_entry', lambda numba: find_shapes)
+    return tmp_path
+
+
+@pytest.mark.parametrize('suffix', ['nbi', 'nbc'])
+def test_what_was_kept_but_not_whole_is_made_anew(
+    quick: Path, suffix: str, nothing_known: list[tuple[str, bool]]
+) -> None:
+    machine_code.find_shapes()
+    (kept,) = quick.rglob(f'*.{suffix}')
+    size = kept.stat().st_size
+    kept.write_bytes(kept.read_bytes()[: size // 2])
+    machine_code.find_shapes.cache_clear()
+    assert machine_code.is_available()
+    assert kept.stat().st_size == size
+    assert [text for text, _ in nothing_known] == 2 * [
+        'compiling the models: some ten seconds, once on this machine'
+    ]
+
+
+def test_where_nothing_can_be_kept_it_compiles_all_the_same(
+    quick: Path, monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    caching = pytest.importorskip('numba.core.caching')
+
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError('No space left on device')
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, 'save', full)
+    assert machine_code.is_available() and machine_code.find_shapes().signatures
+
+    def nowhere(*arguments: object, **options: object) -> None:
+        raise RuntimeError('cannot cache function: no locator available')
+
+    monkeypatch.setattr(caching.CacheImpl, '__init__', nowhere)
+    machine_code.find_shapes.cache_clear()
+    machine_code.fault.cache_clear()
+    assert machine_code.is_available() and machine_code.find_shapes().signatures
+    assert not any(is_warning for _, is_warning in nothing_known)
+
+
+def test_without_numba_it_says_so_if_asked_for(
+    monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    monkeypatch.setitem(sys.modules, 'numba', None)
+    with pytest.raises(ModuleNotFoundError, match='numba'):
+        TABLE_4.solver(compiled=True)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    assert machine_code.fault() == '' and not nothing_known
+
+
+def test_a_numba_that_does_not_work_is_done_without(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, nothing_known: list[tuple[str, bool]]
+) -> None:
+    (tmp_path / 'numba.py').write_text("raise ImportError('Numba needs NumPy 2.3 or less')")
+    monkeypatch.delitem(sys.modules, 'numba')
+    monkeypatch.syspath_prepend(tmp_path)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    why = 'ImportError: Numba needs NumPy 2.3 or less'
+    assert nothing_known == [(f'solving without numba, which does not work: {why}', True)]
+    with pytest.raises(ImportError, match='Numba needs'):
+        TABLE_4.solver(compiled=True)
+
+
+def test_a_numba_told_not_to_compile_is_done_without(
+    monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    assert machine_code.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'

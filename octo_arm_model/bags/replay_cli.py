@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.compiled import is_ready
 from octo_arm_model.config import load_parameters
 from octo_arm_model.errors import BagError
 from octo_arm_model.options import find_path
@@ -43,8 +42,8 @@ trustworthy answer to are left out, counted and listed with their stamps. Loaded
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
 of the config, and a tip_wrench in IN is not applied.
 
-OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The paper's
-models are quicker where numba is installed (the extra compiled).
+OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The models
+of the paper are quicker where numba is installed (the extra compiled).
 
 exit status: 0 done, 1 the model has a trustworthy answer to no message, 2 the input is wrong (no
 bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 interrupted
@@ -107,8 +106,6 @@ def _run(options: argparse.Namespace) -> int:
             if options.bag.resolve() in options.out.resolve().parents:
                 raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
             arms = find_arms(reader, options.topics, parameters, options.model)
-            if any(arm.parameters.get('model') != 'exact' for arm in arms) and not is_ready():
-                print('octo-arm: compiling, once, some ten seconds', file=sys.stderr)
             custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
             with BagWriter(options.out, options.storage, custom) as writer:
                 report = replay(

@@ -7,11 +7,9 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from octo_arm_model.backbone import Backbone
-from octo_arm_model.compiled import fault, is_ready
 from octo_arm_model.config import Config, parameters_as_yaml
 from octo_arm_model.errors import LoadError, OctoArmError
 from octo_arm_model.familiar import Stamp
@@ -42,18 +40,14 @@ class Prepared(NamedTuple):
     solver: Solver
 
     @classmethod
-    def of(cls, values: dict[str, Any], logger: RcutilsLogger) -> Prepared:
-        """Prepare the arm that ``values`` describe, and say if that takes long.
+    def of(cls, values: dict[str, Any]) -> Prepared:
+        """Prepare the arm that ``values`` describe.
 
         Raises:
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
         solver = config.solver(compiled=None)
-        if solver.is_compiled and not is_ready():
-            logger.info('compiling the solver: some ten seconds, once on this machine')
-        if solver.model != 'exact' and fault():
-            logger.warning(f'solving without numba, which does not work: {fault()}')
         # Whatever is tabulated at the first solve is tabulated now.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
@@ -69,9 +63,7 @@ class Engine:
     def __init__(self, node: Node) -> None:
         """Declare the parameters of ``node``."""
         self._node = node
-        self._live = LiveParameters(
-            node, PARAMETERS, lambda values: Prepared.of(values, node.get_logger()), self._use
-        )
+        self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
         self._health = Health(node)
         self._inboxes: list[Inbox] = []

@@ -12,6 +12,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.node import Node
 
 from octo_arm_model.errors import OctoArmError
+from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.engine import Engine
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
@@ -55,6 +56,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
         reason = str(error).split(', at /')[0]
         return _fail(name, f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1')
+    logger = rclpy.logging.get_logger(name)
+    show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
     try:
         node = make_node()
