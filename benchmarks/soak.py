@@ -366,9 +366,10 @@ def octopus(domain: int, seconds: float) -> list[str]:
         for node in nodes:
             node.send_signal(signal.SIGTERM)
         codes = [node.wait(timeout=DEADLINE) for node in nodes]
-    if any(codes):
+    # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.run`.
+    if not {*codes} <= {0, 1}:
         raise RuntimeError(f'exit status {codes}')
-    return ['eight arms at once', f'{sustained:.0f} shapes/s each']
+    return ['eight arms at once', f'{sustained:.0f} shapes/s each, {sum(codes)} ended by force']
 
 
 def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:

@@ -598,6 +598,30 @@ def test_node_ends_cleanly(how):
     assert 'Traceback' not in complaints
 
 
+def test_a_middleware_that_does_not_let_go_does_not_keep_the_node():
+    # Waits in C, as Fast DDS does, where Python's threads and signal handlers get no turn.
+    program = """
+import ctypes, os, signal
+from rclpy.node import Node
+from octo_arm_model.ros import node
+class Stuck(Node):
+    def __init__(self):
+        super().__init__('stuck')
+        os.kill(os.getpid(), signal.SIGTERM)
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(1000)
+node.LONGEST_END = 0.2
+node.run('stuck', Stuck)
+"""
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(next(DOMAINS)))
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env=environment, capture_output=True, text=True, timeout=DEADLINE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'in destroy_node' in done.stderr
+
+
 @pytest.mark.parametrize(
     ('old', 'new', 'complaint'),
     [

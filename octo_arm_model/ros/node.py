@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import signal
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.engine import Engine
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
+LONGEST_END = 4.0  # [s] for ROS to let go of a node
 
 
 class OctoArmNode(Node):
@@ -76,9 +78,13 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     except OctoArmError as error:
         return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
     finally:
+        # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing
+        # of Python runs meanwhile. Then this ends the process with status 1 and says where it was.
+        faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 
