@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from arm_mesh import ArmMesh
-from scipy.sparse import block_array, block_diag, csr_matrix, diags, vstack
+from scipy.sparse import block_diag, bmat, csr_matrix, diags, vstack
 
 from octo_arm_model import Arm
 from octo_arm_model.hints import FloatArray
@@ -69,7 +69,7 @@ class Tendon:
         across = np.eye(3)[:, :, np.newaxis] - units[:, np.newaxis] * units
         across *= self._share / lengths
         matrices = block_diag(self._edges, format='csr')
-        middle = block_array([[diags(across[i, j]) for j in range(3)] for i in range(3)])
+        middle = bmat([[diags(across[i, j]) for j in range(3)] for i in range(3)])
         matrix = (matrices.T @ middle.tocsr() @ matrices).tocoo()
         # From component by component to node by node.
         nodes = len(displacement)
