@@ -156,6 +156,7 @@ def test_all_may_be_refused(table4: Config) -> None:
     assert workspace.tensions.shape == (0, 3, 4)
 
 
+@pytest.mark.usefixtures('numpy_to_the_last_bit')
 def test_two_processes_give_the_same_to_the_last_bit(table4: Config) -> None:
     # Some refused, and a last chunk that is not full.
     options = {'samples': 3 * CHUNK + 5, 'model': 'closed_form'}
@@ -200,6 +201,7 @@ def test_progress_goes_from_none_to_all(table4: Config) -> None:
     assert calls == [(0, count), (CHUNK, count), (2 * CHUNK, count), (count, count)]
 
 
+@pytest.mark.usefixtures('numpy_to_the_last_bit')
 def test_a_dask_cluster_gives_the_same_to_the_last_bit(table4: Config) -> None:
     distributed = pytest.importorskip('distributed')
     options = {'samples': 3 * CHUNK + 5, 'model': 'closed_form'}
