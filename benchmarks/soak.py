@@ -15,10 +15,11 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import rclpy
@@ -42,6 +43,7 @@ CONFIG = load_config(FILE)
 SCALE = np.array([[0.2], [1.5], [3.0]])
 ARM_RATES = (50.0, 100.0, 150.0, 200.0, 300.0, 400.0)  # [Hz]
 DEADLINE = 30.0  # [s] for what takes milliseconds
+SAID: dict[int, IO[bytes]] = {}  # what nodes wrote to stderr, by their process
 STAMP = slice(4, 12)  # of a serialised message with a header
 
 
@@ -60,11 +62,22 @@ def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Po
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
     command = [sys.executable, '-m', 'octo_arm_model.ros.node', '--ros-args']
-    return subprocess.Popen(
-        [*command, '--params-file', str(file), *arguments],
-        env=environment,
-        stderr=subprocess.DEVNULL,
+    said = tempfile.TemporaryFile()
+    process = subprocess.Popen(
+        [*command, '--params-file', str(file), *arguments], env=environment, stderr=said
     )
+    SAID[process.pid] = said
+    return process
+
+
+def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
+    """Wait until ``process`` ends; returns its exit status, one of those ``expected``."""
+    status = process.wait(timeout=DEADLINE)
+    if status not in expected:
+        SAID[process.pid].seek(0)
+        text = SAID[process.pid].read()[-3000:].decode(errors='replace')
+        raise RuntimeError(f'exit status {status} of the node, which said ... {text}')
+    return status
 
 
 class Client:
@@ -365,10 +378,8 @@ def octopus(domain: int, seconds: float) -> list[str]:
             client.close()
         for node in nodes:
             node.send_signal(signal.SIGTERM)
-        codes = [node.wait(timeout=DEADLINE) for node in nodes]
-    # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.run`.
-    if not {*codes} <= {0, 1}:
-        raise RuntimeError(f'exit status {codes}')
+        # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.run`.
+        codes = [end(node, {0, 1}) for node in nodes]
     return ['eight arms at once', f'{sustained:.0f} shapes/s each, {sum(codes)} ended by force']
 
 
@@ -409,9 +420,7 @@ def run(part: float, domain: int) -> list[list[str]]:
     finally:
         client.close()
         process.send_signal(signal.SIGINT)
-        code = process.wait(timeout=DEADLINE)
-    if code:
-        raise RuntimeError(f'exit status {code}')
+        end(process, {0})
     rows.append(octopus(domain + 1, max(10.0 * part, 1.0)))
     print(*rows[-1], sep=': ', flush=True)
     return rows
