@@ -38,7 +38,8 @@ class Familiar:
         """Learn from an ``example`` that names every tendon of ``arm`` once, as ``names``."""
         self.arm = arm
         self._count = len(names)
-        self._order = [list(names).index(name) for name in arm.tendon_names]
+        order = [list(names).index(name) for name in arm.tendon_names]
+        self._order = None if order == sorted(order) else order
         self._length, self._place, self._fixed = len(example), _FRAME, b''
         if not example.startswith(_ENCAPSULATION):
             self._length = -1  # laid out otherwise: nothing is like it
@@ -59,7 +60,9 @@ class Familiar:
             or data[_FRAME : self._place] != self._fixed
         ):
             return None
-        tensions = np.frombuffer(data, '<f8', self._count, self._place)[self._order]
+        tensions = np.frombuffer(data, '<f8', self._count, self._place)
+        if self._order is not None:
+            tensions = tensions[self._order]
         stamp = Stamp(*struct.unpack_from('<iI', data, _STAMP))
         return tensions.reshape(self.arm.tension_shape), stamp
 

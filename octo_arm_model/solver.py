@@ -33,7 +33,7 @@ from octo_arm_model.rotation import Quaternions
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.statics import Statics
-from octo_arm_model.tendons import check_tensions
+from octo_arm_model.tendons import check_tensions, largest_of
 
 _PAPERS_MODELS: dict[str, Callable[[Arm, FloatArray, IntArray], Statics]] = {
     'renda2012': Renda2012,
@@ -154,9 +154,9 @@ class Solver:
             SolveError: if the model has no trustworthy answer; never a guess in its place.
         """
         checked = check_tensions(self.arm, tensions)
-        if checked.max(initial=0.0) > self._largest_tension:
+        if (largest := largest_of(checked)) > self._largest_tension:
             raise SolveError(
-                f'tension of {checked.max():.4g} N is beyond {self._largest_tension:.4g} N, a '
+                f'tension of {largest:.4g} N is beyond {self._largest_tension:.4g} N, a '
                 'million times what would compress the thinnest cross section to nothing'
             )
         lead = checked.shape[: -len(self.arm.tension_shape)]

@@ -13,6 +13,7 @@ two vanish.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ from octo_arm_model.arm import Arm
 from octo_arm_model.errors import TensionError
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.vectors import times
+
+_FEW = 64  # numbers that Python is quicker with than NumPy
 
 
 class TendonSums(NamedTuple):
@@ -116,8 +119,7 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
         raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
     array = array.astype(np.float64, copy=False)
-    # One pass accepts the ordinary case: NaN fails the first comparison, infinity the second.
-    if array.size and not (array.min() >= 0.0 and array.max() < np.inf):
+    if not _is_fine(array):
         bad = ~((array >= 0.0) & (array < np.inf))
         index = tuple(int(i) for i in np.argwhere(bad)[0])
         tendon = int(np.ravel_multi_index(index[-len(shape) :], shape))
@@ -127,6 +129,24 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
             f'{float(array[index])!r} N, expected a finite number >= 0'
         )
     return array
+
+
+def largest_of(tensions: FloatArray) -> float:
+    """The largest of ``tensions`` [N]; zero if there are none."""
+    if tensions.size <= _FEW:
+        return max(tensions.ravel().tolist(), default=0.0)
+    return float(tensions.max())
+
+
+def _is_fine(array: FloatArray) -> bool:
+    """Whether there is nothing but finite numbers >= 0."""
+    if 0 < array.size <= _FEW:
+        # What their sum does not tell is left to NumPy.
+        values = array.ravel().tolist()
+        if min(values) >= 0.0 and math.isfinite(sum(values)):
+            return True
+    # NaN fails the first comparison, infinity the second.
+    return not array.size or bool(array.min() >= 0.0 and array.max() < np.inf)
 
 
 def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
