@@ -59,6 +59,11 @@ def imbalance_of(
     )
 
 
+def added_curvature(first: Number, second: Number, bending: Number) -> Number:
+    """What (11) adds to a curvature at an anchorage [1/m], of the new tendons' moments."""
+    return first / (second + bending)
+
+
 def stretch(
     xi: Number, k: Number, pull: Number, first_n: Number, first_b: Number, axial: Number
 ) -> Number:

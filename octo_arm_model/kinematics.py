@@ -138,7 +138,7 @@ def _magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
     first, last, middle = _three(twist, grid)
     screw = np.zeros((6, *first.shape[1:]))
     screw[: len(twist)] = mean_twist(first, middle, last, h)
-    _add_commutator(screw, first, last, h * h / 12.0)
+    _add_commutator(screw, first, last, commutator_weight(h))
     return screw
 
 
@@ -169,6 +169,11 @@ def _add_commutator(
 def mean_twist(first: Number, middle: Number, last: Number, step: Number) -> Number:
     """The expansion to second order, of any component of the twist."""
     return (4.0 * middle + first + last) * (step / 6.0)
+
+
+def commutator_weight(step: Number) -> Number:
+    """What the `commutator` of both ends counts in the fourth order of the expansion."""
+    return step * step / 12.0
 
 
 def commutator(

@@ -1,4 +1,4 @@
-"""The paper's models from node to node: what `compiled` makes machine code of.
+"""The paper's models from node to node: what `machine_code` compiles.
 
 Here are the loops alone. All formulas are those that NumPy evaluates for whole arrays, imported
 from where they stand, so that nothing is said twice. As plain Python these functions run as well,
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.cross_section import curvatures, imbalance_of, stretch
+from octo_arm_model.cross_section import added_curvature, curvatures, imbalance_of, stretch
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.imbalance import (
     MAX_SWEEPS,
@@ -19,7 +19,7 @@ from octo_arm_model.imbalance import (
     slope_aside,
     slope_coefficients,
 )
-from octo_arm_model.kinematics import commutator, exponential, mean_twist
+from octo_arm_model.kinematics import commutator, commutator_weight, exponential, mean_twist
 from octo_arm_model.rotation import displacement, product
 from octo_arm_model.tables import MarchTables, Tables, Weights
 
@@ -58,6 +58,7 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
     """The largest of |p - previous|, or infinity where some are not within ``limit``."""
     beyond, total = 0, 0.0
+    # Counting is vectorised, which a largest is not; most looks end here.
     for k in range(3):
         for i in range(p.shape[1]):
             beyond += abs(p[k, i] - previous[k, i]) > limit
@@ -136,8 +137,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
         section, is_anchorage, first = tables.pieces[number]
         if is_anchorage:
             at = section - 1
-            xi += jump[0, 0, at] / (jump[0, 1, at] + tables.jump_bending[at])
-            k_b += jump[1, 0, at] / (jump[1, 1, at] + tables.jump_bending[at])
+            xi += added_curvature(jump[0, 0, at], jump[0, 1, at], tables.jump_bending[at])
+            k_b += added_curvature(jump[1, 0, at], jump[1, 1, at], tables.jump_bending[at])
         start = imbalance_of(
             tau, xi, k_b, sums[0, first], sums[1, first], sums[2, first], sums[3, first],
             torsion[first], bending[first],
@@ -199,7 +200,7 @@ def integrate_twist(
             twist[0, first], twist[1, first], twist[2, first], twist[3, first],
             twist[0, last], twist[1, last], twist[2, last], twist[3, last],
         )  # fmt: skip
-        factor = step * step / 12.0
+        factor = commutator_weight(step)
         motion[first] = exponential(
             mean[0] + factor * x, mean[1] + factor * y, mean[2] + factor * z,
             mean[3], factor * q, factor * r,

@@ -30,7 +30,13 @@ import numpy as np
 from octo_arm_model.arm import Arm
 from octo_arm_model.body import Body
 from octo_arm_model.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.cross_section import Stiffness, curvatures, imbalance_of, twist_of
+from octo_arm_model.cross_section import (
+    Stiffness,
+    added_curvature,
+    curvatures,
+    imbalance_of,
+    twist_of,
+)
 from octo_arm_model.errors import ConfigError, ConvergenceError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
@@ -253,4 +259,4 @@ class _March:
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
         """What (11) adds to xi and k at each anchorage, (sections, 2, ...) [1/m]."""
         sums = times(tensions, self._at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
-        return (sums[..., 0, :, :] / (sums[..., 1, :, :] + self._bending)).T
+        return added_curvature(sums[..., 0, :, :], sums[..., 1, :, :], self._bending).T

@@ -72,8 +72,6 @@ class Answers:
         found = (
             iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
         )
-        if len(good) == len(readings):
-            return list(found)
         return [
             Answer((), reading.reason) if reading.tensions is None else next(found)
             for reading in readings
@@ -104,7 +102,7 @@ class Answers:
     def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
         if not readings:
             return []
-        sets = [reading.tensions for reading in readings if reading.tensions is not None]
+        sets = [np.asarray(reading.tensions) for reading in readings]
         tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
         stamps = np.array([reading.stamp_ns for reading in readings])
         answers: list[Answer] = []

@@ -54,7 +54,7 @@ class Bulk:
         self._messages = [flat[i * size + first : i * size + last] for i in range(count)]
 
     def write(
-        self, stamps_ns: IntArray, numbers: Sequence[FloatArray], first: int = 0
+        self, stamps_ns: IntArray, numbers: Sequence[FloatArray], first: int
     ) -> list[memoryview]:
         """Messages with ``stamps_ns`` (n,) [ns] and ``numbers``, each (n, rows, columns).
 
