@@ -9,12 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.errors import ProfileError, TensionError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
-from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, Tensions
+from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.config.paper_data import (
+    BENDING,
+    FETCHING_IN_PLANE,
+    FETCHING_IN_SPACE,
+    Tensions,
+)
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError, TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.paper_balance import Stiffness
 from octo_arm_model.simulation.profile import Profile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
