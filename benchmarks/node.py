@@ -38,7 +38,8 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
 from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions

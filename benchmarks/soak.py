@@ -35,7 +35,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from octo_arm_model import Config, load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 FILE = preset_path('renda2012_table4')

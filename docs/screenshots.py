@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT / 'test'))
 from browser import Browser  # noqa: E402 - what drives the browser is with the tests of it
 
 from octo_arm_model import load_config  # noqa: E402
-from octo_arm_model.config.paper_data import preset_path  # noqa: E402
+from octo_arm_model.config.presets import preset_path  # noqa: E402
 from octo_arm_model.ros.child_processes import children  # noqa: E402
 from octo_arm_model.viewer.address import free_port, url  # noqa: E402
 from octo_arm_model.viewer.commander import figures  # noqa: E402

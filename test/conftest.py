@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from octo_arm_model import MODELS, Config, load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled.numba_build import is_available
 
 settings.register_profile(

@@ -11,7 +11,7 @@ from recordings import START, TYPES, Sample, header, make, tensions_data, text_s
 
 from octo_arm_model import Arm
 from octo_arm_model.config.config import Config, load_parameters, parameters_as_yaml
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.curves import resample
 from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape

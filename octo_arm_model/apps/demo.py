@@ -12,7 +12,7 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from octo_arm_model.cli.options import find_config, find_path
+from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals

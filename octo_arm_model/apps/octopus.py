@@ -20,8 +20,8 @@ from rclpy.node import Node
 
 from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LiveLine, movement_of
-from octo_arm_model.cli.options import find_config, find_path
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient

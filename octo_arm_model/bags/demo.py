@@ -16,7 +16,8 @@ from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config, load_config, parameters_as_yaml
-from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS, preset_path
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.validation import finite, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions

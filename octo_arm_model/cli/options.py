@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.errors import ConfigError, TensionError
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
@@ -77,25 +76,6 @@ def read_config(options: argparse.Namespace) -> Config:
         law=options.material or config.law,
         loads=dataclasses.replace(config.loads, **loads),
     )
-
-
-def find_config(name: str) -> Config:
-    """Configuration from a file, or from a preset where ``name`` is no path.
-
-    Raises:
-        ConfigError: if there is neither, or it does not describe an arm.
-    """
-    return load_config(find_path(name))
-
-
-def find_path(name: str) -> Path:
-    """Parameter file ``name``, or that of the preset where ``name`` is no path.
-
-    Raises:
-        ConfigError: if there is no such preset.
-    """
-    is_path = Path(name).suffix or len(Path(name).parts) > 1 or Path(name).exists()
-    return Path(name) if is_path else preset_path(name)
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.options import find_config, read_json
+from octo_arm_model.cli.options import read_json
+from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError

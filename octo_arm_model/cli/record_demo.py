@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.cli.options import find_path
 from octo_arm_model.cli.replay import INTERRUPTED, STORAGES
 from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.presets import find_path
 
 _DESCRIPTION = """\
 Make up a recorded experiment, for trying out compare, identify and replay: nothing of it was

@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.cli.options import find_path
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.solver import MODELS
 

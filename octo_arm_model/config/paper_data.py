@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from octo_arm_model.core.errors import ConfigError
-
 Tensions = tuple[tuple[float, float, float, float], ...]
 
 _SLACK = (0.0, 0.0, 0.0, 0.0)
@@ -29,21 +25,3 @@ PROTOTYPE_ERRORS: dict[float, float] = {
 }  # fmt: skip
 PROTOTYPE_AVERAGE_ERROR = 5.4  # as printed below them
 PROTOTYPE_IN_FIGURE_9 = 3.0  # [N]
-
-
-def preset_path(name: str) -> Path:
-    """Parameter file of a preset arm such as ``renda2012_table4``, in a checkout or installed.
-
-    Raises:
-        ConfigError: if there is no such preset; the message lists those there are.
-    """
-    for parent in Path(__file__).resolve().parents[1:]:
-        for folder in (parent / 'config', parent / 'share' / 'octo_arm_model' / 'config'):
-            if (folder / 'renda2012_table4.yaml').is_file():
-                path = folder / f'{name}.yaml'
-                if path.is_file():
-                    return path
-                names = {file.stem for file in folder.glob('*.yaml')} - {'simulator'}
-                known = ', '.join(sorted(names))
-                raise ConfigError(f'no preset arm {name!r}, expected one of {known}')
-    raise ConfigError(f'no preset arm {name!r}: the presets are not installed')

@@ -7,7 +7,8 @@ import functools
 import numpy as np
 
 from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.config.paper_data import Tensions, preset_path
+from octo_arm_model.config.paper_data import Tensions
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone

@@ -11,12 +11,8 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.config import load_config
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    FETCHING_IN_SPACE,
-    preset_path,
-)
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import Profile, transition

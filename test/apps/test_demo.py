@@ -15,7 +15,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from octo_arm_model.apps import demo
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 
 DEADLINE = 30.0  # [s]
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')

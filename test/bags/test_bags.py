@@ -50,7 +50,8 @@ from octo_arm_model.bags.types import types_for
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import load_parameters, parse_parameters
-from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS, preset_path
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.numerics.quaternion import Quaternions
 

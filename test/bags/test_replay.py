@@ -46,7 +46,7 @@ from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import load_parameters, parameters_as_yaml, parse_parameters
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 TABLE_4 = load_parameters(preset_path('renda2012_table4'))

@@ -13,7 +13,8 @@ import pytest
 
 from octo_arm_model import Config, Loads, Solver
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 
 TENSIONS = json.dumps(FETCHING_IN_SPACE)
 SOLVE = ('solve', 'renda2012_table4', '--tensions')

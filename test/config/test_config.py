@@ -18,8 +18,8 @@ from octo_arm_model import (
     Section,
     load_config,
 )
-from octo_arm_model.config.paper_data import preset_path
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.presets import preset_path
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
 MINIMAL = {

@@ -25,12 +25,8 @@ from octo_arm_model import (
     solve,
 )
 from octo_arm_model.analysis.inverse import default_highest
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    FETCHING_IN_SPACE,
-    preset_path,
-)
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 
 # Different in every tendon; no two sections pull in one plane.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])

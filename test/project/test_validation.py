@@ -24,7 +24,7 @@ from compare import run_case, solve_models
 from elasticity import Contact, ElasticArm, Shape
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 
 COARSE = Mesh(1, 0.4)
 

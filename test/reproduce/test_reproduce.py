@@ -17,12 +17,8 @@ import pytest
 from octo_arm_model import MODELS, Config, Pose, Solver, load_config
 from octo_arm_model.cli import reproduce as cli
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    PROTOTYPE_ERRORS,
-    preset_path,
-)
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, PROTOTYPE_ERRORS
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.reproduce import cases, tables
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, count

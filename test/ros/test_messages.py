@@ -9,7 +9,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from builtin_interfaces.msg import Time
 
 from octo_arm_model import Solver, load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages
 
 CONFIG = load_config(preset_path('renda2012_table4'))

@@ -23,7 +23,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS
 

@@ -23,7 +23,8 @@ from browser import CHROMEDRIVER, CHROMIUM, Browser
 from selenium.webdriver.common.keys import Keys
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.commander import as_shell_line
 

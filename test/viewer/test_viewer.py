@@ -25,12 +25,8 @@ from octo_arm_model.analysis.arm_mesh import Drawing
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.apps import octopus
 from octo_arm_model.apps.demo import movement_of
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    FETCHING_IN_SPACE,
-    preset_path,
-)
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.topic import Meter, read_poses
 from octo_arm_model.simulation.commands import Profile, find_profile
 from octo_arm_model.viewer import main as viewer

@@ -20,7 +20,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from octo_arm_model import Backbone, ConfigError, Solver, load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
 from octo_arm_model.wire.cdr_templates import BackboneWriter
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import TensionError, load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.tension_messages import (
     tensions_from_array,
     tensions_from_joint_state,

@@ -14,7 +14,7 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.serialization import deserialize_message, serialize_message
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import preset_path
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
 from octo_arm_model.wire.tension_template import Familiar
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled.numba_build import find_shapes
-from octo_arm_model.core.compiled.tables import Tables, no_march, packed
+from octo_arm_model.core.compiled.tables import Tables, march_tables, no_march, packed
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.renda2012 import Renda2012
@@ -30,7 +30,7 @@ class Compiled:
             Exception: whatever a numba that does not work raises.
         """
         self._find_shapes = find_shapes()
-        march = statics.march_tables() if isinstance(statics, Renda2012) else no_march()
+        march = march_tables(statics.march) if isinstance(statics, Renda2012) else no_march()
         a, b = (complex(part) for part in base.rotation)
         tables = Tables(
             weights=packed(statics.weights.matrices),

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.models.picard import COLLOCATION_POINTS
+from octo_arm_model.core.models.renda2012 import March
+from octo_arm_model.core.numerics.vectors import runs_of
 
 
 class Weights(NamedTuple):
@@ -72,6 +74,31 @@ class Tables(NamedTuple):
     base: FloatArray
 
 
+def march_tables(march: March) -> MarchTables:
+    """What ``march`` integrates along."""
+    runs = [
+        (number, run.start, run.stop - run.start)
+        for number, piece in enumerate(march.pieces)
+        for run, _ in piece.to_nodes
+    ]
+    matrices = [matrix for piece in march.pieces for _, matrix in piece.to_nodes]
+    at_anchorages = march.at_anchorages.reshape(len(march.at_anchorages), 2, 2, -1)
+    return MarchTables(
+        weights=packed(march.weights.matrices[1:]),
+        stiffness=np.array(march.stiffness[1:]),
+        jump_weights=at_anchorages.transpose(2, 1, 0, 3),
+        jump_bending=march.bending,
+        pieces=np.array(
+            [(piece.section, piece.jump, piece.points.start) for piece in march.pieces], np.int64
+        ).reshape(-1, 3),
+        integrate=np.array([piece.integrate for piece in march.pieces]).reshape(
+            -1, COLLOCATION_POINTS, COLLOCATION_POINTS
+        ),
+        runs=np.array(runs, np.int64).reshape(-1, 3),
+        to_nodes=np.concatenate([np.zeros(0), *map(np.ravel, matrices)]),
+    )
+
+
 def no_march() -> MarchTables:
     """Of a model that does not march."""
     return MarchTables(
@@ -109,9 +136,3 @@ def packed(matrices: FloatArray) -> Weights:
                 runs.append(np.array([[number, tendon, run.start, run.stop - run.start]]))
                 values.append(row[run])
     return Weights(np.concatenate(runs), np.concatenate(values), (sums, nodes))
-
-
-def runs_of(inside: NDArray[np.bool_]) -> list[slice]:
-    """Where ``inside`` is true, as runs without gaps."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

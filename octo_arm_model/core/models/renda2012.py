@@ -31,12 +31,11 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body
 from octo_arm_model.core.arm.profile import Profile
 from octo_arm_model.core.arm.tendon import Section
-from octo_arm_model.core.compiled.tables import MarchTables, packed, runs_of
 from octo_arm_model.core.errors import ConfigError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import COLLOCATION_POINTS, Piece, Sweeps
 from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.core.numerics.vectors import times
+from octo_arm_model.core.numerics.vectors import runs_of, times
 from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.paper_balance import (
@@ -98,7 +97,7 @@ class Renda2012:
         papers_sections(arm)
         self.weights = TendonWeights(arm, nodes, section)
         self.stiffness = Stiffness.at(arm, nodes)
-        self._march = functools.lru_cache(lambda pieces: _March(arm, nodes, section, pieces))
+        self._march = functools.lru_cache(lambda pieces: March(arm, nodes, section, pieces))
         self._march(PIECES[0])
 
     def solve(self, tensions: FloatArray) -> Solution:
@@ -115,9 +114,10 @@ class Renda2012:
         strains = curvatures(p_t, p_n, p_b, *sums[1:5], torsion, bending)
         return Solution(twist_of(*strains, sums, self.stiffness), residual, sweeps)
 
-    def march_tables(self) -> MarchTables:
-        """What it integrates along, for compiled loops; arms too hard for that are not solved."""
-        return self._march(PIECES[0]).tables()
+    @property
+    def march(self) -> March:
+        """The integration over whole panels, which nearly all arms take."""
+        return self._march(PIECES[0])
 
     def _imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -155,8 +155,17 @@ class Renda2012:
         return residual, sweeps
 
 
-class _March:
-    """Goes from the tip to the base, piece by piece."""
+class March:
+    """Goes from the tip to the base, piece by piece.
+
+    Attributes:
+        pieces: from the tip; the panel that begins at the first anchorage is none of them.
+        weights: of the tensions at all points.
+        stiffness: there.
+        at_anchorages: from tensions to first and second moments at every anchorage,
+            (tendons, 2 x 2 x sections).
+        bending: bending stiffness there [N m^2], (sections,).
+    """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, pieces: int) -> None:
         """Cut every panel into ``pieces`` and tabulate them."""
@@ -165,7 +174,7 @@ class _March:
         first_panel, *others = panels
         s = [np.array([first_panel.stop, first_panel.start])]
         numbers = [1, 1]
-        self._pieces = []
+        self.pieces = []
         for panel in others:
             edges = np.linspace(panel.stop, panel.start, pieces + 1)
             for stop, start in itertools.pairwise(edges):
@@ -180,49 +189,21 @@ class _March:
                 integrate = -length * _INTEGRALS  # towards the base, against s
                 points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
                 is_anchorage = stop == panel.stop
-                self._pieces.append(
-                    Piece(panel.section, is_anchorage, points, integrate, to_nodes)
-                )
+                self.pieces.append(Piece(panel.section, is_anchorage, points, integrate, to_nodes))
                 s.append(stop - length * _POINTS)
                 numbers += [panel.section] * COLLOCATION_POINTS
-        self._weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
-        self._stiffness = Stiffness.at(arm, np.concatenate(s))
+        self.weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
+        self.stiffness = Stiffness.at(arm, np.concatenate(s))
         # From tensions to b (T4 - T2) and b (T1 - T3), b^2 (T4 + T2) and b^2 (T1 + T3) by section.
         count = len(arm.sections)
         at_anchorages = np.zeros((count, 4, 2, 2, count))
         for i, part in enumerate(papers_sections(arm)):
             levers = part.offset_anchorage * _BENDS
             at_anchorages[i, :, 0, :, i], at_anchorages[i, :, 1, :, i] = levers, levers**2
-        self._at_anchorages = at_anchorages.reshape(4 * count, -1)
-        self._bending = Stiffness.at(
+        self.at_anchorages = at_anchorages.reshape(4 * count, -1)
+        self.bending = Stiffness.at(
             arm, np.array([part.anchorage for part in arm.sections])
         ).bending
-
-    def tables(self) -> MarchTables:
-        """All of it, for compiled loops."""
-        pieces, tendons = self._pieces, len(self._at_anchorages)
-        runs = [
-            (number, run.start, run.stop - run.start)
-            for number, piece in enumerate(pieces)
-            for run, _ in piece.to_nodes
-        ]
-        matrices = [matrix for piece in pieces for _, matrix in piece.to_nodes]
-        nothing = np.zeros(0)
-        at_anchorages = self._at_anchorages.reshape(tendons, 2, 2, -1)
-        return MarchTables(
-            weights=packed(self._weights.matrices[1:]),
-            stiffness=np.array(self._stiffness[1:]),
-            jump_weights=at_anchorages.transpose(2, 1, 0, 3),
-            jump_bending=self._bending,
-            pieces=np.array(
-                [(piece.section, piece.jump, piece.points.start) for piece in pieces], np.int64
-            ).reshape(-1, 3),
-            integrate=np.array([piece.integrate for piece in pieces]).reshape(
-                -1, COLLOCATION_POINTS, COLLOCATION_POINTS
-            ),
-            runs=np.array(runs, np.int64).reshape(-1, 3),
-            to_nodes=np.concatenate([nothing, *map(np.ravel, matrices)]),
-        )
 
     def imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -235,16 +216,16 @@ class _March:
         Raises:
             ConvergenceError: if the sweeps of a piece do not settle.
         """
-        sums = self._weights.sums(tensions)
-        sweeps_of = Sweeps(sums, self._stiffness)
+        sums = self.weights.sums(tensions)
+        sweeps_of = Sweeps(sums, self.stiffness)
         # What takes strains to p and back, point by point.
-        _, torsion, bending = self._stiffness
+        _, torsion, bending = self.stiffness
         at_points = [values.T for values in (*sums[1:5], torsion, bending)]
         added = self._added_curvature(tensions)
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
         tau, xi, k = curvatures(0.0, 0.0, 0.0, *(values[1] for values in at_points))
         residual, sweeps = np.zeros(xi.shape), np.zeros(xi.shape, np.int64)
-        for piece in self._pieces:
+        for piece in self.pieces:
             first, last = piece.points.start, piece.points.stop - 1
             if piece.jump:
                 xi, k = (xi, k) + added[piece.section - 1]
@@ -258,5 +239,5 @@ class _March:
 
     def _added_curvature(self, tensions: FloatArray) -> FloatArray:
         """What (11) adds to xi and k at each anchorage, (sections, 2, ...) [1/m]."""
-        sums = times(tensions, self._at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
-        return added_curvature(sums[..., 0, :, :], sums[..., 1, :, :], self._bending).T
+        sums = times(tensions, self.at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
+        return added_curvature(sums[..., 0, :, :], sums[..., 1, :, :], self.bending).T

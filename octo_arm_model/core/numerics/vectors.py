@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.hints import FloatArray
 
@@ -32,3 +33,9 @@ def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     """
     product: FloatArray = rows[..., np.newaxis, :] @ matrix
     return product[..., 0, :]
+
+
+def runs_of(inside: NDArray[np.bool_]) -> list[slice]:
+    """Where ``inside`` is true, as runs without gaps."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
+    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.cli.options import find_path
 from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import BagError, MeasurementError, OctoArmError
 from octo_arm_model.core.hints import FloatArray, IntArray
 

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from octo_arm_model import Backbone, Config, SolveError, Solver, load_config
 from octo_arm_model.analysis.inverse import default_highest
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled import kernels as loops
 from octo_arm_model.core.compiled import numba_build as machine_code
 from octo_arm_model.core.models.picard import TOLERANCE

@@ -22,7 +22,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from octo_arm_model import load_config
 from octo_arm_model.analysis.arm_mesh import MOST_RINGS, anchorage_stations, tension_colours
 from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.node.frames import broadcast, make_broadcaster, transforms
 from octo_arm_model.ros.node.markers import TOPIC, ArmMarkers
 

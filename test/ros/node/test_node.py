@@ -30,8 +30,9 @@ from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import load_config
-from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.presets import preset_path
 
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
