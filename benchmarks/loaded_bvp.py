@@ -85,7 +85,7 @@ class LoadedBvp:
 
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
         energy = SectionEnergy(self._arm, s, np.full(s.size, section), self._law)
-        pulls = energy.pulls(self._tensions)
+        pulls = energy.local_tensions(self._tensions)
         start = self._unloaded
         twist = np.empty((4, 1, s.size))
         q = np.interp(s, start.s, start.q)

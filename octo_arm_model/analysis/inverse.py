@@ -19,7 +19,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import SolveError, TargetError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.paper_balance import Stiffness as Stiffnesses
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
 
@@ -151,7 +151,7 @@ def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     highest = np.empty(len(arm.tendons))
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
         s = np.linspace(0.0, arm.sections[section - 1].anchorage, 101)
-        stiffness = Stiffnesses.at(arm, s)
+        stiffness = SectionStiffness.at(arm, s)
         turn = float(trapezoid(tendon.offset.value(s) / stiffness.bending, s))
         bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
         highest[j] = min(part * float(stiffness.axial[-1]), bending)

@@ -30,7 +30,7 @@ from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.rod.solution import Statics
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS, Law
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.paper_balance import Stiffness
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import check_tensions, largest_of
 from octo_arm_model.core.sensitivity.analytic import derivatives, papers_derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
@@ -109,7 +109,7 @@ class Solver:
         product = self.grid.nodes.size * len(arm.tendons)
         self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
         # The axial force is a difference of terms of this size; further up it is all rounding.
-        self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
+        self._largest_tension = 1e6 * float(SectionStiffness.at(arm, self.grid.nodes).axial.min())
         self._load_table = LoadTable(arm, self.grid, loads)
         self._wrench = loads.tip_wrench
         self._is_loaded = not self._load_table.is_empty or bool(self._wrench.any())
@@ -283,7 +283,7 @@ class Solver:
     @functools.cached_property
     def _length_weights(self) -> FloatArray:
         """What the stretch of every tendon counts at each node, (tendons, nodes) [m]."""
-        return self._sections.acts[:, 0] * integration_weights(self.grid)
+        return self._sections.active[:, 0] * integration_weights(self.grid)
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.

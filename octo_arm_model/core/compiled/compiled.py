@@ -48,8 +48,8 @@ class Compiled:
     ) -> Compiled | None:
         """`Compiled`, if the loops cover the arm.
 
-        They do where tendons make neither mixed second moment nor swirl, see `TendonSums`, which
-        the paper's do not.
+        They do where tendons make neither mixed second moment nor routing torque, see
+        `TendonSums`; the paper's make neither.
 
         Raises:
             ModuleNotFoundError: if numba is not installed.

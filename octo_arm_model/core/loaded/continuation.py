@@ -14,7 +14,7 @@ _SMALLEST_STEP = 1e-3
 # A branch bends where Newton's method turns the arm further than this from where its first step
 # led [rad]: then smaller steps make sure that it is still the same one.
 _STRAY = 0.25
-_PER_FALL = 200
+_PER_DESCENT = 200
 _BEYOND = 0.05  # part of the way by which a fall begins beyond the end of a branch
 _NUDGE = 0.02  # turn of the arm that makes it fall off an unstable balance [rad]
 _HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness of the sections
@@ -46,11 +46,11 @@ def follow(
         is_found = False
         if state.residual <= TOLERANCE and (strayed <= _STRAY or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may jump to one on which no arm stays.
-            judgement = problem.judge(state)
-            is_found = bool(judgement.is_stable)
-            if judgement.is_stable is None:
-                is_found = judgement.sign == sign or step <= _SMALLEST_STEP
-                sign = judgement.sign if is_found else sign
+            stability = problem.stability(state)
+            is_found = bool(stability.is_stable)
+            if stability.is_stable is None:
+                is_found = stability.sign == sign or step <= _SMALLEST_STEP
+                sign = stability.sign if is_found else sign
         if is_found:
             last = twist, target - done
             step = last[1] * (2.0 if used <= 5 else 1.0)
@@ -59,7 +59,7 @@ def follow(
             # pushes the arm on, and the fall would take long.
             target = min(1.0, done + _BEYOND)
             condition = wanted if target == 1.0 else known.towards(wanted, target)
-            state, used = _fall(problem, condition, twist)
+            state, used = _levenberg_marquardt(problem, condition, twist)
             iterations += used
             last, step, is_found = None, _BEYOND, True
         if is_found:
@@ -103,24 +103,26 @@ def _newton(
     return state, _PER_STEP, strayed
 
 
-def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tuple[State, int]:
-    """Down the slope of the energy to a stable balance.
+def _levenberg_marquardt(
+    problem: Equilibrium, condition: Condition, twist: FloatArray
+) -> tuple[State, int]:
+    """Down the slope of the energy to a stable balance (Levenberg and Marquardt).
 
     Steps as if the cross sections were stiffer, by as much as it takes for a step to lead down
-    and not far up again; where it takes nothing they are Newton's (Levenberg and Marquardt).
+    and not far up again; where it takes nothing they are Newton's.
 
     Raises:
         ConvergenceError: if there is none.
     """
     state = problem.state(condition, twist)
     damping = _HEAVY
-    for iteration in range(_PER_FALL):
+    for iteration in range(_PER_DESCENT):
         if state.residual <= TOLERANCE:
-            judgement = problem.judge(state)
-            if judgement.is_stable is not False:
+            stability = problem.stability(state)
+            if stability.is_stable is not False:
                 return state, iteration
-            # On top of the hill: one side is as good as the other.
-            nudged = state.twist + _NUDGE * judgement.way
+            # Unstable equilibrium: perturb along the softest mode, in either direction.
+            nudged = state.twist + _NUDGE * stability.softest_mode
             state, damping = problem.state(condition, nudged), _HEAVY
         if damping > _HEAVIEST:
             break
@@ -143,4 +145,4 @@ def _fall(problem: Equilibrium, condition: Condition, twist: FloatArray) -> tupl
         damping *= 0.25 if left > 0.25 * down else 0.5
         damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new
-    raise _lost(state, _PER_FALL)
+    raise _lost(state, _PER_DESCENT)

@@ -79,20 +79,20 @@ class Condition(NamedTuple):
         )
 
 
-class Judgement(NamedTuple):
-    """What a balanced arm would do if it were touched.
+class Stability(NamedTuple):
+    """Stability of an equilibrium.
 
     Attributes:
         is_stable: whether it would come back; None under moments, where that is not known.
         sign: of the determinant of its equations, over that without loads, 1 or -1; where it
             changes, one branch has been left for another.
-        way: the way it gives in most easily, or falls, as a change of twist (n, nodes) that turns
-            it by about one radian.
+        softest_mode: change of twist (n, nodes) of least, or most negative, stiffness, scaled to
+            turn the arm by about one radian.
     """
 
     is_stable: bool | None
     sign: int
-    way: FloatArray
+    softest_mode: FloatArray
 
 
 class Equilibrium:
@@ -116,10 +116,10 @@ class Equilibrium:
     def state(self, condition: Condition, twist: FloatArray) -> State:
         """Evaluate the balance of ``twist`` (n, nodes)."""
         energy = self._energy
-        pulls = energy.pulls(condition.tensions[np.newaxis])
+        local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
         strain = to_scaled(energy.law, twist[:, np.newaxis])
         gradient, hessian = energy.material(strain)
-        pulled, across = energy.tendon_derivatives(strain, pulls)
+        pulled, across = energy.tendon_derivatives(strain, local_tensions)
         gradient += pulled
         hessian += across
         gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
@@ -130,7 +130,7 @@ class Equilibrium:
         moment = self._loads.moment(position, force, condition.tip_wrench, condition.factor)
         wrench = np.concatenate([into_section(rotation, moment), into_section(rotation, force)])
         imbalance = wrench[: len(twist)] - gradient[:, 0]
-        scale = force_scale(energy, pulls)[:, 0]
+        scale = force_scale(energy, local_tensions)[:, 0]
         outside = np.abs(wrench[: len(twist)]).max(axis=1, keepdims=True)
         residual = float((np.abs(imbalance) / (scale + outside)).max())
         return State(twist, position, rotation, wrench, imbalance, hessian[:, :, 0], residual)
@@ -157,7 +157,7 @@ class Equilibrium:
         direct = np.einsum('ijn,jcn->icn', compliance, wrench)
         moment, force = state.wrench[:3], state.wrench[3:]
         if not (np.count_nonzero(moment) or np.count_nonzero(force)):
-            return direct, self._sign  # Nothing outside to turn against.
+            return direct, self._sign  # No external wrench: no geometric stiffness.
         angular = state.twist[:3]
         linear = np.zeros_like(angular)
         linear[: len(state.twist) - 3] = state.twist[3:]
@@ -185,7 +185,7 @@ class Equilibrium:
         residual[:count, 0] = state.imbalance
         return self.respond(state, self.compliance(state) / (1.0 + damping), residual)[:count, 0]
 
-    def judge(self, state: State) -> Judgement:
+    def stability(self, state: State) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
@@ -203,8 +203,8 @@ class Equilibrium:
         compliance = np.tensordot(wrench * self._weights, changes, axes=([0, 2], [0, 2]))
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
         worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        way = np.einsum('icn,c->in', changes, vectors[:, worst])[: len(state.twist)]
-        way /= self.turn(way)
+        softest_mode = np.einsum('icn,c->in', changes, vectors[:, worst])[: len(state.twist)]
+        softest_mode /= self.turn(softest_mode)
         # What yields without end in one direction is neither: an arm that may turn about the
         # vertical, say. Rounding gives that any sign.
         is_free = np.abs(values) > _FREE * np.median(np.abs(values))
@@ -214,7 +214,7 @@ class Equilibrium:
         # A moment that keeps its direction has no energy, and nothing follows from compliance.
         if self._loads.has_moments or np.abs(state.wrench[:3, self._grid.step.size]).any():
             is_stable = None
-        return Judgement(is_stable, sign * self._sign, way)
+        return Stability(is_stable, sign * self._sign, softest_mode)
 
     def turn(self, step: FloatArray) -> float:
         """How far a small ``step`` of the twist turns the arm, all its bends added up [rad]."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.section.paper_balance import Stiffness, curvatures, twist_of
+from octo_arm_model.core.section.paper_balance import SectionStiffness, curvatures, twist_of
 from octo_arm_model.core.section.tendon_sums import TendonWeights
 
 
@@ -26,19 +26,19 @@ class ClosedForm:
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
         self.weights = TendonWeights(arm, nodes, section)
-        self.stiffness = Stiffness.at(arm, nodes)
+        self.stiffness = SectionStiffness.at(arm, nodes)
 
     def solve(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
         sums = self.weights.sums(tensions)
         _, torsion, bending = self.stiffness
-        _, n, b, nn, bb, mixed, swirl = sums
+        _, n, b, nn, bb, mixed, routing_torque = sums
         tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)
         if mixed is not None:
             about_n, about_b = bending + bb, bending + nn
             determinant = about_n * about_b - mixed * mixed
             xi = (mixed * n - about_b * b) / determinant
             k = (about_n * n - mixed * b) / determinant
-        if swirl is not None:
-            tau = -swirl / (torsion + (nn + bb))
+        if routing_torque is not None:
+            tau = -routing_torque / (torsion + (nn + bb))
         return Solution(twist_of(tau, xi, k, sums, self.stiffness), 0.0, 0)

@@ -68,8 +68,8 @@ class Exact:
             ConvergenceError: if a cross section finds no balance.
         """
         energy = self._at_points
-        pulls = energy.pulls(tensions)
-        found = minimise(energy, pulls, initial_strain(energy, pulls))
+        local_tensions = energy.local_tensions(tensions)
+        found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
         check_fibres(energy, found.strain)
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
@@ -90,8 +90,8 @@ class Exact:
     def _refine(self, tensions: FloatArray, twist: FloatArray, coarse: Minimum) -> Solution:
         """From nearly right strains at the nodes to right ones."""
         energy = self.at_nodes
-        pulls = energy.pulls(tensions)
-        found = minimise(energy, pulls, to_scaled(energy.law, twist))
+        local_tensions = energy.local_tensions(tensions)
+        found = minimise(energy, local_tensions, to_scaled(energy.law, twist))
         iterations = coarse.iterations + found.iterations
         return Solution(
             to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)

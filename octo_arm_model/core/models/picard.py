@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
-from octo_arm_model.core.section.paper_balance import Stiffness
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import TendonSums
 
 COLLOCATION_POINTS = 20
@@ -68,7 +68,7 @@ def slope_aside(p_t: Number, other: Number, linear: Number, product: Number) -> 
 class Sweeps:
     """Solves for p, piece by piece."""
 
-    def __init__(self, sums: TendonSums, stiffness: Stiffness) -> None:
+    def __init__(self, sums: TendonSums, stiffness: SectionStiffness) -> None:
         """Prepare for ``sums`` (..., points) and ``stiffness`` (points,) at all points."""
         n, b = sums.first_n, sums.first_b
         self._coefficients = np.array(

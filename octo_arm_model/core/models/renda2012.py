@@ -39,7 +39,7 @@ from octo_arm_model.core.numerics.vectors import runs_of, times
 from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.paper_balance import (
-    Stiffness,
+    SectionStiffness,
     added_curvature,
     curvatures,
     imbalance_of,
@@ -96,7 +96,7 @@ class Renda2012:
         """
         papers_sections(arm)
         self.weights = TendonWeights(arm, nodes, section)
-        self.stiffness = Stiffness.at(arm, nodes)
+        self.stiffness = SectionStiffness.at(arm, nodes)
         self._march = functools.lru_cache(lambda pieces: March(arm, nodes, section, pieces))
         self._march(PIECES[0])
 
@@ -193,7 +193,7 @@ class March:
                 s.append(stop - length * _POINTS)
                 numbers += [panel.section] * COLLOCATION_POINTS
         self.weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
-        self.stiffness = Stiffness.at(arm, np.concatenate(s))
+        self.stiffness = SectionStiffness.at(arm, np.concatenate(s))
         # From tensions to b (T4 - T2) and b (T1 - T3), b^2 (T4 + T2) and b^2 (T1 + T3) by section.
         count = len(arm.sections)
         at_anchorages = np.zeros((count, 4, 2, 2, count))
@@ -201,7 +201,7 @@ class March:
             levers = part.offset_anchorage * _BENDS
             at_anchorages[i, :, 0, :, i], at_anchorages[i, :, 1, :, i] = levers, levers**2
         self.at_anchorages = at_anchorages.reshape(4 * count, -1)
-        self.bending = Stiffness.at(
+        self.bending = SectionStiffness.at(
             arm, np.array([part.anchorage for part in arm.sections])
         ).bending
 

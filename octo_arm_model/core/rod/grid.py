@@ -156,8 +156,8 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
 
 def _subdivide(arm: Arm, stations: FloatArray) -> FloatArray:
     """Ends of the integration intervals between ``stations``, those among them."""
-    acts = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
-    lever = np.hypot(*arm.tendon_offsets(stations)) * (acts[:, np.newaxis] >= stations)
+    active = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
+    lever = np.hypot(*arm.tendon_offsets(stations)) * (active[:, np.newaxis] >= stations)
     radius = np.maximum(arm.body.radius(stations), lever.max(axis=0))
     smallest_radius = np.minimum(radius[:-1], radius[1:])
     # A little slack, so that the default stations need no cut where the arm is thick.

@@ -22,7 +22,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.paper_balance import Stiffness
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 
 
 class SectionEnergy:
@@ -37,8 +37,9 @@ class SectionEnergy:
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
         stiffness: of the undeformed cross sections.
         radius: reference radius at each node [m].
-        reach: the same, or the distance of the tendon farthest from the midline if that is more.
-        acts: 1 where a tendon acts and 0 beyond its anchorage, (tendons, 1, nodes).
+        lever_max: that, or the distance of the outermost tendon from the midline if it is larger
+            [m].
+        active: 1 where a tendon acts and 0 beyond its anchorage, (tendons, 1, nodes).
     """
 
     def __init__(
@@ -47,28 +48,28 @@ class SectionEnergy:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
         self.law, self.s = law, nodes
         self.strains = 6 if shear else 4
-        self.stiffness = Stiffness.at(arm, nodes)
+        self.stiffness = SectionStiffness.at(arm, nodes)
         self.radius = arm.body.radius(nodes)
-        self.acts = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
+        self.active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
             :, np.newaxis
         ]
         self._poisson = arm.material.poisson_ratio_at(nodes)
         self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
         # Offsets along n and b and their slopes, zero where the tendon does not act.
         self.x, self.y, self.dx, self.dy = (
-            np.ascontiguousarray(table[:, np.newaxis]) * self.acts
+            np.ascontiguousarray(table[:, np.newaxis]) * self.active
             for table in (*arm.tendon_offsets(nodes), *arm.tendon_slopes(nodes))
         )
         # From curvatures and stretch to the part of u along t, and back to moments and force.
         self._levers = np.stack([self.y, -self.x, np.ones_like(self.x)])
         lever = np.hypot(self.x, self.y)
-        self.reach = np.maximum(self.radius, np.max(lever, axis=(0, 1), initial=0.0))
-        swirl = np.abs(self.x * self.dy - self.y * self.dx)
+        self.lever_max = np.maximum(self.radius, np.max(lever, axis=(0, 1), initial=0.0))
+        routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
-        self.planar = not shear and float(swirl.max()) <= 1e-14 * scale
+        self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         # How they change where a tendon runs farther out.
         self._out = tuple(
-            np.ascontiguousarray(table[:, np.newaxis]) * self.acts
+            np.ascontiguousarray(table[:, np.newaxis]) * self.active
             for table in (*arm.tendon_outwards(nodes), *arm.tendon_outward_slopes(nodes))
         )
         self._slope_squared = self.dx**2 + self.dy**2
@@ -76,16 +77,16 @@ class SectionEnergy:
         self._squared = self.radius**2
         self._four = 2.0 * self._squared * self._twice
 
-    def pulls(self, tensions: FloatArray) -> FloatArray:
+    def local_tensions(self, tensions: FloatArray) -> FloatArray:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
-        return tensions.T[:, :, np.newaxis] * self.acts
+        return tensions.T[:, :, np.newaxis] * self.active
 
-    def resultants(self, pulls: FloatArray) -> FloatArray:
-        """Moments about n and b and force (3, batch, nodes) of ``pulls`` along the midline.
+    def resultants(self, local_tensions: FloatArray) -> FloatArray:
+        """Moments about n and b and axial force (3, batch, nodes) of ``local_tensions``.
 
         As a gradient, by the two curvatures and the stretch, with their signs.
         """
-        total: FloatArray = np.einsum('ij...,j...->i...', self._levers, pulls)
+        total: FloatArray = np.einsum('ij...,j...->i...', self._levers, local_tensions)
         return total
 
     def _along(self, bending: FloatArray) -> FloatArray:
@@ -93,7 +94,7 @@ class SectionEnergy:
         u_t: FloatArray = np.einsum('ij...,i...->j...', self._levers, bending)
         return u_t
 
-    def tendon_gradient(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
+    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
         flat = len(strain) == 3
         bending = slice(None) if flat else slice(1, 4)
@@ -110,7 +111,7 @@ class SectionEnergy:
             square += u_n * u_n
             square += u_b * u_b
         np.sqrt(square, out=square)
-        pull = np.divide(pulls, square, out=square)
+        pull = np.divide(local_tensions, square, out=square)
         u_t *= pull
         gradient = np.empty_like(strain)
         gradient[bending] = self.resultants(u_t)
@@ -170,9 +171,9 @@ class SectionEnergy:
             gradient[3] += slope * (self.dx * u_n + self.dy * u_b)
         if self.strains == 6:
             gradient[4], gradient[5] = u_n, u_b
-        return length, gradient * self.acts
+        return length, gradient * self.active
 
-    def gradient_by_offset(self, strain: FloatArray, pulls: FloatArray) -> FloatArray:
+    def gradient_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of `tendon_gradient` with each tendon's distance from the midline.
 
         Returns:
@@ -201,7 +202,7 @@ class SectionEnergy:
             change[3] += slope * (self.dx * c_n + self.dy * c_b + dx * u_n + dy * u_b)
         if self.strains == 6:
             change[4], change[5] = c_n, c_b
-        return change * pulls
+        return change * local_tensions
 
     def length_by_offset(self, strain: FloatArray) -> FloatArray:
         """Derivative of every tendon's stretch with its distance from the midline, of one arm.
@@ -227,12 +228,12 @@ class SectionEnergy:
         return change
 
     def tendon_derivatives(
-        self, strain: FloatArray, pulls: FloatArray
+        self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
         length, towards = self.lengthening(strain)
-        gradient = np.einsum('jbn,ijbn->ibn', pulls, towards)
-        weight = pulls / length
+        gradient = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
+        weight = local_tensions / length
         x, y, dx, dy = self.x, self.y, self.dx, self.dy
         count = self.strains
         hessian = np.zeros((count, *strain.shape))
@@ -254,8 +255,8 @@ class SectionEnergy:
         hessian[3, 3] += total
         if self.law.widens:
             width, slope, bend = self.law.widening(strain[3])
-            swirl = np.add.reduce(weight_x * dy - weight_y * dx)
-            hessian[3, 0] += slope * swirl
+            routing_torque = np.add.reduce(weight_x * dy - weight_y * dx)
+            hessian[3, 0] += slope * routing_torque
             # w' applies to u itself, w'' to what of r' is along u.
             u_n, u_b = self._across(strain, width)
             straight = np.add.reduce(weight * (dx * u_n + dy * u_b))

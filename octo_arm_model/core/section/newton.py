@@ -41,13 +41,13 @@ class Minimum(NamedTuple):
     iterations: int
 
 
-def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
+def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
     """Nearly the strain of least energy: the one under tendons parallel to the midline.
 
     Their force and moment depend on no strain, and a section bends in one plane. That leaves two
     unknowns, its stretch and its curvature times its radius, to a few cheap steps of Newton's.
     """
-    moment_n, moment_b, force = energy.resultants(pulls) / energy.stiffness.axial
+    moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
     load = moment / energy.radius
     # Right to first order for every law, and never inside out.
@@ -67,7 +67,7 @@ def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
         bend = bend - over * (f.by_stretch_stretch * moved - cross * left)
     curvature = bend / energy.radius
     # Not where that turns something inside out after all, or is no number.
-    fails = ~(stretch > np.abs(curvature) * energy.reach)
+    fails = ~(stretch > np.abs(curvature) * energy.lever_max)
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
     curvature /= np.maximum(moment, 1e-300)
@@ -78,30 +78,30 @@ def initial_strain(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
     return strain
 
 
-def force_scale(energy: SectionEnergy, pulls: FloatArray) -> FloatArray:
+def force_scale(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
     """What an imbalance is measured by: (n, batch, nodes) [N m and N].
 
     The sum of tensions, and of tensions times lever arms, with a little of the stiffness of the
     section so that rounding counts as balance where nothing pulls.
     """
-    force = np.add.reduce(pulls) + 1e-4 * energy.stiffness.axial
+    force = np.add.reduce(local_tensions) + 1e-4 * energy.stiffness.axial
     scale = np.empty((energy.strains, *force.shape))
-    scale[:3] = force * energy.reach
+    scale[:3] = force * energy.lever_max
     scale[3:] = force
     return scale
 
 
-def minimise(energy: SectionEnergy, pulls: FloatArray, start: FloatArray) -> Minimum:
-    """Strains of least energy under ``pulls`` (tendons, batch, nodes), from scaled ``start``.
+def minimise(energy: SectionEnergy, local_tensions: FloatArray, start: FloatArray) -> Minimum:
+    """Strains of least energy from scaled ``start``; tensions are (tendons, batch, nodes) [N].
 
     Raises:
         SolveError: if a tendon would be shortened to nothing.
         ConvergenceError: if balance is not reached.
     """
     if energy.planar and not np.count_nonzero(start[0]):
-        found = _descend(energy, pulls, start[1:4])
+        found = _descend(energy, local_tensions, start[1:4])
         return found._replace(strain=_full(found.strain))
-    return _descend(energy, pulls, start)
+    return _descend(energy, local_tensions, start)
 
 
 def _full(strain: FloatArray) -> FloatArray:
@@ -109,10 +109,10 @@ def _full(strain: FloatArray) -> FloatArray:
     return strain if len(strain) > 3 else np.concatenate([np.zeros_like(strain[:1]), strain])
 
 
-def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Minimum:
+def _descend(energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArray) -> Minimum:
     """`minimise` for strains (4 or 6, batch, nodes), or the last three of 4 without torsion."""
     flat = len(strain) == 3
-    over = 1.0 / force_scale(energy, pulls)[slice(1, 4) if flat else slice(None)]
+    over = 1.0 / force_scale(energy, local_tensions)[slice(1, 4) if flat else slice(None)]
     step: FloatArray | None = None
     slope = np.zeros(0)
     previous = np.inf
@@ -120,7 +120,7 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
     iterations = 0
     for _ in range(MAX_ITERATIONS):
         gradient, hessian = energy.material(strain)
-        gradient += energy.tendon_gradient(strain, pulls)
+        gradient += energy.tendon_gradient(strain, local_tensions)
         left = gradient * over
         np.abs(left, out=left)
         worst = float(left.max(initial=0.0))  # NaN where a section cannot be
@@ -138,7 +138,7 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
                 continue
         is_slow = not iterations or worst > _SLOW * previous
         if is_slow and (iterations >= _PATIENCE or not flat):
-            _, tendons = energy.tendon_derivatives(_full(strain), pulls)
+            _, tendons = energy.tendon_derivatives(_full(strain), local_tensions)
             tendons = tendons[1:, 1:] if flat else tendons
         previous = worst
         if tendons is not None:
@@ -148,17 +148,19 @@ def _descend(energy: SectionEnergy, pulls: FloatArray, strain: FloatArray) -> Mi
         slope = -np.add.reduce(gradient * step)
         strain = strain + step
         iterations += 1
-    _refuse_short_tendons(energy, _full(strain), pulls)
+    _refuse_short_tendons(energy, _full(strain), local_tensions)
     raise ConvergenceError('the balance of the cross sections', worst, iterations, _full(strain))
 
 
-def _refuse_short_tendons(energy: SectionEnergy, strain: FloatArray, pulls: FloatArray) -> None:
+def _refuse_short_tendons(
+    energy: SectionEnergy, strain: FloatArray, local_tensions: FloatArray
+) -> None:
     """Say so where a tendon is shortened to nothing, which its energy does not resist smoothly.
 
     Raises:
         SolveError: if one is.
     """
-    length = np.where(pulls > 0.0, energy.lengthening(strain)[0], np.inf)
+    length = np.where(local_tensions > 0.0, energy.lengthening(strain)[0], np.inf)
     if length.min(initial=np.inf) < _SHORTEST_TENDON:
         _, number, node = np.unravel_index(np.argmin(length), length.shape)
         raise SolveError(

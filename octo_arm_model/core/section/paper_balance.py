@@ -11,7 +11,7 @@ from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.section.tendon_sums import TendonSums
 
 
-class Stiffness(NamedTuple):
+class SectionStiffness(NamedTuple):
     """Stiffness of the cross section at each node, each (nodes,).
 
     Attributes:
@@ -25,7 +25,7 @@ class Stiffness(NamedTuple):
     bending: FloatArray
 
     @classmethod
-    def at(cls, arm: Arm, nodes: FloatArray) -> Stiffness:
+    def at(cls, arm: Arm, nodes: FloatArray) -> SectionStiffness:
         """Stiffness of ``arm`` at arc coordinates ``nodes`` (n,) [m]."""
         radius = arm.body.radius(nodes)
         area = np.pi * radius**2
@@ -72,7 +72,7 @@ def stretch(
 
 
 def twist_of(
-    tau: FloatArray, xi: FloatArray, k: FloatArray, sums: TendonSums, stiffness: Stiffness
+    tau: FloatArray, xi: FloatArray, k: FloatArray, sums: TendonSums, stiffness: SectionStiffness
 ) -> FloatArray:
     """Twist (4, ..., nodes) of the frame: (1 + q) (tau, xi, k) [1/m] and 1 + q [-]."""
     stretched = stretch(xi, k, sums.axial, sums.first_n, sums.first_b, stiffness.axial)

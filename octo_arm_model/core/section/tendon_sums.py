@@ -4,7 +4,7 @@ With tendon j at offset (r_n, r_b) in the axes of the cross section, the paper's
 
     axial    = sum T                    first_n = sum T r_n        first_b = sum T r_b
     second_n = sum T r_n^2              second_b = sum T r_b^2
-    mixed    = sum T r_n r_b            swirl = sum T (r_n r_b' - r_b r_n')
+    mixed    = sum T r_n r_b            routing_torque = sum T (r_n r_b' - r_b r_n')
 
 over the tendons that act at the node. In the letters of the paper's equation (10), for four
 tendons a section: A1 = second_n, B1 = second_b, alpha = first_n and beta = -first_b, and the last
@@ -37,7 +37,7 @@ class TendonSums(NamedTuple):
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
         mixed: mixed second moment [N m^2]; None where it vanishes whatever the tensions.
-        swirl: moment about t of the tendons' slopes [N m]; None likewise.
+        routing_torque: moment about t of the tendons' slopes [N m]; None likewise.
     """
 
     axial: FloatArray
@@ -46,7 +46,7 @@ class TendonSums(NamedTuple):
     second_n: FloatArray
     second_b: FloatArray
     mixed: FloatArray | None
-    swirl: FloatArray | None
+    routing_torque: FloatArray | None
 
 
 class TendonWeights:
@@ -63,32 +63,32 @@ class TendonWeights:
         """
         n, b = arm.tendon_offsets(nodes)
         slope_n, slope_b = arm.tendon_slopes(nodes)
-        acts = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
-        sums = [acts, acts * n, acts * b, acts * n**2, acts * b**2]
+        active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
+        sums = [active, active * n, active * b, active * n**2, active * b**2]
         scale = max(float(np.max(np.hypot(n, b))), 1e-300)
-        mixed, swirl = acts * n * b, acts * (n * slope_b - b * slope_n)
+        mixed, routing_torque = active * n * b, active * (n * slope_b - b * slope_n)
         # The paper's tendons have neither: then they cost nothing.
         self._is_mixed = bool(np.any(np.abs(mixed) > 1e-14 * scale**2))
-        self._swirls = bool(np.any(np.abs(swirl) > 1e-14 * scale))
+        self._has_routing_torque = bool(np.any(np.abs(routing_torque) > 1e-14 * scale))
         if self._is_mixed:
             sums.append(mixed)
-        if self._swirls:
-            sums.append(swirl)
+        if self._has_routing_torque:
+            sums.append(routing_torque)
         self.matrices = np.stack(sums)
 
     @property
     def is_plain(self) -> bool:
-        """Whether n and b stand apart: tendons make neither mixed second moment nor swirl."""
-        return not (self._is_mixed or self._swirls)
+        """Whether bending about n and b decouples: no mixed second moment, no routing torque."""
+        return not (self._is_mixed or self._has_routing_torque)
 
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
         matrices = self.matrices if tensions.ndim == 1 else self.matrices[:, np.newaxis]
         sums = list(times(tensions, matrices))
-        swirl = sums.pop() if self._swirls else None
+        routing_torque = sums.pop() if self._has_routing_torque else None
         mixed = sums.pop() if self._is_mixed else None
         axial, first_n, first_b, second_n, second_b = sums
-        return TendonSums(axial, first_n, first_b, second_n, second_b, mixed, swirl)
+        return TendonSums(axial, first_n, first_b, second_n, second_b, mixed, routing_torque)
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:

@@ -34,7 +34,7 @@ def derivatives(
     count, tendons = len(state.twist), tensions.size
     twist = state.twist[:, np.newaxis]
     strain = to_scaled(energy.law, twist)
-    pulls = energy.pulls(tensions[np.newaxis])
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
     columns = np.zeros((6, 2 * tendons + 8, state.twist.shape[1]))
     elastic, _ = energy.material(strain)
@@ -43,7 +43,7 @@ def derivatives(
         (slice(0, tendons), lengthening),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
         (slice(tendons + 7, tendons + 8), energy.gradient_by_poisson(strain)[:, np.newaxis]),
-        (slice(tendons + 8, None), energy.gradient_by_offset(strain, pulls)),
+        (slice(tendons + 8, None), energy.gradient_by_offset(strain, local_tensions)),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist, gradient)[:, :, 0]
     arm_to_tip = state.position[:, grid.step.size, np.newaxis] - state.position

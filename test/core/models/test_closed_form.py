@@ -11,7 +11,7 @@ from strategies import arms, loaded_arms
 from octo_arm_model import Arm, Config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.models.closed_form import ClosedForm
-from octo_arm_model.core.section.paper_balance import Stiffness
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 
 
 def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndarray:
@@ -23,7 +23,7 @@ def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndar
 @given(arms())
 def test_stiffness_is_that_of_a_disc(arm: Arm) -> None:
     s = 0.4 * arm.length
-    axial, torsion, bending = (part.item() for part in Stiffness.at(arm, np.array([s])))
+    axial, torsion, bending = (part.item() for part in SectionStiffness.at(arm, np.array([s])))
     assert [torsion, bending, bending, axial] == pytest.approx(reference.stiffness(arm, s))
 
 

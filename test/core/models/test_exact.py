@@ -228,8 +228,8 @@ def test_parallel_tendons_bend_the_arm_in_the_papers_plane_to_rounding(
     law: str, seed: int
 ) -> None:
     arm = Arm(SILICONE, CONE, (Section(0.4, 0.005, 0.005),))
-    t1, t2, t3, t4 = pulls = np.random.default_rng(seed).uniform(0.0, 0.8, 4)
-    _, n, b = Solver(arm, 'exact', material=law).solve(pulls[np.newaxis]).tip
+    t1, t2, t3, t4 = local_tensions = np.random.default_rng(seed).uniform(0.0, 0.8, 4)
+    _, n, b = Solver(arm, 'exact', material=law).solve(local_tensions[np.newaxis]).tip
     # In the axes (b, -n); the base here is the frame itself.
     assert math.atan2(-n, b) == pytest.approx(math.atan2(t3 - t1, t2 - t4), abs=1e-11)
 
@@ -294,13 +294,13 @@ def test_stiffness_and_tensions_in_proportion_change_nothing(arm: Arm, scale: fl
 def test_the_linear_law_reaches_the_same_strains_from_any_start(shear: bool) -> None:
     nodes, section = np.linspace(0.0, 0.4, 9), np.repeat([2, 1], [6, 3])
     energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS['linear'], shear)
-    pulls = energy.pulls(THREE_TENSIONS.reshape(1, -1))
-    usual = minimise(energy, pulls, initial_strain(energy, pulls)).strain
+    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
+    usual = minimise(energy, local_tensions, initial_strain(energy, local_tensions)).strain
     random = np.random.default_rng(0)
     for _ in range(25):
         start = random.normal(size=usual.shape)
         start[:3] *= 50.0
-        found = minimise(energy, pulls, start).strain
+        found = minimise(energy, local_tensions, start).strain
         np.testing.assert_allclose(found, usual, rtol=1e-7, atol=1e-7)
 
 
@@ -429,7 +429,7 @@ def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear: bool) -> None:
     nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
     energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS[law], shear)
-    pulls = energy.pulls(THREE_TENSIONS.reshape(1, -1))
+    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
     at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
     steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])
 
@@ -437,20 +437,23 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         return np.tile(x[:, np.newaxis, np.newaxis], (1, 1, 2))
 
     def tendons_energy(x: np.ndarray) -> np.ndarray:
-        return (pulls * energy.lengthening(at_both(x))[0]).sum(axis=(0, 1))
+        return (local_tensions * energy.lengthening(at_both(x))[0]).sum(axis=(0, 1))
 
     strain = at_both(at)
-    tendon_gradient = energy.tendon_gradient(strain, pulls)
+    tendon_gradient = energy.tendon_gradient(strain, local_tensions)
     np.testing.assert_allclose(
-        energy.tendon_derivatives(strain, pulls)[0], tendon_gradient, rtol=1e-12, atol=1e-15
+        energy.tendon_derivatives(strain, local_tensions)[0],
+        tendon_gradient,
+        rtol=1e-12,
+        atol=1e-15,
     )
     np.testing.assert_allclose(
         tendon_gradient[:, 0].T, jacobian(tendons_energy, at, steps), rtol=1e-7, atol=1e-9
     )
     for gradient, hessian in (
         (
-            lambda x: energy.tendon_gradient(x, pulls),
-            energy.tendon_derivatives(strain, pulls)[1],
+            lambda x: energy.tendon_gradient(x, local_tensions),
+            energy.tendon_derivatives(strain, local_tensions)[1],
         ),
         (lambda x: energy.material(x)[0], energy.material(strain)[1]),
     ):
@@ -460,7 +463,7 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
             hessian[:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
         )
     lengths = jacobian(lambda x: energy.lengthening(at_both(x))[0][:, 0], at, steps)
-    acting = energy.acts[:, 0]
+    acting = energy.active[:, 0]
     np.testing.assert_allclose(
         energy.lengthening(strain)[1][:, :, 0].transpose(1, 2, 0),
         lengths * acting[..., np.newaxis],
@@ -472,7 +475,7 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         if energy.law.widens:
             scaled[:3] *= energy.law.widening(scaled[3])[0]
         gradient, hessian = energy.material(scaled)
-        pulled, across = energy.tendon_derivatives(scaled, pulls)
+        pulled, across = energy.tendon_derivatives(scaled, local_tensions)
         gradient += pulled
         hessian += across
         return unscale(energy, at_both(x), gradient, hessian)

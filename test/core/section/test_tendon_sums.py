@@ -40,7 +40,7 @@ def test_no_tendon_acts_beyond_the_last_anchorage(table4: Config) -> None:
     sums = weights.sums(np.ones((1, 12)))
     assert not np.any([part for part in sums if part is not None])
     assert sums.mixed is None
-    assert sums.swirl is None
+    assert sums.routing_torque is None
 
 
 def test_tensions_of_any_leading_shape_become_floats(table4: Config) -> None:
