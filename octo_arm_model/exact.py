@@ -17,7 +17,7 @@ from octo_arm_model.errors import SolveError
 from octo_arm_model.grid import panels_of
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.laws import Law
-from octo_arm_model.minimise import Minimum, initial_strain, minimise
+from octo_arm_model.minimise import Minimum, can_be, initial_strain, minimise
 from octo_arm_model.sectional import SectionEnergy
 from octo_arm_model.statics import Solution
 
@@ -87,7 +87,13 @@ class Exact:
         """From nearly right strains at the nodes to right ones."""
         energy = self.at_nodes
         pulls = energy.pulls(tensions)
-        found = minimise(energy, pulls, to_scaled(energy.law, twist))
+        start = to_scaled(energy.law, twist)
+        # Where the strain has a peak between the points, what is interpolated can turn a section
+        # inside out, which has no energy to descend from.
+        outside = ~can_be(energy, start[3], np.sqrt(start[1] ** 2 + start[2] ** 2))
+        if np.count_nonzero(outside):
+            start = np.where(outside, initial_strain(energy, pulls), start)
+        found = minimise(energy, pulls, start)
         iterations = coarse.iterations + found.iterations
         return Solution(
             to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.backbone import Backbone
+from octo_arm_model.checks import real_numbers
 from octo_arm_model.closed_form import ClosedForm
 from octo_arm_model.compiled import Compiled
 from octo_arm_model.cross_section import Stiffness
 from octo_arm_model.derivatives import derivatives, papers_derivatives
 from octo_arm_model.equilibrium import Condition
-from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, SolveError
+from octo_arm_model.errors import ConfigError, ConvergenceError, LoadError, SolveError, shown
 from octo_arm_model.exact import Exact, to_scaled
 from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray, IntArray
@@ -311,15 +312,13 @@ def _keep_freed_memory() -> None:
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
-    try:
-        array = np.asarray(tip_wrench)
-    except ValueError:  # rows of different length
-        array = np.asarray(None)
-    if array.dtype.kind not in 'fiu' or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+    array = real_numbers(tip_wrench)
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
         raise LoadError(
-            f'tip_wrench is {tip_wrench!r}, expected force and moment: (..., 6) finite numbers'
+            f'tip_wrench is {shown(tip_wrench)}, expected force and moment: (..., 6) finite '
+            'numbers'
         )
-    return array.astype(np.float64)
+    return array.copy()
 
 
 @functools.lru_cache(maxsize=16)

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.errors import ProfileError, TensionError
+from octo_arm_model.errors import ProfileError
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.inverse import default_highest
 from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, Tensions
 from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.tendons import check_highest
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
 HOLD_TIME = 1.0  # [s] in each posture
@@ -102,18 +103,7 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
     """Largest tension of every tendon (tendons,) [N]."""
     if highest is None:
         return default_highest(arm, _COMPRESSION).ravel()
-    try:
-        given = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    except (TypeError, ValueError):
-        raise TensionError(
-            f'highest is {highest!r}, expected one number or shape {arm.tension_shape}'
-        ) from None
-    for name, value in zip(arm.tendon_names, given.tolist(), strict=True):
-        if not 0.0 < value < np.inf:
-            raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
-            )
-    return given
+    return check_highest(arm, highest)
 
 
 def _one_by_one(
