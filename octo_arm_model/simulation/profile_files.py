@@ -13,12 +13,12 @@ from typing import NamedTuple, TextIO
 import numpy as np
 import yaml
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.errors import ProfileError, shown
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
+from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError, shown
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
 from octo_arm_model.simulation.profile import Profile
-from octo_arm_model.yaml_files import compose_yaml, read_text, reading
 
 
 class _Row(NamedTuple):
