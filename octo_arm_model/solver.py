@@ -22,6 +22,7 @@ from octo_arm_model.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.hints import FloatArray, IntArray
 from octo_arm_model.kinematics import Frame, Pose, node_frames
 from octo_arm_model.laws import DEFAULT_LAW, LAWS, Law
+from octo_arm_model.load_limits import LoadLimits
 from octo_arm_model.load_table import LoadTable
 from octo_arm_model.loaded import LoadedArm
 from octo_arm_model.loads import Loads
@@ -86,7 +87,8 @@ class Solver:
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, or the stations are too few.
-            ArmDefinitionError: if a load does not fit the arm.
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
                 whatever it raises.
         """
@@ -108,10 +110,14 @@ class Solver:
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
         product = self.grid.nodes.size * len(arm.tendons)
         self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+        stiffness = Stiffness.at(arm, self.grid.nodes)
         # The axial force is a difference of terms of this size; further up it is all rounding.
-        self._largest_tension = 1e6 * float(Stiffness.at(arm, self.grid.nodes).axial.min())
-        self._load_table = LoadTable(arm, self.grid, loads)
+        self._largest_tension = 1e6 * float(stiffness.axial.min())
+        with np.errstate(over='ignore', invalid='ignore'):
+            self._load_table = LoadTable(arm, self.grid, loads)
         self._wrench = loads.tip_wrench
+        self._limits = LoadLimits(stiffness)
+        self._limits.check_loads(loads, self._load_table)
         self._is_loaded = not self._load_table.is_empty or bool(self._wrench.any())
         nodes, section = self.grid.nodes, self.grid.node_section
         self._statics: Statics
@@ -149,7 +155,8 @@ class Solver:
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
-            LoadError: if the tip's wrench is not six finite numbers.
+            LoadError: if the tip's wrench is not six finite numbers, or larger than
+                `LoadLimits` allow.
             ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer; never a guess in its place.
         """
@@ -162,13 +169,11 @@ class Solver:
         lead = checked.shape[: -len(self.arm.tension_shape)]
         wrench, is_loaded = self._wrench, self._is_loaded
         if tip_wrench is not None:
-            wrench = wrench + _check_wrench(tip_wrench)
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
             is_loaded = not self._load_table.is_empty or bool(wrench.any())
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         checked = checked.copy()
-        if is_loaded and self.model != 'exact':
-            raise ConfigError(_NO_LOADS.format(self.model))
         wrenches = np.broadcast_to(wrench, (*lead, 6)) if lead else wrench
 
         if start is not None:
@@ -205,6 +210,19 @@ class Solver:
                     error.in_batch(part.start, part.stop - part.start)
                 raise
         return results.backbone(self.model, checked, wrenches, lead)
+
+    def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
+        """Return ``tip_wrench`` (..., 6) as a float array.
+
+        Raises:
+            LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
+            ConfigError: if it is not zero and the model has no loads.
+        """
+        wrench = _check_wrench(tip_wrench)
+        if wrench.any() and self.model != 'exact':
+            raise ConfigError(_NO_LOADS.format(self.model))
+        self._limits.check_tip_wrench(wrench)
+        return wrench
 
     def follow(
         self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
