@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from octo_arm_model import inverse_cli, play_cli, workspace_cli
+from octo_arm_model import inverse_cli, load_cli, play_cli, workspace_cli
 from octo_arm_model.bags import demo_cli, replay_cli
 from octo_arm_model.errors import OctoArmError, SolveError, TensionError
 from octo_arm_model.experiment import compare_cli, identify_cli
@@ -26,6 +26,7 @@ examples:
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm play --list
+  octo-arm load renda2012_table2 --node /octo_arm
   octo-arm record-demo experiment
   octo-arm compare experiment --out compared
   octo-arm identify experiment --model all --out fitted.yaml
@@ -66,6 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     demo_cli.add_command(commands)
     identify_cli.add_command(commands)
     inverse_cli.add_command(commands)
+    load_cli.add_command(commands)
     play_cli.add_command(commands)
     replay_cli.add_command(commands)
     reproduce_cli.add_command(commands)

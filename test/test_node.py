@@ -54,10 +54,14 @@ DOMAINS = itertools.count(1 + os.getpid() % 80)
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
+def environment(domain):
+    return dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1')
+
+
 def start(module, *arguments, domain):
     return subprocess.Popen(
         [sys.executable, '-m', f'octo_arm_model.ros.{module}', *arguments],
-        env=dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1'),
+        env=environment(domain),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
