@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from octo_arm_model.cli import compare as compare_cli
 from octo_arm_model.cli import identify as identify_cli
 from octo_arm_model.cli import inverse as inverse_cli
+from octo_arm_model.cli import load as load_cli
 from octo_arm_model.cli import play as play_cli
 from octo_arm_model.cli import record_demo as demo_cli
 from octo_arm_model.cli import replay as replay_cli
@@ -30,6 +31,7 @@ examples:
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm play --list
+  octo-arm load renda2012_table2 --node /octo_arm
   octo-arm record-demo experiment
   octo-arm compare experiment --out compared
   octo-arm identify experiment --model all --out fitted.yaml
@@ -70,6 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     demo_cli.add_command(commands)
     identify_cli.add_command(commands)
     inverse_cli.add_command(commands)
+    load_cli.add_command(commands)
     play_cli.add_command(commands)
     replay_cli.add_command(commands)
     reproduce_cli.add_command(commands)

@@ -127,7 +127,7 @@ def load_config(path: str | Path) -> Config:
         ConfigError: if the file cannot be read or does not describe an arm; the message names
             the file.
     """
-    with _naming(path):
+    with naming(path):
         return Config.from_parameters(_parse(read_text(path, MAX_YAML_BYTES)))
 
 
@@ -137,7 +137,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigError: if the file cannot be read or is none; the message names the file.
     """
-    with _naming(path):
+    with naming(path):
         return _parse(read_text(path, MAX_YAML_BYTES))
 
 
@@ -147,7 +147,7 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
     Raises:
         ConfigError: if it is none.
     """
-    with _naming(name):
+    with naming(name):
         return _parse(text)
 
 
@@ -159,12 +159,19 @@ def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     return dump_yaml({'/**': {'ros__parameters': plain}})
 
 
+def is_of_every_node(name: str) -> bool:
+    """Whether ROS declares the parameter ``name`` for every node; `ros2 param dump` writes it."""
+    own = ('start_type_description_service', 'use_sim_time')
+    return name in own or name.startswith('qos_overrides.')
+
+
 def _parse(text: str) -> dict[str, Any]:
-    return _flatten(_ros_parameters(load_yaml(text)))
+    values = _flatten(_ros_parameters(load_yaml(text)))
+    return {name: value for name, value in values.items() if not is_of_every_node(name)}
 
 
 @contextlib.contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
+def naming(path: str | Path) -> Iterator[None]:
     """Whatever goes wrong with a parameter file, as an error that names it."""
     with reading(path, ConfigError):
         try:

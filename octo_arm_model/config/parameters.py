@@ -55,6 +55,16 @@ class Parameter:
         return word + '[]' if self.is_array else word
 
     @property
+    def default_or_none_given(self) -> Any:
+        """Value where none is given, in ROS, where every parameter has one.
+
+        Of one that must be given that is zero or an empty list.
+        """
+        if self.default is not None:
+            return self.default
+        return () if self.is_array else self.kind()
+
+    @property
     def table_row(self) -> str:
         """Row of a Markdown table: name, type, default and meaning."""
         default = list(self.default or ()) if self.is_array else self.default

@@ -43,6 +43,10 @@ class LoadError(OctoArmError, ValueError):
     """A load given with the tensions is not one."""
 
 
+class MessageError(OctoArmError, ValueError):
+    """What arrived on a topic is no message of its type."""
+
+
 class TargetError(OctoArmError, ValueError):
     """What the arm is asked to reach is not something it could."""
 

@@ -18,16 +18,16 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.timer import Timer
 
+from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import tensions_message
-from octo_arm_model.ros.node.arm_server import WARNING_PERIOD
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.diagnostics import PERIOD
 from octo_arm_model.ros.node.main import run
@@ -37,7 +37,7 @@ from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 
 
-class SimulatorNode(Node):
+class SimulatorNode(CheckedNode):
     """Publishes what load cells would read."""
 
     def __init__(self, **options: Any) -> None:
@@ -46,9 +46,7 @@ class SimulatorNode(Node):
         Raises:
             OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
         """
-        super().__init__(
-            'octo_arm_sim', automatically_declare_parameters_from_overrides=True, **options
-        )
+        super().__init__('octo_arm_sim', **options)
         self._config: SimulatorConfig | None = None
         self._timer: Timer | None = None
         self._last: int | None = None
@@ -58,7 +56,8 @@ class SimulatorNode(Node):
         self._measured = self._open('tendon_tensions')
         self._effective = self._open('ground_truth/tendon_tensions')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 5)
-        self._live = LiveParameters(self, PARAMETERS, SimulatorConfig.from_parameters, self._use)
+        table = (*ARM_PARAMETERS, *PARAMETERS)
+        self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
         # Time of ROS may stand still; how the node is doing is told all the same.

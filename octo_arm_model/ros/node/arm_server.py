@@ -11,19 +11,18 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import LoadError, OctoArmError
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.checked_node import WARNING_PERIOD
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import Outbox
 from octo_arm_model.ros.node.diagnostics import Health
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
-from octo_arm_model.ros.node.tension_subscription import INPUT_QOS, TOPICS, Inbox
+from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox, Newest
 from octo_arm_model.wire.tension_template import Stamp
-
-WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
 
 
 class Prepared(NamedTuple):
@@ -67,7 +66,8 @@ class Engine:
         self._prepared: Prepared | None = None
         self._health = Health(node)
         self._inboxes: list[Inbox] = []
-        self._others: list[tuple[Any, Any]] = []
+        self._wrenches: Newest | None = None
+        self._services: list[Any] = []
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
@@ -88,23 +88,21 @@ class Engine:
         node = self._node
         self._health.is_active = True
         self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
-        wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
-        self._others = [
-            (wrench, node.destroy_subscription),
-            (node.create_service(Solve, 'solve', self._on_solve), node.destroy_service),
-            (
-                node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
-                node.destroy_service,
-            ),
+        self._wrenches = Newest(node, WrenchStamped, 'tip_wrench', self._on_wrench)
+        self._services = [
+            node.create_service(Solve, 'solve', self._on_solve),
+            node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
         ]
 
     def deactivate(self) -> None:
         """Stop answering."""
         for inbox in self._inboxes:
-            inbox.close(self._node)
-        for entity, destroy in self._others:
-            destroy(entity)
-        self._inboxes, self._others = [], []
+            inbox.close()
+        if self._wrenches is not None:
+            self._wrenches.close()
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._inboxes, self._wrenches, self._services = [], None, []
         self._health.is_active = False
         self._last = self._tip_wrench = None
 
@@ -119,6 +117,7 @@ class Engine:
         """Answer with the arm ``prepared`` from now on, between two messages."""
         assert self._outbox is not None
         config = prepared.config
+        self._check_wrench_of_before(prepared)
         self._prepared, self._last = prepared, None
         self._health.model = config.model
         self._health.is_compiled = prepared.solver.is_compiled
@@ -136,6 +135,8 @@ class Engine:
     def _answer(self, inbox: Inbox, data: bytes, older: int) -> None:
         if older:
             self._health.skipped(older)
+        if self._wrenches is not None:
+            self._wrenches.answer_newest()
         prepared, outbox = self._prepared, self._outbox
         if prepared is None or outbox is None:
             return
@@ -154,19 +155,35 @@ class Engine:
         outbox.publish(backbone, covariance, self._stamp(stamp))
         self._health.answered(backbone, duration)
 
-    def _on_wrench(self, message: WrenchStamped) -> None:
+    def _on_wrench(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""
-        prepared = self._prepared
-        if prepared is None:
+        prepared, wrenches = self._prepared, self._wrenches
+        if prepared is None or wrenches is None:
             return
         try:
+            message = wrenches.decode(data)
             wrench = wrench_from_stamped(message, prepared.config.base_frame)
-            if wrench.any() and prepared.solver.model != 'exact':
-                raise LoadError(f'model is {prepared.solver.model!r}, which has no tip wrench')
+            prepared.solver.check_tip_wrench(wrench)
         except OctoArmError as error:
             self._refuse('tip_wrench', error)
             return
         self._tip_wrench = wrench if wrench.any() else None
+
+    def _check_wrench_of_before(self, prepared: Prepared) -> None:
+        """Drop the wrench on the tip, with a warning, where it does not go with another arm."""
+        if self._tip_wrench is None or self._prepared is None:
+            return
+        try:
+            prepared.solver.check_tip_wrench(self._tip_wrench)
+            problem = ''
+        except OctoArmError as error:
+            problem = str(error)
+        before, now = self._prepared.config.base_frame, prepared.config.base_frame
+        if now != before:
+            problem = f'it was given in {before!r}, and base_frame is {now!r}'
+        if problem:
+            self._tip_wrench = None
+            self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
         assert self._prepared is not None

@@ -9,18 +9,20 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
+from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import Engine
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 LONGEST_END = 4.0  # [s] for ROS to let go of a node
 
 
-class OctoArmNode(Node):
+class OctoArmNode(CheckedNode):
     """Publishes the shape of the arm for every valid tension message."""
 
     def __init__(self, **options: Any) -> None:
@@ -31,9 +33,7 @@ class OctoArmNode(Node):
                 together.
             ArmDefinitionError: if the arm cannot exist.
         """
-        super().__init__(
-            'octo_arm', automatically_declare_parameters_from_overrides=True, **options
-        )
+        super().__init__('octo_arm', **options)
         self._engine = Engine(self)
         self._engine.configure()
         self._engine.activate()
@@ -75,7 +75,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         # A signal may end the context while the executor builds its wait set on it.
         if rclpy.ok():
             raise
-    except OctoArmError as error:
+    except (OctoArmError, ParameterException) as error:
         return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
     finally:
         # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing

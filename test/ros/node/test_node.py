@@ -55,10 +55,14 @@ DOMAINS = itertools.count(1 + os.getpid() % 80)
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
+def environment(domain):
+    return dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1')
+
+
 def start(module, *arguments, domain):
     return subprocess.Popen(
-        [sys.executable, '-m', f'octo_arm_model.ros.node.{module}', *arguments],
-        env=dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1'),
+        [sys.executable, '-m', f'octo_arm_model.ros.{module}', *arguments],
+        env=environment(domain),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -66,7 +70,7 @@ def start(module, *arguments, domain):
 
 
 def start_node(domain, config=CONFIG_FILE):
-    return start('main', '--ros-args', '--params-file', str(config), domain=domain)
+    return start('node.main', '--ros-args', '--params-file', str(config), domain=domain)
 
 
 def stop(process, how=signal.SIGINT):
@@ -651,7 +655,7 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
     domain = next(DOMAINS)
     process = start(
-        'main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
         domain=domain,
     )  # fmt: skip
     client = Client(domain)
@@ -694,7 +698,9 @@ def transition(client, number):
 @pytest.fixture
 def managed():
     domain = next(DOMAINS)
-    process = start('lifecycle', '--ros-args', '--params-file', str(CONFIG_FILE), domain=domain)
+    process = start(
+        'node.lifecycle', '--ros-args', '--params-file', str(CONFIG_FILE), domain=domain
+    )
     client = Client(domain)
     try:
         yield client
@@ -726,7 +732,7 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
     config = tmp_path / 'bad.yaml'
     config.write_text(CONFIG_FILE.read_text().replace('length: 0.45', 'length: 0.1'))
     domain = next(DOMAINS)
-    process = start('lifecycle', '--ros-args', '--params-file', str(config), domain=domain)
+    process = start('node.lifecycle', '--ros-args', '--params-file', str(config), domain=domain)
     client = Client(domain)
     try:
         assert not transition(client, Transition.TRANSITION_CONFIGURE)
