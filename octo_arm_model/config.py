@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ import yaml
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.building import build_arm, build_loads, build_uncertainty
+from octo_arm_model.checks import not_negative
 from octo_arm_model.errors import ConfigError, OctoArmError
 from octo_arm_model.kinematics import Pose
 from octo_arm_model.laws import DEFAULT_LAW
@@ -21,6 +23,21 @@ from octo_arm_model.loads import Loads
 from octo_arm_model.parameters import PARAMETERS
 from octo_arm_model.sensitivity import Uncertainty
 from octo_arm_model.solver import Solver
+
+
+@dataclass(frozen=True)
+class DiagnosticLimits:
+    """What the node's diagnostics warn of, each >= 0 [s].
+
+    Attributes:
+        silence: time without tensions.
+        age: age of a stamp on arrival.
+        ahead: how far a stamp is ahead of the clock.
+    """
+
+    silence: float
+    age: float
+    ahead: float
 
 
 @dataclass(frozen=True)
@@ -38,6 +55,8 @@ class Config:
         shear: whether its cross sections shear.
         loads: what loads the arm but its tendons.
         uncertainty: how well tensions, material and tendons are known.
+        markers_rate: how often the node publishes markers at most [Hz]; 0 for every shape.
+        limits: what its diagnostics warn of.
     """
 
     arm: Arm
@@ -50,6 +69,8 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    markers_rate: float = 0.0
+    limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -91,6 +112,8 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
+            limits=_limits(given),
         )
 
     def solver(
@@ -119,6 +142,14 @@ class Config:
             loads=self.loads,
             compiled=compiled,
         )
+
+
+def _limits(given: Mapping[str, Any]) -> DiagnosticLimits:
+    limits = {}
+    for name in ('silence', 'age', 'ahead'):
+        parameter = f'diagnostics.{name}_limit'
+        limits[name] = not_negative(parameter, given[parameter], 'time', 's')
+    return DiagnosticLimits(**limits)
 
 
 def load_config(path: str | Path) -> Config:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_LONGEST = 300  # characters of what went wrong that are worth keeping
+
 
 class OctoArmError(Exception):
     """Base of every error this package raises on purpose."""
@@ -101,3 +103,12 @@ class ConvergenceError(SolveError):
         self.residual = residual
         self.iterations = iterations
         self.iterate = iterate
+
+
+def in_short(error: Exception) -> str:
+    """What an ``error`` says, without the middle where that is long, as names from outside are."""
+    text = str(error)
+    if len(text) <= _LONGEST:
+        return text
+    half = (_LONGEST - 5) // 2
+    return f'{text[:half]} ... {text[-half:]}'

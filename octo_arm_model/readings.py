@@ -5,6 +5,7 @@ The node gets them from ROS and the bag tools from `rosbags`: other classes with
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -62,9 +63,10 @@ def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm
         raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
     tension_of = dict(zip(names, values))
     if len(tension_of) < len(names):
-        repeated = sorted({name for name in names if list(names).count(name) > 1})
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
         raise TensionError(f'tendon named more than once: {", ".join(repeated)}')
-    unknown = [name for name in names if name not in arm.tendon_names]
+    known = set(arm.tendon_names)
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise TensionError(
             f'unknown tendon {", ".join(unknown)}; this arm has {", ".join(arm.tendon_names)}'

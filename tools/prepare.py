@@ -223,7 +223,7 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
     if not has_sourced_jazzy():
         # No wheel has it. A sourced ROS is never given a second one, which would hide its own.
         if not (venv / 'share' / 'tf2_msgs').is_dir():
-            packages.append(Path('tools') / 'tf2_msgs')
+            packages.append(Path('tools') / 'ros_packages' / 'tf2_msgs')
         colcon, python = venv / 'bin' / 'colcon', venv / 'bin' / 'python'
         environment = {
             'PATH': f'{venv / "bin"}{os.pathsep}{os.environ["PATH"]}',

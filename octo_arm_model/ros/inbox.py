@@ -64,6 +64,10 @@ class Inbox:
         """Stop listening."""
         node.destroy_subscription(self._subscription)
 
+    def count_publishers(self) -> int:
+        """How many publishers of the topic there are."""
+        return int(self._subscription.get_publisher_count())
+
     def _drain(self, newest: bytes) -> None:
         try:
             self._answer_newest(newest)

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.timer import Timer
 
-from octo_arm_model.errors import OctoArmError
+from octo_arm_model.errors import OctoArmError, in_short
 from octo_arm_model.hints import FloatArray
 from octo_arm_model.ros.engine import WARNING_PERIOD
 from octo_arm_model.ros.health import PERIOD
@@ -99,9 +99,9 @@ class SimulatorNode(Node):
             self._command = check_tensions(arm, tensions).ravel()
         except OctoArmError as error:
             self._counts['refused'] += 1
-            self._reason = f'{inbox.topic}: {error}'
+            self._reason = f'{inbox.topic}: {in_short(error)}'
             self.get_logger().warning(
-                f'{inbox.topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+                f'{inbox.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._is_playing = False
