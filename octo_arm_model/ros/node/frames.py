@@ -1,0 +1,27 @@
+"""Where the frames of the arm go for TF; `FramesWriter` writes them."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+# What tf2_ros publishes and listens with; frames of many nodes share the topic.
+TF_TOPIC = '/tf'
+TF_QOS = QoSProfile(depth=100)
+
+
+def make_broadcaster(node: Node) -> Publisher | None:
+    """Publisher of ``tf2_msgs/msg/TFMessage`` on ``/tf``; None, and a log line, without tf2_msgs.
+
+    tf2_msgs is in every ROS installation but not among its Python wheels, beside which
+    ``tools/prepare.py`` builds it.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        node.get_logger().warning(
+            'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
+        )
+        return None
+    return node.create_publisher(TFMessage, TF_TOPIC, TF_QOS)
