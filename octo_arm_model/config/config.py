@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,12 +15,28 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver
+
+
+@dataclass(frozen=True)
+class DiagnosticLimits:
+    """What the node's diagnostics warn of, each >= 0 [s].
+
+    Attributes:
+        silence: time without tensions.
+        age: age of a stamp on arrival.
+        ahead: how far a stamp is ahead of the clock.
+    """
+
+    silence: float
+    age: float
+    ahead: float
 
 
 @dataclass(frozen=True)
@@ -37,6 +54,8 @@ class Config:
         shear: whether its cross sections shear.
         loads: what loads the arm but its tendons.
         uncertainty: how well tensions, material and tendons are known.
+        markers_rate: how often the node publishes markers at most [Hz]; 0 for every shape.
+        limits: what its diagnostics warn of.
     """
 
     arm: Arm
@@ -49,6 +68,8 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    markers_rate: float = 0.0
+    limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -90,6 +111,8 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
+            limits=_limits(given),
         )
 
     def solver(
@@ -118,6 +141,14 @@ class Config:
             loads=self.loads,
             compiled=compiled,
         )
+
+
+def _limits(given: Mapping[str, Any]) -> DiagnosticLimits:
+    limits = {}
+    for name in ('silence', 'age', 'ahead'):
+        parameter = f'diagnostics.{name}_limit'
+        limits[name] = not_negative(parameter, given[parameter], 'time', 's')
+    return DiagnosticLimits(**limits)
 
 
 def load_config(path: str | Path) -> Config:

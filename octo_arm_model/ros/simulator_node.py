@@ -22,7 +22,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.timer import Timer
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
@@ -98,9 +98,9 @@ class SimulatorNode(CheckedNode):
             self._command = check_tensions(arm, tensions).ravel()
         except OctoArmError as error:
             self._counts['refused'] += 1
-            self._reason = f'{inbox.topic}: {error}'
+            self._reason = f'{inbox.topic}: {in_short(error)}'
             self.get_logger().warning(
-                f'{inbox.topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+                f'{inbox.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._is_playing = False

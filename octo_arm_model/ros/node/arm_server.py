@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
@@ -65,6 +66,8 @@ class Engine:
         self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
         self._health = Health(node)
+        self._health.end('unconfigured')
+        self._warned = -math.inf
         self._inboxes: list[Inbox] = []
         self._wrenches: Newest | None = None
         self._services: list[Any] = []
@@ -82,12 +85,14 @@ class Engine:
         """
         self._outbox = Outbox(self._node)
         self._live.begin()
+        self._health.end('inactive')
 
     def activate(self) -> None:
         """Start answering."""
         node = self._node
-        self._health.is_active = True
         self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
+        self._health.publishers = {inbox.topic: inbox.count_publishers for inbox in self._inboxes}
+        self._health.begin()
         self._wrenches = Newest(node, WrenchStamped, 'tip_wrench', self._on_wrench)
         self._services = [
             node.create_service(Solve, 'solve', self._on_solve),
@@ -103,7 +108,7 @@ class Engine:
         for service in self._services:
             self._node.destroy_service(service)
         self._inboxes, self._wrenches, self._services = [], None, []
-        self._health.is_active = False
+        self._health.end('inactive')
         self._last = self._tip_wrench = None
 
     def cleanup(self) -> None:
@@ -112,6 +117,7 @@ class Engine:
         if self._outbox is not None:
             self._outbox.close()
         self._outbox = self._prepared = None
+        self._health.end('unconfigured')
 
     def _use(self, prepared: Prepared, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
@@ -119,9 +125,9 @@ class Engine:
         config = prepared.config
         self._check_wrench_of_before(prepared)
         self._prepared, self._last = prepared, None
-        self._health.model = config.model
+        self._health.model, self._health.limits = config.model, config.limits
         self._health.is_compiled = prepared.solver.is_compiled
-        self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
+        self._outbox.describe(prepared.solver, config)
         self._outbox.announce(parameters_as_yaml(prepared.values))
         how = ' (compiled)' if prepared.solver.is_compiled else ''
         self._node.get_logger().info(
@@ -200,9 +206,12 @@ class Engine:
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._health.refused(topic, error)
-        self._node.get_logger().warning(
-            f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
-        )
+        # Not by the logger's own throttle: it looks for the line that calls it first, which takes
+        # longer than to solve an arm, and hostile messages would starve good ones.
+        now = time.monotonic()
+        if now > self._warned + WARNING_PERIOD:
+            self._warned = now
+            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
 
     def _stamp(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""

@@ -17,6 +17,7 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.node.middleware import bound_memory
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 LONGEST_END = 4.0  # [s] for ROS to let go of a node
@@ -53,6 +54,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     # rclpy ends its context at SIGINT, which ends the loop below. Python would raise as well, in
     # the middle of whatever is being solved, and the executor would report that as a fault.
     signal.signal(signal.SIGINT, lambda number, frame: None)
+    bound_memory()
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse

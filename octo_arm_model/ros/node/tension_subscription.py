@@ -69,6 +69,10 @@ class Newest:
         self._is_open = False
         self._node.destroy_subscription(self._subscription)
 
+    def count_publishers(self) -> int:
+        """How many publishers of the topic there are."""
+        return int(self._subscription.get_publisher_count())
+
     def _keep(self, message: bytes) -> None:
         self._older += self._newest is not None
         self._newest = message
