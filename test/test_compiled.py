@@ -278,6 +278,35 @@ def test_what_was_kept_but_not_whole_is_made_anew(
     ]
 
 
+@pytest.mark.parametrize('suffix', ['nbi', 'nbc', 'nbi.sha256', 'nbc.sha256'])
+def test_of_what_was_kept_not_one_bit_may_differ(
+    quick: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    machine_code.find_shapes()
+    (kept,) = quick.rglob(f'*.{suffix}')
+    data = bytearray(kept.read_bytes())
+    data[2 * len(data) // 3] ^= 1
+    kept.write_bytes(data)
+    # Never unpickled, and so never run.
+    caching = pytest.importorskip('numba.core.caching')
+    loaded = []
+    original = caching.IndexDataCacheFile._load_data
+
+    def watched(self: object, name: str) -> object:
+        loaded.append(name)
+        return original(self, name)
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, '_load_data', watched)
+    machine_code.find_shapes.cache_clear()
+    machine = machine_code.find_shapes()
+    assert not loaded and sum(machine.stats.cache_misses.values()) == 1
+    machine_code.find_shapes.cache_clear()
+    assert sum(machine_code.find_shapes().stats.cache_hits.values()) == 1 and len(loaded) == 1
+    assert [text for text, _ in nothing_known] == 2 * [
+        'compiling the models: some ten seconds, once on this machine'
+    ]
+
+
 def test_where_nothing_can_be_kept_it_compiles_all_the_same(
     quick: Path, monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
 ) -> None:
