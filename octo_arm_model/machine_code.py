@@ -2,8 +2,8 @@
 
 Compiling takes some ten seconds, once: numba keeps the result beside this package or, where
 nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
-could not be kept, has another checksum or cannot be read again is compiled anew. Whatever goes wrong
-otherwise is logged, and NumPy solves.
+could not be kept, has another checksum or cannot be read again is compiled anew. Whatever goes
+wrong otherwise is logged, and NumPy solves.
 """
 
 from __future__ import annotations

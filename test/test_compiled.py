@@ -280,7 +280,10 @@ def test_what_was_kept_but_not_whole_is_made_anew(
 
 @pytest.mark.parametrize('suffix', ['nbi', 'nbc', 'nbi.sha256', 'nbc.sha256'])
 def test_of_what_was_kept_not_one_bit_may_differ(
-    quick: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+    quick: Path,
+    suffix: str,
+    monkeypatch: pytest.MonkeyPatch,
+    nothing_known: list[tuple[str, bool]],
 ) -> None:
     machine_code.find_shapes()
     (kept,) = quick.rglob(f'*.{suffix}')

@@ -266,7 +266,13 @@ class Recorder:
     def warning(self, line):
         self.lines.append(line)
 
-    def create_publisher(self, message_type, topic, qos):
+    def resolve_topic_name(self, topic):
+        return topic
+
+    def has_parameter(self, name):
+        return False
+
+    def create_publisher(self, message_type, topic, qos, **options):
         self.made.append((topic, qos.depth))
         self.msg_type = message_type
         return self

@@ -10,7 +10,6 @@ from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -22,6 +21,7 @@ from octo_arm_model.hints import FloatArray
 from octo_arm_model.ros.frames import broadcast, make_broadcaster, transforms
 from octo_arm_model.ros.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.markers import ArmMarkers
+from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.solver import Solver
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -57,12 +57,7 @@ class Outbox:
         self._frame = self._prefix = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        return self._node.create_publisher(
-            kind,
-            topic,
-            qos,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        return create_publisher(self._node, kind, topic, qos)
 
     def close(self) -> None:
         """Close them."""
