@@ -71,8 +71,9 @@ def check_overrides(node: Node) -> None:
     Raises:
         ConfigError: if there is one.
     """
-    for name in sorted(node.get_parameters_by_prefix('')):
-        if name.startswith(_OVERRIDES) and not node.describe_parameter(name).read_only:
+    # rclpy has no public name for what it was given.
+    for name in sorted(node._parameter_overrides):
+        if name.startswith(_OVERRIDES) and not _is_read_only(node, name):
             raise ConfigError(
                 f'{name} overrides nothing, expected qos_overrides.TOPIC.publisher.POLICY or '
                 'qos_overrides.TOPIC.subscription.POLICY with the whole name of a topic of '
@@ -87,7 +88,7 @@ def _create(
     for policy in POLICIES:
         # As the node declares it of itself, an override could be changed later, to no effect.
         name = prefix + policy.name.lower()
-        if node.has_parameter(name) and not node.describe_parameter(name).read_only:
+        if node.has_parameter(name) and not _is_read_only(node, name):
             node.undeclare_parameter(name)
     options = QoSOverridingOptions(POLICIES, callback=_check)
     try:
@@ -95,6 +96,10 @@ def _create(
         return create(topic, copy.copy(qos), qos_overriding_options=options)
     except _REFUSALS as error:
         raise ConfigError(f'{prefix}*: {error}') from error
+
+
+def _is_read_only(node: Node, name: str) -> bool:
+    return bool(node.has_parameter(name) and node.describe_parameter(name).read_only)
 
 
 def _check(qos: QoSProfile) -> SetParametersResult:
