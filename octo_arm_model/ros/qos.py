@@ -14,7 +14,7 @@ from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from octo_arm_model.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError
 
 # All that rclpy knows but for the naming convention, with which a topic would be another one.
 POLICIES = (
