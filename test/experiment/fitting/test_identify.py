@@ -179,6 +179,7 @@ def test_small_residuals_count_as_squares_and_large_ones_as_distances(ratio: flo
 # Trust ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Noise of the camera alone, and tensions that are wrong for all frames of a step."""
     parameters = {**PARAMETERS, 'material.youngs_modulus': 1.01 * TRUE, 'stations': 61}

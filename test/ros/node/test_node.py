@@ -34,6 +34,8 @@ from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPAC
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
