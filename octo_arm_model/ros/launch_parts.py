@@ -89,7 +89,7 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
 
 
 def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
-    """RViz with the configuration ``view``, if the argument ``rviz`` says so.
+    """Start RViz with the configuration ``view``, if the argument ``rviz`` says so.
 
     The topics of a configuration are relative, so they follow the ``namespace``.
     """
