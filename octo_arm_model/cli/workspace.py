@@ -122,7 +122,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _check_picture(path: Path) -> None:
-    """Before the work and not after it: is there what draws, and somewhere to write?
+    """Check, before the work, that there is what draws and somewhere to write.
 
     Raises:
         ConfigError: if ``path`` cannot be a file.

@@ -311,7 +311,7 @@ def test_a_figure_draws_the_backbone_of_the_solver() -> None:
     curves = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
     for curve, model in zip(curves, MODELS, strict=True):
         expected = cases.solve('table4', model, FETCHING_IN_PLANE).position[:, :2] * 1e3
-        np.testing.assert_array_equal(curve.get_xydata(), expected)
+        np.testing.assert_allclose(curve.get_xydata(), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from octo_arm_model.ros.node.backbone_publishers import Outbox
 from octo_arm_model.ros.node.diagnostics import Health
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox, Newest
+from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.wire.tension_template import Stamp
 
 
@@ -88,7 +89,11 @@ class Engine:
         self._health.end('inactive')
 
     def activate(self) -> None:
-        """Start answering."""
+        """Start answering.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
         node = self._node
         self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
         self._health.publishers = {inbox.topic: inbox.count_publishers for inbox in self._inboxes}
@@ -98,6 +103,7 @@ class Engine:
             node.create_service(Solve, 'solve', self._on_solve),
             node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
         ]
+        check_overrides(node)
 
     def deactivate(self) -> None:
         """Stop answering."""
@@ -171,7 +177,7 @@ class Engine:
             wrench = wrench_from_stamped(message, prepared.config.base_frame)
             prepared.solver.check_tip_wrench(wrench)
         except OctoArmError as error:
-            self._refuse('tip_wrench', error)
+            self._refuse(wrenches.topic, error)
             return
         self._tip_wrench = wrench if wrench.any() else None
 

@@ -9,12 +9,16 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from octo_arm_model.config.config import DiagnosticLimits
 from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.tension_template import Stamp
 
+TOPIC = '/diagnostics'
+QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
 # A message may come just before the next of /clock, and one of /clock may be lost.
 _STEPS = 2.0
@@ -48,7 +52,7 @@ class Health:
         self._newest: float | None = None
         self._reason = self._failure = ''
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 5)
+        self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self._clock = node.get_clock()
         self._step = 0.0
         every_step = JumpThreshold(

@@ -6,6 +6,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
+from octo_arm_model.ros.qos import create_publisher
+
 # What tf2_ros publishes and listens with; frames of many nodes share the topic.
 TF_TOPIC = '/tf'
 TF_QOS = QoSProfile(depth=100)
@@ -24,4 +26,4 @@ def make_broadcaster(node: Node) -> Publisher | None:
             'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
         )
         return None
-    return node.create_publisher(TFMessage, TF_TOPIC, TF_QOS)
+    return create_publisher(node, TFMessage, TF_TOPIC, TF_QOS)

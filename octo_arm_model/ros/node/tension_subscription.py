@@ -9,7 +9,6 @@ from typing import Any
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -17,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MessageError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.tension_messages import READERS
 from octo_arm_model.wire.tension_template import Familiar, Stamp
 
@@ -40,7 +40,7 @@ class Newest:
     every message that came meanwhile, before any service gets its turn.
 
     Attributes:
-        topic: its name.
+        topic: its whole name, as remapped.
     """
 
     def __init__(
@@ -50,19 +50,14 @@ class Newest:
 
         Messages are of type ``kind``.
         """
-        self.topic = topic
         self._node, self._kind, self._answer = node, kind, answer
         self._newest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
-        self._subscription = node.create_subscription(
-            kind,
-            topic,
-            self._keep,
-            INPUT_QOS,
-            raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        self._subscription = create_subscription(
+            node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
+        self.topic = self._subscription.topic_name
 
     def close(self) -> None:
         """Stop listening."""

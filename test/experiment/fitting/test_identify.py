@@ -179,6 +179,7 @@ def test_small_residuals_count_as_squares_and_large_ones_as_distances(ratio: flo
 # Trust ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Noise of the camera alone, and tensions that are wrong for all frames of a step."""
     parameters = {**PARAMETERS, 'material.youngs_modulus': 1.01 * TRUE, 'stations': 61}
@@ -246,7 +247,7 @@ def test_strong_correlations_are_pointed_out() -> None:
     fits = ('youngs_modulus', 'tendon_offsets')
     fitted = identify(measured('exact', noise=2e-4), PARAMETERS, 'exact', fits)
     one, other = fitted.correlations[0, 1], fitted.correlations[1, 0]
-    assert one == other
+    assert one == pytest.approx(other, rel=1e-9)
     assert one > 0.95
     assert any(
         'hardly tell youngs_modulus and tendon_offset.tendon_1_1 apart' in note

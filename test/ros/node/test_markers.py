@@ -1,8 +1,6 @@
 """What is drawn of the arm: markers, frames, and the files that start and show them."""
 
-import ast
 import itertools
-import py_compile
 import re
 import sys
 
@@ -35,18 +33,6 @@ ARM = CONFIG.arm
 SOLVER = CONFIG.solver('exact')
 S = SOLVER.grid.s
 SHAPE = SOLVER.solve(FETCHING_IN_SPACE)
-ARGUMENTS = {
-    'octo_arm': {
-        'params_file',
-        'namespace',
-        'use_sim_time',
-        'rviz',
-        'bag',
-        'model',
-        'frame_prefix',
-    },
-    'octopus': {'params_file', 'radius', 'base_frame', 'use_sim_time', 'model'},
-}
 
 
 @pytest.fixture(autouse=True)
@@ -270,29 +256,6 @@ def test_without_tf2_msgs_there_is_no_broadcaster_but_a_line_in_the_log(monkeypa
     assert make_broadcaster(node) is None
     assert len(node.lines) == 1
     assert 'tf2_msgs' in node.lines[0]
-
-
-@pytest.mark.parametrize('name', sorted(ARGUMENTS))
-def test_launch_files_declare_and_explain_the_arguments_they_use(name, tmp_path):
-    path = ROOT / 'launch' / f'{name}.launch.py'
-    py_compile.compile(str(path), cfile=str(tmp_path / 'compiled'), doraise=True)
-    tree = ast.parse(path.read_text(encoding='utf-8'))
-    assert any(getattr(node, 'name', '') == 'generate_launch_description' for node in tree.body)
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    declared = [call for call in calls if getattr(call.func, 'id', '') == 'DeclareLaunchArgument']
-    assert {call.args[0].value for call in declared} == ARGUMENTS[name]
-    assert len(declared) == len(ARGUMENTS[name])
-    for call in declared:
-        given = {keyword.arg: keyword.value for keyword in call.keywords}
-        assert given['description'].value
-        assert 'default_value' in given
-    used = {
-        call.args[0].value
-        for call in calls
-        if getattr(call.func, 'id', '') == 'LaunchConfiguration'
-        and isinstance(call.args[0], ast.Constant)
-    }
-    assert used <= ARGUMENTS[name]
 
 
 def test_octopus_has_its_arms_evenly_around_its_body():
