@@ -47,6 +47,7 @@ from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cdr import BackboneWriter
 from octo_arm_model.cli import main
 from octo_arm_model.config import load_parameters, parameters_as_yaml, parse_parameters
+from octo_arm_model.familiar import Stamp
 from octo_arm_model.paper import preset_path
 
 TABLE_4 = load_parameters(preset_path('renda2012_table4'))
@@ -124,7 +125,7 @@ def test_every_model_answers_alike_alone_and_side_by_side(
         request.getfixturevalue('numpy_to_the_last_bit')
     config = dataclasses.replace(load_config(preset_path(preset)), model=model)
     tensions = random_tensions(config.arm, 40)
-    readings = [Reading(START + i, row, '') for i, row in enumerate(tensions)]
+    readings = [Reading(Stamp.from_ns(START + i), row, '') for i, row in enumerate(tensions)]
     solver = config.solver(compiled=None)
     answers = Answers(config).answer(readings)
     for reading, answer in zip(readings, answers, strict=True):
@@ -137,7 +138,10 @@ def test_solving_alone_gives_the_same_where_side_by_side_differs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     config = Config.from_parameters(TABLE_4)
-    readings = [Reading(START + i, row, '') for i, row in enumerate(random_tensions(ARM, 20))]
+    readings = [
+        Reading(Stamp.from_ns(START + i), row, '')
+        for i, row in enumerate(random_tensions(ARM, 20))
+    ]
     found = []
     for is_alike in (True, False):
         monkeypatch.setattr(Answers, '_is_alike', lambda self, is_alike=is_alike: is_alike)
@@ -421,7 +425,7 @@ def test_memory_is_bounded_whatever_the_length(
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
     assert report.copied == 400
-    assert (tmp_path / 'out' / 'out.mcap').stat().st_size > 50 * 2**20
+    assert (tmp_path / 'out' / 'out_0.mcap').stat().st_size > 50 * 2**20
     # The solver asks once for 24 MiB that it never fills.
     assert peak < (24 + 12) * 2**20
 
