@@ -56,11 +56,11 @@ class Bulk:
     def write(
         self, stamps: IntArray, numbers: Sequence[FloatArray], first: int
     ) -> list[memoryview]:
-        """Messages with ``stamps`` (n, 2), sec and nanosec, and ``numbers``, each (n, rows, columns).
+        """Messages with ``stamps`` (n, 2) and ``numbers``, each (n, rows, columns).
 
-        They stand there row by row, the columns of each of the ``numbers`` in turn. The messages
-        are those from ``first`` on that are held here, and stay as they are until these are
-        written again.
+        Stamps are sec and nanosec. Numbers stand there row by row, the columns of each of the
+        ``numbers`` in turn. The messages are those from ``first`` on that are held here, and stay
+        as they are until these are written again.
         """
         part = slice(first, first + len(stamps))
         if part.stop > len(self._messages):

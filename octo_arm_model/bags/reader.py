@@ -213,6 +213,8 @@ class BagReader:
                 topic, type_name = key = connection.topic, connection.msgtype
                 found[key] += 1
                 check_size(len(data), f'a message on {topic}')
+                if not 0 <= received_ns < 2**63:
+                    raise ValueError(f'a message on {topic} received at {received_ns} ns')
                 if self._is_each_compressed:
                     data = expand_message(data)
                 yield Record(topic, type_name, received_ns, data)

@@ -148,6 +148,12 @@ class CheckedSqlite3Reader(Sqlite3Reader):
         )
         if lost:
             raise ValueError(f'{lost} message(s) of topics that it does not have')
+        ((others,),) = data.execute(
+            "SELECT count(*) FROM messages WHERE typeof(timestamp) != 'integer' "
+            "OR typeof(data) != 'blob'"
+        )
+        if others:
+            raise ValueError(f'{others} message(s) without a time of receipt or bytes')
         ((count, newest),) = data.execute('SELECT count(*), max(id) FROM messages')
         self.missing = max((newest or 0) - count, 0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import signal
 import sys
@@ -11,10 +12,12 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.engine import Engine
+from octo_arm_model.ros.start import start_ros
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 LONGEST_END = 4.0  # [s] for ROS to let go of a node
@@ -54,10 +57,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     # the middle of whatever is being solved, and the executor would report that as a fault.
     signal.signal(signal.SIGINT, lambda number, frame: None)
     try:
-        rclpy.init(args=arguments)
-    except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
-        reason = str(error).split(', at /')[0]
-        return _fail(name, f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1')
+        start_ros(arguments, SignalHandlerOptions.ALL)
+    except OctoArmError as error:
+        return _fail(name, str(error))
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
@@ -77,10 +79,13 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
             raise
     except OctoArmError as error:
         return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
+    except MemoryError:
+        return _fail(name, 'out of memory')
     finally:
         # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing
         # of Python runs meanwhile. Then this ends the process with status 1 and says where it was.
-        faulthandler.dump_traceback_later(LONGEST_END, exit=True)
+        with contextlib.suppress(RuntimeError):  # Without memory for it: the error says more.
+            faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
