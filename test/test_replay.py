@@ -7,6 +7,8 @@ import itertools
 import json
 import os
 import resource
+import signal
+import struct
 import subprocess
 import sys
 import tracemalloc
@@ -190,6 +192,25 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
         lengths = solver.tendon_lengths(last)
         expected.append(writer.tendon_lengths(lengths, last.tensions, *divmod(stamp, 10**9)))
         assert [one[3] for one in found[5 * number : 5 * number + 5]] == expected
+
+
+@pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
+@pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
+def test_stamps_stay_as_they_are(tmp_path: Path, kind: str, options: list[str]) -> None:
+    stamps = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9), (0, 7)]
+    content = samples(ARM, random_tensions(ARM, len(stamps)), '/tendon_tensions', kind)
+    for number, stamp in enumerate(stamps):
+        data = content[number].data
+        data = data[:4] + struct.pack('<iI', *stamp) + data[12:]
+        content[number] = content[number]._replace(data=data)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
+    options = [*options, '--topics', '/tendon_tensions']
+    assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == 0
+    for topic in BACKBONE:
+        found = [
+            struct.unpack_from('<iI', data, 4) for *_, data in content_of(tmp_path / 'out', topic)
+        ]
+        assert found == stamps
 
 
 # What else is in the bag ------------------------------------------------------------------------
@@ -384,6 +405,31 @@ def test_ctrl_c_leaves_no_bag(
     out = tmp_path / 'out'
     assert main(['replay', str(bag), str(out), '--storage', storage]) == 130
     assert f'interrupted, no {out} written' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+@pytest.mark.parametrize('command', ['replay', 'record-demo'])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_ends_it_leaves_no_bag(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    number: signal.Signals,
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
+    write = BagWriter.write
+
+    def signalled(self: BagWriter, messages: Any) -> None:
+        write(self, messages)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(BagWriter, 'write', signalled)
+    before = signal.getsignal(number)
+    sources = [str(bag)] if command == 'replay' else []
+    assert main([command, *sources, str(tmp_path / 'out')]) == 128 + number
+    assert signal.getsignal(number) == before
+    assert f'interrupted, no {tmp_path / "out"} written' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 

@@ -44,8 +44,10 @@ def check_file(path: Path) -> None:
     """Refuse what is no file, such as a pipe, at which reading would wait for ever.
 
     Raises:
-        ValueError: if ``path`` is no regular file.
+        ValueError: if ``path`` is no regular file, or not there.
     """
+    if not path.exists():
+        raise ValueError(f'{path.name} is not there')
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode):
         kinds = {
