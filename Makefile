@@ -35,7 +35,7 @@ test: prepare
 lint: prepare
 	@tools/with_ros ruff check
 	@tools/with_ros ruff format --check
-	@tools/with_ros mypy octo_arm_model tools/prepare.py
+	@tools/with_ros mypy octo_arm_model octo_arm_start.py tools/prepare.py
 
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py

@@ -215,6 +215,19 @@ def test_what_computes_is_refused(tmp_path: Path, kind: str) -> None:
     assert 'it has views or triggers or computes columns' in problem_of(path)
 
 
+@pytest.mark.parametrize('field', ['string[2000000000]', 'float64[2000000000]'])
+def test_a_definition_of_endless_arrays_is_refused(tmp_path: Path, field: str) -> None:
+    text, _ = TYPES.generate_msgdef(TENDON_TENSIONS, ros_version=2)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection(
+            '/tendon_tensions', TENDON_TENSIONS, msgdef=f'{field} x\n{text}', rihs01='RIHS01_0'
+        )
+        writer.write(topic, START, b'\0\1\0\0')
+    with BagReader(tmp_path / 'bag') as reader:
+        with pytest.raises(BagError, match='has 2000000000 of x, at most 1048576 are read'):
+            reader.decode(next(reader.messages()))
+
+
 @pytest.mark.parametrize('place', ['metadata', 'file', 'alone'])
 @pytest.mark.parametrize('kind', ['pipe', 'socket', 'device', 'folder'])
 def test_what_is_no_file_is_not_waited_for(
