@@ -21,32 +21,32 @@ def _run(module: str, interrupted: int) -> int:
 
 def command_line() -> int:
     """Run ``octo-arm``."""
-    return _run('octo_arm_model.cli', 130)
+    return _run('octo_arm_model.cli.main', 130)
 
 
 def demo() -> int:
     """Run ``octo_arm_demo``."""
-    return _run('octo_arm_model.ros.demo', 0)
+    return _run('octo_arm_model.apps.demo', 0)
 
 
 def lifecycle_node() -> int:
     """Run ``octo_arm_lifecycle_node``."""
-    return _run('octo_arm_model.ros.lifecycle', 0)
+    return _run('octo_arm_model.ros.node.lifecycle', 0)
 
 
 def node() -> int:
     """Run ``octo_arm_node``."""
-    return _run('octo_arm_model.ros.node', 0)
+    return _run('octo_arm_model.ros.node.main', 0)
 
 
 def octopus() -> int:
     """Run ``octo_arm_octopus``."""
-    return _run('octo_arm_model.ros.octopus', 0)
+    return _run('octo_arm_model.apps.octopus', 0)
 
 
 def simulator() -> int:
     """Run ``octo_arm_sim``."""
-    return _run('octo_arm_model.ros.simulator', 0)
+    return _run('octo_arm_model.ros.simulator_node', 0)
 
 
 def viewer() -> int:

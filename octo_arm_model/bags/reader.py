@@ -18,8 +18,8 @@ from octo_arm_model.bags.metadata import check_folder
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import types_for
-from octo_arm_model.errors import BagError
-from octo_arm_model.familiar import Stamp
+from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.tension_template import Stamp
 
 
 class Record(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from octo_arm_model.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError
 
 # What to do about it, by a part of what rcl says.
 _HINTS = {

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import viser
 
-from octo_arm_model.errors import OctoArmError
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.viewer.options import LOOPBACK
 
 _TRIED = 100

@@ -9,11 +9,12 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.config import load_config
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
-from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.config.config import load_config
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import Profile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
