@@ -14,6 +14,7 @@ setup(
     maintainer='octo_arm_model maintainers',
     maintainer_email='unset@octo-arm-model.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    py_modules=['octo_arm_start'],
     package_data={PACKAGE: ['py.typed', 'ros/node/*.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -47,13 +48,13 @@ setup(
     zip_safe=False,
     entry_points={
         'console_scripts': [
-            'octo-arm = octo_arm_model.cli.main:main',
-            'octo_arm_demo = octo_arm_model.apps.demo:main',
-            'octo_arm_lifecycle_node = octo_arm_model.ros.node.lifecycle:main',
-            'octo_arm_node = octo_arm_model.ros.node.main:main',
-            'octo_arm_octopus = octo_arm_model.apps.octopus:main',
-            'octo_arm_sim = octo_arm_model.ros.simulator_node:main',
-            'octo_arm_viewer = octo_arm_model.viewer.main:main',
+            'octo-arm = octo_arm_start:command_line',
+            'octo_arm_demo = octo_arm_start:demo',
+            'octo_arm_lifecycle_node = octo_arm_start:lifecycle_node',
+            'octo_arm_node = octo_arm_start:node',
+            'octo_arm_octopus = octo_arm_start:octopus',
+            'octo_arm_sim = octo_arm_start:simulator',
+            'octo_arm_viewer = octo_arm_start:viewer',
         ],
     },
 )

@@ -17,6 +17,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import profile_names
 from octo_arm_model.viewer.options import add_address
 
@@ -111,9 +112,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        client = ArmClient(Node('octo_arm_demo'))
         try:
+            start_ros([])
+            client = ArmClient(Node('octo_arm_demo'))
             step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
         except OctoArmError as error:
             return _fail(error)

@@ -28,6 +28,7 @@ from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.viewer.options import add_address
 
@@ -88,10 +89,8 @@ def describe(clients: Sequence[ArmClient]) -> str:
 def host(config_file: str, numbers: Sequence[int]) -> None:
     """Be the nodes of the arms ``numbers`` until told to stop."""
     is_over = stop_signals()
-    rclpy.init(
-        args=['--ros-args', '--log-level', 'error'],  # eight times the same would be too much
-        signal_handler_options=rclpy.SignalHandlerOptions.NO,
-    )
+    # Eight times the same would be too much.
+    start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes = []
     for number in numbers:
@@ -170,7 +169,7 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
     ]
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        start_ros([])
         node = Node('octo_arm_octopus')
         crawl = Crawl(node, config, options.movement or movement_of(config.arm))
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]

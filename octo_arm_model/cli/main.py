@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import math
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Iterator, Sequence
 
 from octo_arm_model.cli import compare as compare_cli
 from octo_arm_model.cli import identify as identify_cli
@@ -22,6 +27,7 @@ from octo_arm_model.cli.report import as_dict, summary
 from octo_arm_model.core.errors import OctoArmError, SolveError, TensionError
 from octo_arm_model.logs import show_logs
 
+_TWICE = 1.0  # [s] in which another signal is the same one
 _EPILOG = """\
 examples:
   octo-arm solve renda2012_table4 --tensions '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'
@@ -39,6 +45,7 @@ examples:
   octo-arm reproduce reproduced
 
 exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong, 130 interrupted
+(143 by SIGTERM, 129 by SIGHUP)
 """
 
 
@@ -82,9 +89,50 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    options = build_parser().parse_args(arguments)
-    show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
+    with _interrupting() as received:
+        status = _run(arguments)
+    return 128 + received[0] if received else status
+
+
+@contextlib.contextmanager
+def _interrupting() -> Iterator[list[int]]:
+    """Have every signal that ends the program interrupt it, so that it tidies up.
+
+    Yields:
+        Which has come, if one has.
+    """
+    received: list[int] = []
+    newest = -math.inf
+
+    def interrupt(number: int, frame: object) -> None:
+        nonlocal newest
+        # Some send it twice, such as `timeout`, to the program and its group; tidying up goes on.
+        if (now := time.monotonic()) < newest + _TWICE:
+            return
+        newest = now
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if threading.current_thread() is threading.main_thread()
+    }
+    # What whoever started the program ignores stays so.
+    before = {number: how for number, how in before.items() if how != signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, interrupt)
     try:
+        yield received
+    finally:
+        for number, how in before.items():
+            signal.signal(number, how)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    try:
+        options = build_parser().parse_args(arguments)
+        show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         return options.run(options) or 0
     except KeyboardInterrupt:
         return _fail('interrupted', 130)
@@ -98,6 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, 2)
     except ModuleNotFoundError as error:
         return _fail(f'needs {error.name}; install it with: pip install {error.name}', 2)
+    except MemoryError:
+        return _fail('out of memory', 2)
 
 
 def _fail(problem: object, status: int) -> int:

@@ -15,13 +15,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.publisher import Publisher
-from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import TOPIC, transition
 from octo_arm_model.simulation.profile import Profile
 
@@ -62,7 +62,7 @@ def play(
         ConfigError: if ``topic`` is no name of one, or nobody subscribes to it.
     """
     with _Interruptions() as interruptions:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros([])
         try:
             publisher = _open(topic)
             player = _Player(publisher, arm, rate, interruptions)

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.viewer.options import add_address
 
 _EPILOG = """\
@@ -49,8 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         return _fail(f'needs {error.name}; install it with: pip install {error.name}')
     is_over = stop_signals()
-    rclpy.init(args=given[own:], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     try:
+        start_ros(given[own:])
         client = ArmClient(Node('octo_arm_viewer'), options.namespace)
         with serving(options.host, options.port) as server:
             viewer = Viewer(server, client)
