@@ -110,6 +110,8 @@ class Engine:
         for entity, destroy in self._others:
             destroy(entity)
         self._inboxes, self._others = [], []
+        if self._outbox is not None:
+            self._outbox.pause()
         self._health.end('inactive')
         self._last = self._tip_wrench = None
 
