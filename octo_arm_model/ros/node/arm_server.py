@@ -114,6 +114,8 @@ class Engine:
         for service in self._services:
             self._node.destroy_service(service)
         self._inboxes, self._wrenches, self._services = [], None, []
+        if self._outbox is not None:
+            self._outbox.pause()
         self._health.end('inactive')
         self._last = self._tip_wrench = None
 

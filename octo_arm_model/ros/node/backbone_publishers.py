@@ -67,6 +67,10 @@ class Outbox:
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
 
+    def pause(self) -> None:
+        """Publish nothing of the answers so far any more."""
+        self._drawing.forget()
+
     def describe(self, solver: Solver, config: Config) -> None:
         """Answers to come are those of ``solver``, as ``config`` wants them."""
         arm, grid, frame = solver.arm, solver.grid, config.base_frame

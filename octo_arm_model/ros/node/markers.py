@@ -50,10 +50,14 @@ class MarkerPublisher:
             self._node.destroy_timer(self._timer)
         self._timer = self._waiting = self._writer = None
 
+    def forget(self) -> None:
+        """Do not draw what waits for its time."""
+        self._waiting = None
+
     def publish(self, backbone: Backbone, stamp: Stamp) -> None:
         """Draw this shape now, or when the time has come if there is no newer one by then."""
         if not self._publisher.get_subscription_count():
-            self._waiting = None
+            self.forget()
             return
         shape = _Shape(backbone, stamp)
         if self._timer is None:

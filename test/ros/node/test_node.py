@@ -493,7 +493,7 @@ def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
 def test_frames_lead_from_the_base_to_the_tip():
     domain = next(DOMAINS)
     process = start(
-        'node', '--ros-args', '--params-file', str(CONFIG_FILE),
+        'main', '--ros-args', '--params-file', str(CONFIG_FILE),
         '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
         '-p', 'frame_prefix:=left_', domain=domain,
     )  # fmt: skip
@@ -897,7 +897,7 @@ def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_bac
 def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahead):
     domain = next(DOMAINS)
     process = start(
-        'node', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        'main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
         domain=domain,
     )  # fmt: skip
     client = Client(domain)
