@@ -453,7 +453,7 @@ def test_parameters_are_answered_while_every_solve_takes_longer_than_the_next_me
 
     def busy():
         nonlocal sent
-        wrench_of(client, 10.0)
+        wrench_of(client, 100.0)  # no balance is found, and that takes long
         for _ in range(10):
             sent += 1
             client.send('tendon_tensions', (1.0 + 0.1 * np.sin(sent)) * tensions)
