@@ -443,7 +443,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    import test_node
+    from ros.node import test_node
 
     tensions = random_tensions(ARM, 25)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])

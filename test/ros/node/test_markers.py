@@ -346,7 +346,7 @@ def test_rviz_shows_what_the_node_publishes():
         'PoseArray': 'backbone/poses',
         'TF': None,
     }
-    sources = (ROOT / 'octo_arm_model' / 'ros').glob('*.py')
+    sources = (ROOT / 'octo_arm_model' / 'ros').rglob('*.py')
     code = '\n'.join(source.read_text(encoding='utf-8') for source in sources)
     for topic in ('backbone/path', 'backbone/poses'):
         assert f"'{topic}'" in code
