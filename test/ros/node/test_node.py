@@ -336,6 +336,14 @@ def test_parameters_change_the_arm_between_two_messages(client):
         ({'sections__anchorage': [0.45, 0.315]}, 'sections.offset_base has 3 values, expected 2'),
         ({'loads__gravity': [0.0, 0.0, -9.81]}, "model is 'renda2012', which has no loads"),
         ({'stations': 51, 'body__length': -1.0}, 'body.length is -1.0, expected a finite number'),
+        ({'stations': 10**12}, 'stations is 1000000000000, expected at most 10000'),
+        (
+            {'body__radius_tip': 1e-12, 'sections__offset_anchorage': [0.0, 0.0035, 0.006]},
+            'this arm takes more than 20000 intervals of integration',
+        ),
+        ({'body__length': 1e9}, 'this arm takes more than 20000 intervals of integration'),
+        ({'sections__tendons': [10**12, 4, 4]}, 'number of tendons is 1000000000008, expected'),
+        ({'base_frame': 'x' * 256}, 'expected string of at most 255 characters'),
     ],
 )
 def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason):
