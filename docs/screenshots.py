@@ -24,8 +24,8 @@ from browser import Browser  # noqa: E402 - what drives the browser is with the 
 from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.paper import preset_path  # noqa: E402
 from octo_arm_model.ros.children import children  # noqa: E402
+from octo_arm_model.simulation.limits import figures  # noqa: E402
 from octo_arm_model.viewer.address import free_port, url  # noqa: E402
-from octo_arm_model.viewer.commander import figures  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
 
 WIDTH, HEIGHT = 1280, 860  # of the window; the page is a little less high

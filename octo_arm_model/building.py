@@ -8,7 +8,7 @@ from typing import Any
 
 from octo_arm_model.arm import Arm
 from octo_arm_model.body import Body, ProfiledBody
-from octo_arm_model.checks import not_negative
+from octo_arm_model.checks import not_negative, positive
 from octo_arm_model.errors import ConfigError
 from octo_arm_model.loads import DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.material import Material
@@ -46,6 +46,19 @@ def build_loads(given: Values) -> Loads:
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
     )
+
+
+def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
+    """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
+
+    Raises:
+        ConfigError: if they are not as many as the tendons.
+        ArmDefinitionError: if one is not finite or not > 0.
+    """
+    limits = given['tendon_limits']
+    if limits:
+        _check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
+    return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
 
 
 def build_uncertainty(given: Values) -> Uncertainty:

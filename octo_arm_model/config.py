@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from octo_arm_model.arm import Arm
-from octo_arm_model.building import build_arm, build_loads, build_uncertainty
+from octo_arm_model.building import build_arm, build_limits, build_loads, build_uncertainty
 from octo_arm_model.errors import ConfigError, OctoArmError
 from octo_arm_model.kinematics import Pose
 from octo_arm_model.laws import DEFAULT_LAW
@@ -38,6 +38,8 @@ class Config:
         shear: whether its cross sections shear.
         loads: what loads the arm but its tendons.
         uncertainty: how well tensions, material and tendons are known.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
+            the arm bears, see `simulation.limits`.
     """
 
     arm: Arm
@@ -50,6 +52,7 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    tendon_limits: tuple[float, ...] = ()
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -80,8 +83,9 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
+        arm = build_arm(given)
         return cls(
-            arm=build_arm(given),
+            arm=arm,
             base=base,
             model=given['model'],
             stations=given['stations'],
@@ -91,6 +95,7 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            tendon_limits=build_limits(given, arm),
         )
 
     def solver(

@@ -1,19 +1,12 @@
 """The viewer in a real browser: what is pulled there, and what is seen."""
 
 import io
-import itertools
-import os
-import re
 import signal
-import socket
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 pytest.importorskip('viser', reason='needs viser')
 pytest.importorskip('selenium', reason='needs selenium')
@@ -21,80 +14,16 @@ image = pytest.importorskip('PIL.Image', reason='needs pillow')
 
 from browser import CHROMEDRIVER, CHROMIUM, Browser
 from selenium.webdriver.common.keys import Keys
+from viewer_setup import CONFIG_FILE, DEADLINE, SOLVER, Setup
 
 from octo_arm_model import load_config
-from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
-from octo_arm_model.ros.client import DETAILS, POSES, ArmClient
+from octo_arm_model.paper import FETCHING_IN_SPACE
 from octo_arm_model.viewer.commander import as_shell_line
 
 if not (CHROMIUM and CHROMEDRIVER):
     pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 
-DEADLINE = 30.0  # [s]
-CONFIG_FILE = str(preset_path('renda2012_table4'))
-SOLVER = load_config(CONFIG_FILE).solver()
 REST = [450.0, 0.0, 0.0]
-DOMAINS = itertools.count(101 + os.getpid() % 40)
-
-
-class Setup:
-    """Node, simulator and viewer, and a client that hears what they say."""
-
-    def __init__(self):
-        self._domain = next(DOMAINS)
-        self._environment = dict(
-            os.environ,
-            ROS_DOMAIN_ID=str(self._domain),
-            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
-            PYTHONUNBUFFERED='1',
-        )
-        self.node = self.start_node()
-        self.processes = [
-            self.start('ros.simulator', '--ros-args', '--params-file', CONFIG_FILE),
-        ]
-        # Its port is taken already, so it has to look for another.
-        with socket.create_server(('127.0.0.1', 0)) as taken:
-            self.port = taken.getsockname()[1]
-            self.viewer = self.start('viewer.main', '--port', str(self.port))
-            self.processes.append(self.viewer)
-            self.said = self.viewer.stdout.readline()
-        self.url = re.search(r'http://\S+', self.said)[0]
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=self._domain)
-        self.client = ArmClient(rclpy.create_node('listener', context=self.context))
-        self.client.listen({**POSES, **DETAILS})
-
-    def start(self, module, *arguments):
-        return subprocess.Popen(
-            [sys.executable, '-m', f'octo_arm_model.{module}', *arguments],
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def start_node(self):
-        return self.start('ros.node', '--ros-args', '--params-file', CONFIG_FILE)
-
-    def tensions(self):
-        """The newest that the node answered."""
-        self.client.poll()
-        return self.client.tensions
-
-    def wait_for(self, condition, what):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
-            self.client.poll()
-
-    def close(self):
-        rclpy.shutdown(context=self.context)
-        endings = []
-        for process in [*self.processes, self.node]:
-            process.send_signal(signal.SIGINT)
-            _, complaints = process.communicate(timeout=DEADLINE)
-            endings.append((process.returncode, 'Traceback' in complaints))
-        assert endings == [(0, False)] * len(endings), complaints
 
 
 @pytest.fixture(scope='module')

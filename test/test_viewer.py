@@ -29,16 +29,11 @@ from octo_arm_model.ros import octopus
 from octo_arm_model.ros.demo import movement_of
 from octo_arm_model.ros.topic import Meter, read_poses
 from octo_arm_model.simulation.commands import Profile, find_profile
+from octo_arm_model.simulation.limits import figures, highest_tensions
 from octo_arm_model.viewer import main as viewer
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.address import AddressError, free_port, serving, url
-from octo_arm_model.viewer.commander import (
-    Commander,
-    as_shell_line,
-    as_yaml,
-    figures,
-    highest_tensions,
-)
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.scene import ArmScene, _unit_disc
 from octo_arm_model.viewer.target import Search
 

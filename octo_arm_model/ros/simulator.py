@@ -33,8 +33,8 @@ from octo_arm_model.ros.node import run
 from octo_arm_model.ros.outbox import OUTPUT_QOS
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
-from octo_arm_model.tendons import check_tensions
 
 
 class SimulatorNode(Node):
@@ -96,7 +96,7 @@ class SimulatorNode(Node):
         self._counts['commands'] += 1 + older
         try:
             tensions, _ = inbox.read(data, arm)
-            self._command = check_tensions(arm, tensions).ravel()
+            self._command = check_command(arm, tensions, self._config.limits)
         except OctoArmError as error:
             self._counts['refused'] += 1
             self._reason = f'{inbox.topic}: {error}'

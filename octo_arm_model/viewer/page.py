@@ -64,7 +64,7 @@ class Page:
         tabs = gui.add_tab_group()
         with tabs.add_tab('Tendons'):
             self._controls = Controls(
-                server, config.arm, self.commander, client.command_topic, self._later
+                server, config, self.commander, client.command_topic, self._later
             )
         with tabs.add_tab('Profile'):
             self._controls.add_profiles()
@@ -91,6 +91,11 @@ class Page:
         if tensions is not None:
             self._is_ours = True
             self._client.command(tensions)
+
+    def refuse(self, problem: object) -> None:
+        """Stay where the tendons are, and say what could not be done."""
+        self.commander.stop()
+        self._controls.complain(problem)
 
     @property
     def is_stale(self) -> bool:
