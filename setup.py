@@ -47,12 +47,12 @@ setup(
     zip_safe=False,
     entry_points={
         'console_scripts': [
-            'octo-arm = octo_arm_model.cli:main',
-            'octo_arm_demo = octo_arm_model.ros.demo:main',
-            'octo_arm_lifecycle_node = octo_arm_model.ros.lifecycle:main',
-            'octo_arm_node = octo_arm_model.ros.node:main',
-            'octo_arm_octopus = octo_arm_model.ros.octopus:main',
-            'octo_arm_sim = octo_arm_model.ros.simulator:main',
+            'octo-arm = octo_arm_model.cli.main:main',
+            'octo_arm_demo = octo_arm_model.apps.demo:main',
+            'octo_arm_lifecycle_node = octo_arm_model.ros.node.lifecycle:main',
+            'octo_arm_node = octo_arm_model.ros.node.main:main',
+            'octo_arm_octopus = octo_arm_model.apps.octopus:main',
+            'octo_arm_sim = octo_arm_model.ros.simulator_node:main',
             'octo_arm_viewer = octo_arm_model.viewer.main:main',
         ],
     },

@@ -30,8 +30,9 @@ from octo_arm_model.bags.replay import replay
 from octo_arm_model.bags.tensions import TYPES, read_tensions
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import STORAGES, BagWriter
-from octo_arm_model.config import load_parameters
-from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 
 RATE = 1000.0  # [Hz]
 WANTED = 20.0  # times real time

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Loads, Pose, Solver
-from octo_arm_model.exact import to_scaled
-from octo_arm_model.grid import panels_of
-from octo_arm_model.laws import LAWS
-from octo_arm_model.physical import unscale
-from octo_arm_model.sectional import SectionEnergy
+from octo_arm_model.core.models.exact import to_scaled
+from octo_arm_model.core.rod.grid import panels_of
+from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.strain_measures import unscale
 
 
 class LoadedBvp:
@@ -85,7 +85,7 @@ class LoadedBvp:
 
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
         energy = SectionEnergy(self._arm, s, np.full(s.size, section), self._law)
-        pulls = energy.pulls(self._tensions)
+        pulls = energy.local_tensions(self._tensions)
         start = self._unloaded
         twist = np.empty((4, 1, s.size))
         q = np.interp(s, start.s, start.q)

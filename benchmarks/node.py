@@ -38,10 +38,11 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 
 from octo_arm_model import load_config
-from octo_arm_model.paper import FETCHING_IN_SPACE, preset_path
-from octo_arm_model.readings import tensions_from_tendon_tensions
-from octo_arm_model.ros import node as our_node
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages
+from octo_arm_model.ros.node import main as our_node
+from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
 
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -50,7 +51,7 @@ COMMANDS = {
     'floor': [__file__, 'floor'],
     'plain': [__file__, 'plain'],
     'naive': [__file__, 'naive'],
-    'ours': ['-m', 'octo_arm_model.ros.node', *QUIET, '--params-file', str(CONFIG_FILE)],
+    'ours': ['-m', 'octo_arm_model.ros.node.main', *QUIET, '--params-file', str(CONFIG_FILE)],
 }
 OTHERS = ('floor', 'plain', 'naive')
 TURNS = 3

@@ -35,8 +35,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from octo_arm_model import Config, load_config
-from octo_arm_model.cdr import BackboneWriter
-from octo_arm_model.paper import preset_path
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 FILE = preset_path('renda2012_table4')
 CONFIG = load_config(FILE)
@@ -61,7 +61,7 @@ def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Po
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
-    command = [sys.executable, '-m', 'octo_arm_model.ros.node', '--ros-args']
+    command = [sys.executable, '-m', 'octo_arm_model.ros.node.main', '--ros-args']
     said = tempfile.TemporaryFile()
     process = subprocess.Popen(
         [*command, '--params-file', str(file), *arguments], env=environment, stderr=said
@@ -378,7 +378,7 @@ def octopus(domain: int, seconds: float) -> list[str]:
             client.close()
         for node in nodes:
             node.send_signal(signal.SIGTERM)
-        # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.run`.
+        # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.main.run`.
         codes = [end(node, {0, 1}) for node in nodes]
     return ['eight arms at once', f'{sustained:.0f} shapes/s each, {sum(codes)} ended by force']
 

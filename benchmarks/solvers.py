@@ -19,8 +19,9 @@ from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
 from octo_arm_model import MODELS, Arm, Config, Loads, Solver, load_config
-from octo_arm_model.compiled import is_available
-from octo_arm_model.paper import FETCHING_IN_PLANE, FETCHING_IN_SPACE, preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.compiled.compiled import is_available
 
 STATIONS = 101
 BATCH = 10_000

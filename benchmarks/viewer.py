@@ -23,8 +23,8 @@ import rclpy
 from node import COMMANDS, Client, question
 from rclpy.node import Node
 
-from octo_arm_model.ros.children import stop_signals
-from octo_arm_model.ros.client import ArmClient
+from octo_arm_model.ros.child_processes import stop_signals
+from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.address import free_port, serving, url
 from octo_arm_model.viewer.app import Viewer
 from octo_arm_model.viewer.options import LOOPBACK, PORT

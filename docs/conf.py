@@ -7,7 +7,7 @@ from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 
 from octo_arm_model import __version__
-from octo_arm_model.parameters import PARAMETERS, as_markdown
+from octo_arm_model.config.parameters import PARAMETERS, as_markdown
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR
 
 project = 'octo_arm_model'

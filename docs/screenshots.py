@@ -22,8 +22,8 @@ sys.path.insert(0, str(ROOT / 'test'))
 from browser import Browser  # noqa: E402 - what drives the browser is with the tests of it
 
 from octo_arm_model import load_config  # noqa: E402
-from octo_arm_model.paper import preset_path  # noqa: E402
-from octo_arm_model.ros.children import children  # noqa: E402
+from octo_arm_model.config.presets import preset_path  # noqa: E402
+from octo_arm_model.ros.child_processes import children  # noqa: E402
 from octo_arm_model.simulation.limits import figures  # noqa: E402
 from octo_arm_model.viewer.address import free_port, url  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
@@ -39,8 +39,8 @@ def page_of(preset: str) -> Iterator[Browser]:
     port = free_port(LOOPBACK, PORT)
     arm = ('--ros-args', '--log-level', 'error', '--params-file', str(preset_path(preset)))
     commands = (
-        ('octo_arm_model.ros.node', *arm),
-        ('octo_arm_model.ros.simulator', *arm),
+        ('octo_arm_model.ros.node.main', *arm),
+        ('octo_arm_model.ros.simulator_node', *arm),
         ('octo_arm_model.viewer.main', '--port', str(port)),
     )
     with children(commands), opened(port) as browser:
@@ -140,7 +140,7 @@ def fetching(folder: Path) -> None:
 def octopus(folder: Path) -> None:
     """Eight arms in the middle of a movement."""
     port = free_port(LOOPBACK, PORT)
-    with children([('octo_arm_model.ros.octopus', '--port', str(port))]), opened(port) as browser:
+    with children([('octo_arm_model.apps.octopus', '--port', str(port))]), opened(port) as browser:
         browser.until(lambda: 'the slowest' in browser.driver.page_source, 'the octopus')
         tidy(browser)
         shot = browser.driver.get_screenshot_as_png()

@@ -13,8 +13,8 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model import TipPosition, find_tensions, load_config
-from octo_arm_model.ros.children import children
-from octo_arm_model.ros.node import make_executor
+from octo_arm_model.ros.child_processes import children
+from octo_arm_model.ros.node.main import make_executor
 
 CONFIG = 'config/renda2012_table4.yaml'
 RATE = 200.0  # [Hz]
@@ -84,8 +84,15 @@ arm = ('--ros-args', '--params-file', CONFIG)
 rclpy.init()
 with children(
     [
-        ('octo_arm_model.ros.node', *arm),
-        ('octo_arm_model.ros.simulator', *arm, '-p', f'rate:={RATE}', '-p', 'winches.lag:=0.05'),
+        ('octo_arm_model.ros.node.main', *arm),
+        (
+            'octo_arm_model.ros.simulator_node',
+            *arm,
+            '-p',
+            f'rate:={RATE}',
+            '-p',
+            'winches.lag:=0.05',
+        ),
     ]
 ):
     controller, executor = Controller(), make_executor()

@@ -7,7 +7,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from octo_arm_model.arrangement import ARMS, RADIUS, base_pose
+from octo_arm_model.analysis.octopus_layout import ARMS, RADIUS, base_pose
 
 PACKAGE = 'octo_arm_model'
 

@@ -6,12 +6,17 @@ and YAML, and nothing of ROS.
 
 from __future__ import annotations
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.body import Body, ProfiledBody
-from octo_arm_model.config import Config, load_config
-from octo_arm_model.displacement import Wound, solve_displacements
-from octo_arm_model.errors import (
+from octo_arm_model.analysis.displacement import Wound, solve_displacements
+from octo_arm_model.analysis.inverse import Inverse, Stiffness, find_tensions
+from octo_arm_model.analysis.targets import BackboneShape, Bending, TipPose, TipPosition
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.body import Body, ProfiledBody
+from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.profile import Constant, Function, Linear, Profile, Table
+from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.core.errors import (
     ArmDefinitionError,
     ConfigError,
     ConvergenceError,
@@ -21,15 +26,10 @@ from octo_arm_model.errors import (
     TargetError,
     TensionError,
 )
-from octo_arm_model.inverse import Inverse, Stiffness, find_tensions
-from octo_arm_model.kinematics import Pose
-from octo_arm_model.loads import DistributedLoad, Loads, PointLoad
-from octo_arm_model.material import Material
-from octo_arm_model.profiles import Constant, Function, Linear, Profile, Table
-from octo_arm_model.sensitivity import Sensitivity, Uncertainty
-from octo_arm_model.solver import MODELS, Solver, solve
-from octo_arm_model.targets import BackboneShape, Bending, TipPose, TipPosition
-from octo_arm_model.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
+from octo_arm_model.core.solver import MODELS, Solver, solve
 
 __version__ = '0.1.0'
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from octo_arm_model import MODELS, Config, load_config
-from octo_arm_model.machine_code import is_available
-from octo_arm_model.paper import preset_path
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.compiled.numba_build import is_available
 
 settings.register_profile(
     'octo_arm_model',
@@ -90,4 +90,4 @@ def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
         pytest.importorskip('numba')
     else:
         request.getfixturevalue('numpy_to_the_last_bit')
-        monkeypatch.setattr('octo_arm_model.solver.is_available', lambda: False)
+        monkeypatch.setattr('octo_arm_model.core.solver.is_available', lambda: False)

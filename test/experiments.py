@@ -10,13 +10,13 @@ import numpy as np
 from recordings import START, TYPES, Sample, header, make, tensions_data, text_sample, write_bag
 
 from octo_arm_model import Arm
-from octo_arm_model.config import Config, load_parameters, parameters_as_yaml
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.polylines import resample
-from octo_arm_model.experiment.recording import Recording
-from octo_arm_model.experiment.shapes import Shape, mean_shape
-from octo_arm_model.experiment.steps import Window
-from octo_arm_model.paper import preset_path
+from octo_arm_model.config.config import Config, load_parameters, parameters_as_yaml
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.curves import resample
+from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.recording import Recording
+from octo_arm_model.experiment.recording.steady_windows import Window
 
 PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
 ARM = Config.from_parameters(PARAMETERS).arm

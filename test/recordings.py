@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.readings import READERS
+from octo_arm_model.wire.tension_messages import READERS
 
 START = 1_700_000_000 * 10**9  # [ns]
 STEP = 10**6  # between messages [ns]

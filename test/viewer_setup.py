@@ -12,8 +12,8 @@ import time
 import rclpy
 
 from octo_arm_model import load_config
-from octo_arm_model.paper import preset_path
-from octo_arm_model.ros.client import DETAILS, POSES, ArmClient
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 
 DEADLINE = 30.0  # [s]
 CONFIG_FILE = str(preset_path('renda2012_table4'))
@@ -35,7 +35,7 @@ class Setup:
         )
         self.node = self.start_node()
         self.processes = [
-            self.start('ros.simulator', '--ros-args', '--params-file', CONFIG_FILE),
+            self.start('ros.simulator_node', '--ros-args', '--params-file', CONFIG_FILE),
         ]
         # Its port is taken already, so it has to look for another.
         with socket.create_server(('127.0.0.1', 0)) as taken:
@@ -59,7 +59,7 @@ class Setup:
         )
 
     def start_node(self):
-        return self.start('ros.node', '--ros-args', '--params-file', CONFIG_FILE)
+        return self.start('ros.node.main', '--ros-args', '--params-file', CONFIG_FILE)
 
     def tensions(self):
         """The newest that the node answered."""

@@ -15,7 +15,8 @@ from arm_mesh import Mesh
 from elasticity import Contact
 
 from octo_arm_model import Arm, load_config
-from octo_arm_model.paper import BENDING, preset_path
+from octo_arm_model.config.paper_data import BENDING
+from octo_arm_model.config.presets import preset_path
 
 BASIC, _WIDE, _LONG, _SHORT = Mesh(1, 1), Mesh(2, 1), Mesh(1, 2), Mesh(1, 0.5)
 _STUDY = ((_WIDE, BASIC), (_LONG, BASIC))

@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.bags.bulk import Bulk
+from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
-from octo_arm_model.cdr import BackboneWriter
-from octo_arm_model.config import Config
-from octo_arm_model.errors import SolveError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.wire.cdr_batches import Bulk
+from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 LENGTHS = 'tendon_lengths'
 _ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import TYPES
 from octo_arm_model.bags.topics import DESCRIPTION, names
-from octo_arm_model.config import parse_parameters
-from octo_arm_model.errors import ConfigError
-from octo_arm_model.readings import READERS
+from octo_arm_model.config.config import parse_parameters
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.wire.tension_messages import READERS
 
 STRING = 'std_msgs/msg/String'
 

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from rosbags.interfaces import Connection
 
+from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
-from octo_arm_model.checks import finite, positive
-from octo_arm_model.config import Config, load_config, parameters_as_yaml
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
-from octo_arm_model.paper import PROTOTYPE_ERRORS, preset_path
-from octo_arm_model.rotation import Quaternions
+from octo_arm_model.config.config import Config, load_config, parameters_as_yaml
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.arm.validation import finite, positive
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
 
 PRESET = 'renda2012_prototype'
 CAMERA_FRAME = 'camera'

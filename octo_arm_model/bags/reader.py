@@ -14,7 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import types_for
-from octo_arm_model.errors import BagError
+from octo_arm_model.core.errors import BagError
 
 
 class Record(NamedTuple):

@@ -15,8 +15,8 @@ from octo_arm_model.bags.tensions import Reading, TensionTopic
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
-from octo_arm_model.config import Config, parameters_as_yaml
-from octo_arm_model.errors import BagError, SolveError
+from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.core.errors import BagError, SolveError
 
 _WRENCH = 'tip_wrench'
 _TOGETHER = 128  # messages of tensions at a time, and less where others come between

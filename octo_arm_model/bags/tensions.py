@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm import Arm
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.errors import OctoArmError, TensionError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.readings import READERS
-from octo_arm_model.tendons import check_tensions
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError, TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.wire.tension_messages import READERS
 
 TYPES = tuple(type_name for type_name, _ in READERS.values())
 _READ = dict(READERS.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from octo_arm_model.readings import READERS
+from octo_arm_model.wire.tension_messages import READERS
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {

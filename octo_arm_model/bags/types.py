@@ -10,7 +10,7 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from octo_arm_model.errors import BagError
+from octo_arm_model.core.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
 _IDL_RULE = '=' * 80 + '\n'  # between the files of one IDL definition

@@ -8,15 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.config import Config
-from octo_arm_model.errors import SolveError
-from octo_arm_model.experiment.alignment import Alignment, undetermined
-from octo_arm_model.experiment.fit import fit_alignment
-from octo_arm_model.experiment.midlines import MidlineErrors, fraction_at_start, midline_errors
-from octo_arm_model.experiment.shapes import Shape
-from octo_arm_model.experiment.unknowns import FINE_STATIONS
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.experiment.fitting.fit import fit_alignment
+from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
+from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
+from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.midlines import (
+    MidlineErrors,
+    fraction_at_start,
+    midline_errors,
+)
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import Comparison, StepComparison
-from octo_arm_model.hints import FloatArray
 from octo_arm_model.reproduce.plotting import LINES
-from octo_arm_model.rotation import Quaternions
 
 _MEASURED = '0.15'
 _FRAME = '0.78'

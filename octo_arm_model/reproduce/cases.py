@@ -6,12 +6,13 @@ import functools
 
 import numpy as np
 
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.config import Config, load_config
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.paper import Tensions, preset_path
-from octo_arm_model.rotation import Quaternions
-from octo_arm_model.solver import Solver
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.paper_data import Tensions
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
 
 # Enough for the coiled tip to look as smooth as it is.
 STATIONS = 401

@@ -10,14 +10,16 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from octo_arm_model.paper import (
+from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,
     FETCHING_IN_SPACE,
     PROTOTYPE_ERRORS,
     PROTOTYPE_IN_FIGURE_9,
 )
+from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
+from octo_arm_model.reproduce.claims.results_claims import PLANES
 from octo_arm_model.reproduce.plotting import (
     LINES,
     add_legend,
@@ -27,9 +29,7 @@ from octo_arm_model.reproduce.plotting import (
     limits,
     mark,
 )
-from octo_arm_model.reproduce.results_claims import PLANES
 from octo_arm_model.reproduce.tables import UNKNOWN_TENSIONS
-from octo_arm_model.solver import MODELS
 
 
 def figure_8(figure: FigureBase) -> None:

@@ -10,11 +10,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.paper import Tensions
+from octo_arm_model.config.paper_data import Tensions
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
-from octo_arm_model.solver import MODELS
 
 # Where models agree the lines below are still seen.
 LINES: dict[str, dict[str, Any]] = {

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.body import Body
-from octo_arm_model.paper import (
+from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,
     FETCHING_IN_SPACE,
@@ -15,10 +12,13 @@ from octo_arm_model.paper import (
     PROTOTYPE_ERRORS,
     Tensions,
 )
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.body import Body
+from octo_arm_model.core.arm.tendon import Section
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.document import Table
-from octo_arm_model.solver import MODELS
-from octo_arm_model.tendon import Section
+from octo_arm_model.reproduce.page.document import Table
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], of Figure 8: ours, as the paper prints none
 _ARMS = {

@@ -17,10 +17,10 @@ from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from std_msgs.msg import Header
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.backbone import Backbone
-from octo_arm_model.errors import LoadError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import LoadError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
 
 
 def wrench_values(message: Wrench) -> FloatArray:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.errors import ProfileError
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.simulation.movements import MOVEMENTS
 from octo_arm_model.simulation.profile import Profile, transition
 from octo_arm_model.simulation.profile_files import read_profile

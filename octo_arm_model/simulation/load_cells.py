@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.checks import finite, not_negative
-from octo_arm_model.errors import ArmDefinitionError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.arm.validation import finite, not_negative
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 
 
 @dataclass(frozen=True)

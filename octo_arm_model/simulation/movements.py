@@ -9,12 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.cross_section import Stiffness
-from octo_arm_model.errors import ProfileError, TensionError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.inverse import default_highest
-from octo_arm_model.paper import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE, Tensions
+from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.config.paper_data import (
+    BENDING,
+    FETCHING_IN_PLANE,
+    FETCHING_IN_SPACE,
+    Tensions,
+)
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError, TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.simulation.profile import Profile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
@@ -71,7 +76,7 @@ def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str
         )
     # As the paper's model has it: q = N / (E A), and at -1 nothing is left.
     ends = np.array([section.anchorage for section in arm.sections])
-    axial = Stiffness.at(arm, ends).axial
+    axial = SectionStiffness.at(arm, ends).axial
     for posture in postures:
         compression = np.cumsum(np.sum(posture, axis=1)) / axial
         worst = int(np.argmax(compression))

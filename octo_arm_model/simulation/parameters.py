@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.checks import positive
-from octo_arm_model.config import Config, refuse_unknown
-from octo_arm_model.errors import ArmDefinitionError
-from octo_arm_model.hints import FloatArray
-from octo_arm_model.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.parameters import Parameter
+from octo_arm_model.config.config import Config, refuse_unknown
+from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.config.parameters import Parameter
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import positive
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits

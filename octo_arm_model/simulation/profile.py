@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from octo_arm_model.errors import ProfileError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.core.hints import FloatArray
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray
 
 
 def draw_profile(

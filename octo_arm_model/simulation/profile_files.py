@@ -12,9 +12,9 @@ from typing import NamedTuple, TextIO
 import numpy as np
 import yaml
 
-from octo_arm_model.arm import Arm
-from octo_arm_model.errors import ProfileError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.profile import Profile
 
 

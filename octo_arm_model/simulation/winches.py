@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.checks import not_negative
-from octo_arm_model.errors import ArmDefinitionError
-from octo_arm_model.hints import FloatArray
+from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import viser
 
-from octo_arm_model.config import Config
-from octo_arm_model.errors import OctoArmError
-from octo_arm_model.ros.client import DETAILS, POSES, ArmClient
-from octo_arm_model.viewer import numbers
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.guard import Refusals
-from octo_arm_model.viewer.page import Page
-from octo_arm_model.viewer.theme import set_theme
+from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.page import Page
+from octo_arm_model.viewer.page.theme import set_theme
 
 FRAME = 1.0 / 30.0  # [s] between pictures
 _IDLE = 0.2  # [s] between looks at the node while nobody looks at the page

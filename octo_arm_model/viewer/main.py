@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.node import Node
 
-from octo_arm_model.errors import OctoArmError
-from octo_arm_model.ros.children import stop_signals
-from octo_arm_model.ros.client import ArmClient
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.ros.child_processes import stop_signals
+from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.options import add_address
 
 _EPILOG = """\

@@ -1,0 +1,1 @@
+"""Asked of a solver: inverse, displacements, workspace, meshes. Imports config and core."""

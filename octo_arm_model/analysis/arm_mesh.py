@@ -1,0 +1,158 @@
+"""What an arm looks like: body, anchorage discs and tendons, as geometry for any screen."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+
+SIDES = 12
+# More rings than these cannot be told apart on a screen, but cost as much as the rest.
+MOST_RINGS = 101
+
+SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
+TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
+
+# Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
+LINE_WIDTH = 0.002
+DISC_THICKNESS = 0.004
+_DISC_RIM = 1.05  # surfaces in the same place would flicker
+
+# A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
+_UPRIGHT = Quaternions.from_xyzw((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+
+
+class Drawn(NamedTuple):
+    """Geometry of one shape, in the frame of its backbone.
+
+    Attributes:
+        vertices: of the body, joined by `Drawing.triangles`, (vertices, 3) [m].
+        disc_position: centres of the anchorage discs, from the tip, (sections, 3) [m].
+        disc_quaternion: their orientation x, y, z, w; the axis of a disc is z, (sections, 4).
+        disc_radius: (sections,) [m].
+        tendons: points from the base to the anchorage of each tendon, each (points, 3) [m].
+    """
+
+    vertices: FloatArray
+    disc_position: FloatArray
+    disc_quaternion: FloatArray
+    disc_radius: FloatArray
+    tendons: list[FloatArray]
+
+
+class Drawing:
+    """Draws shapes of one arm, many times; what does not depend on the shape is tabulated once.
+
+    Attributes:
+        triangles: vertices of each triangle of the body, anticlockwise seen from outside,
+            (triangles, 3).
+        disc_thickness: [m].
+        line_width: of a tendon [m].
+    """
+
+    def __init__(
+        self, arm: Arm, s: FloatArray, *, widen: bool = False, sides: int = SIDES
+    ) -> None:
+        """Prepare to draw ``arm``.
+
+        Args:
+            arm: the arm.
+            s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
+            widen: whether cross sections that are compressed get wider by (1 + q)^-1/2 and take
+                their tendons along, as those of an elastic law that keeps the volume do.
+            sides: corners of the polygons that stand for circles.
+        """
+        self._widen = widen
+        self._anchorages = anchorage_stations(arm, s)
+        rings = np.linspace(0.0, s.size - 1.0, min(s.size, MOST_RINGS)).round().astype(np.int64)
+        self._rings = np.union1d(rings, self._anchorages)
+        ends = np.searchsorted(self._rings, self._anchorages)
+        self._tendon_ends = ends[arm.tendon_section - 1]
+        radius = arm.body.radius(s[self._rings])
+        angle = np.linspace(0.0, 2.0 * math.pi, sides, endpoint=False)
+        circle = np.array([np.cos(angle), np.sin(angle)])
+        self._outline = circle[:, :, np.newaxis] * radius
+        self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
+        self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
+        self.triangles = _triangles(self._rings.size, sides)
+        self.disc_thickness = DISC_THICKNESS * arm.length
+        self.line_width = LINE_WIDTH * arm.length
+
+    def draw(self, position: FloatArray, quaternion: FloatArray, q: FloatArray) -> Drawn:
+        """Geometry of one shape.
+
+        Args:
+            position: of the stations this was prepared for [m], (stations, 3).
+            quaternion: their orientation x, y, z, w, (stations, 4).
+            q: their longitudinal strain [-], (stations,).
+        """
+        width = (1.0 + q) ** -0.5 if self._widen else np.ones(q.size)
+        centre = position[self._rings]
+        frame = Quaternions.from_xyzw(quaternion[self._rings]).matrix()
+        # Rows are x, y, z in the frame of the backbone, columns the axes n and b.
+        across = frame[:, 1:] * width[self._rings]
+        surface = _place(centre, across, self._outline).reshape(-1, 3)
+        paths = _place(centre, across, self._offsets)
+        turned = np.empty((self._anchorages.size, 4))
+        frames = Quaternions.from_xyzw(quaternion[self._anchorages])
+        frames.times(_UPRIGHT).write_xyzw(turned)
+        return Drawn(
+            vertices=np.concatenate([surface, centre[[0, -1]]]),
+            disc_position=position[self._anchorages],
+            disc_quaternion=turned,
+            disc_radius=self._disc_radius * width[self._anchorages],
+            tendons=[path[: end + 1] for path, end in zip(paths, self._tendon_ends, strict=True)],
+        )
+
+
+def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
+    """Index of the station at each anchorage, from the tip, (sections,).
+
+    ``s`` [m], (stations,), are those of a solver of ``arm``, which has one at every anchorage.
+    """
+    anchorages = np.array([section.anchorage for section in arm.sections])
+    return np.abs(s[:, np.newaxis] - anchorages).argmin(axis=0)
+
+
+def tension_colours(tensions: FloatArray, largest: float | None = None) -> FloatArray:
+    """Red, green, blue, alpha in [0, 1] of each tension, (tensions, 4), from grey to red.
+
+    Args:
+        tensions: tensions [N], (tensions,).
+        largest: tension of full red [N]; None for the largest of ``tensions``.
+    """
+    scale = tensions.max(initial=0.0) if largest is None else largest
+    share = np.zeros(tensions.shape)
+    if scale > 0.0:
+        share = np.clip(tensions / scale, 0.0, 1.0)
+    slack, taut = np.array(SLACK_COLOUR), np.array(TAUT_COLOUR)
+    return slack + share[:, np.newaxis] * (taut - slack)
+
+
+def _place(position: FloatArray, across: FloatArray, places: FloatArray) -> FloatArray:
+    """Points (k, rings, 3) [m] at ``places`` (2, k, rings) [m] along n and b of each ring."""
+    return position + np.einsum('xar,akr->krx', across, places)
+
+
+def _triangles(rings: int, sides: int) -> IntArray:
+    """Vertices of each triangle (triangles, 3), anticlockwise seen from outside.
+
+    Vertices are numbered ring by ring along each side, then come the centres of base and tip.
+    """
+    number = np.arange(sides * rings).reshape(sides, rings)
+    beside = np.roll(number, -1, axis=0)
+    near, far = number[:, :-1], number[:, 1:]
+    near_beside, far_beside = beside[:, :-1], beside[:, 1:]
+    base, tip = np.full((2, sides), [[sides * rings], [sides * rings + 1]])
+    parts = (
+        (near, near_beside, far),
+        (near_beside, far_beside, far),
+        (base, beside[:, 0], number[:, 0]),
+        (tip, number[:, -1], beside[:, -1]),
+    )
+    return np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in parts])

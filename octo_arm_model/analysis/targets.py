@@ -1,0 +1,221 @@
+"""What an arm can be asked to do: errors of a shape, and how they change with the tensions.
+
+Every target measures in metres; angles count as the length they move over `length_per_radian`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.core.errors import TargetError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Change
+
+
+class Target(Protocol):
+    """Something to reach."""
+
+    def error(self, backbone: Backbone) -> FloatArray:
+        """How far ``backbone`` is from it, (m,) [m]."""
+
+    def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
+        """Derivative of `error` by the quantities of ``change``, (m, quantities)."""
+
+
+def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    fits = array.ndim == len(shape) and all(
+        size in (wanted, array.shape[i]) if wanted < 0 else size == wanted
+        for i, (size, wanted) in enumerate(zip(array.shape, shape, strict=False))
+    )
+    if not fits or not array.size or not np.isfinite(array).all():
+        words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
+        raise TargetError(f'{name} is {value!r}, expected {words} finite number(s)')
+    return array
+
+
+@dataclass(frozen=True)
+class TipPosition:
+    """The tip at a point.
+
+    Attributes:
+        position: in base_frame [m], (3,).
+
+    Raises:
+        TargetError: if it is not three finite numbers.
+    """
+
+    position: FloatArray
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
+
+    def error(self, backbone: Backbone) -> FloatArray:
+        """Tip less wanted position."""
+        return backbone.tip - self.position
+
+    def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
+        """Displacement of the tip."""
+        return change.tip[:3]
+
+
+@dataclass(frozen=True)
+class TipPose:
+    """The tip at a point and in an orientation.
+
+    Attributes:
+        position: in base_frame [m], (3,).
+        quaternion: x, y, z, w in base_frame; its x axis is the tangent.
+        length_per_radian: what an angle of one radian counts as [m].
+
+    Raises:
+        TargetError: if they are not finite numbers, or the quaternion not of unit length.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+    length_per_radian: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
+        quaternion = _numbers('tip quaternion', self.quaternion, (4,))
+        if abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
+            raise TargetError(f'tip quaternion is {self.quaternion!r}, expected length 1')
+        object.__setattr__(self, 'quaternion', quaternion)
+
+    def error(self, backbone: Backbone) -> FloatArray:
+        """Tip less wanted position, and the rotation vector between the orientations."""
+        angle = self._away(backbone).as_rotvec()
+        return np.concatenate([backbone.tip - self.position, self.length_per_radian * angle])
+
+    def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
+        """Displacement and rotation of the tip."""
+        inverse = _inverse_left_jacobian(self._away(backbone).as_rotvec())
+        angle = self.length_per_radian * inverse @ change.tip[3:]
+        return np.concatenate([change.tip[:3], angle])
+
+    def _away(self, backbone: Backbone) -> Rotation:
+        tip = Rotation.from_quat(np.array(backbone.quaternion[-1]))
+        return tip * Rotation.from_quat(self.quaternion).inv()
+
+
+@dataclass(frozen=True)
+class Bending:
+    """The tip's tangent at an angle from the base's, in a plane through it.
+
+    Attributes:
+        plane: angle of the plane about the base's tangent [rad], from its n towards its b.
+        angle: how far the tangent has turned in it [rad], up to pi.
+        length_per_radian: what an angle of one radian counts as [m].
+
+    Raises:
+        TargetError: if a value is not finite, or ``angle`` not from 0 to pi.
+    """
+
+    plane: float
+    angle: float
+    length_per_radian: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _numbers('bending plane', self.plane, ())
+        if not 0.0 <= float(_numbers('bending angle', self.angle, ())) <= np.pi:
+            raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
+
+    def error(self, backbone: Backbone) -> FloatArray:
+        """Angle from the wanted tangent to that of the tip, about two axes across it."""
+        tangent, wanted, across = self._directions(backbone)
+        factor, _ = _angle_over_sine(float(tangent @ wanted))
+        return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
+
+    def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
+        """How it changes as the tangent turns."""
+        tangent, wanted, across = self._directions(backbone)
+        turned = np.cross(change.tip[3:].T, tangent)
+        factor, slope = _angle_over_sine(float(tangent @ wanted))
+        sine = across @ np.cross(wanted, tangent)
+        rate = factor * across @ np.cross(wanted, turned).T
+        return self.length_per_radian * (rate + slope * np.outer(sine, turned @ wanted))
+
+    def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Tangent of the tip, the wanted one, and two directions across the latter (2, 3)."""
+        base = Rotation.from_quat(np.array(backbone.quaternion[0])).as_matrix()
+        tip = Rotation.from_quat(np.array(backbone.quaternion[-1])).as_matrix()
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        out = np.array([0.0, np.cos(self.plane), np.sin(self.plane)])
+        aside = np.array([0.0, -np.sin(self.plane), np.cos(self.plane)])
+        wanted = np.array([cosine, 0.0, 0.0]) + sine * out
+        across = np.stack([np.cross(wanted, aside), aside])
+        return tip[:, 0], base @ wanted, across @ base.T
+
+
+@dataclass(frozen=True)
+class BackboneShape:
+    """Points of the midline at given places, e.g. from a camera.
+
+    Attributes:
+        s: arc coordinates [m], (n,); the nearest stations are taken.
+        position: where they should be, in base_frame [m], (n, 3).
+
+    Raises:
+        TargetError: if they are not finite numbers, one point for each s.
+    """
+
+    s: FloatArray
+    position: FloatArray
+    _weight: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        s = _numbers('backbone s', self.s, (-1,))
+        position = _numbers('backbone position', self.position, (-1, 3))
+        if len(position) != len(s):
+            raise TargetError(f'backbone position has {len(position)} points, expected {len(s)}')
+        object.__setattr__(self, 's', s)
+        object.__setattr__(self, 'position', position)
+        # So that the error is the root mean square distance.
+        object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
+
+    def _stations(self, backbone: Backbone) -> FloatArray:
+        return np.abs(backbone.s - self.s[:, np.newaxis]).argmin(axis=1)
+
+    def error(self, backbone: Backbone) -> FloatArray:
+        """Every point less the wanted one."""
+        away = backbone.position[self._stations(backbone)] - self.position
+        return self._weight * away.ravel()
+
+    def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
+        """Displacement of every point."""
+        moved = change.pose[self._stations(backbone), :3]
+        return self._weight * moved.reshape(-1, moved.shape[-1])
+
+
+def _angle_over_sine(cosine: float) -> tuple[float, float]:
+    """Angle over its sine, and the derivative of that by the cosine."""
+    cosine = max(-0.999999, cosine)  # Opposite tangents: any way round is right.
+    if cosine > 1.0 - 1e-8:
+        return 1.0, -1.0 / 3.0
+    factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
+    return factor, (cosine * factor - 1.0) / (1.0 - cosine * cosine)
+
+
+def _inverse_left_jacobian(vector: FloatArray) -> FloatArray:
+    """How a rotation vector changes with a small rotation after it (Barfoot 2017, 7.1.4)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    factor = 1.0 / 12.0
+    if angle > 1e-4:
+        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
+    return np.eye(3) - 0.5 * skew + factor * skew @ skew

@@ -1,0 +1,211 @@
+"""Chunks of tensions solved in this process, on all its cores or on a Dask cluster."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.solver import Solver
+
+_POOL_START = 1.5  # what it takes to start a pool, about [s]
+_CONNECT = 5.0  # how long a scheduler may take to answer [s]
+
+
+class Solved(NamedTuple):
+    """Of a chunk: which sets have an answer (sets,), their tips and directions (answers, 3)."""
+
+    kept: np.ndarray
+    tip: FloatArray
+    direction: FloatArray
+
+
+Job = tuple[Config, str | None, int | None]  # the arguments of `Config.solver` and itself
+# By number of the chunk, in any order; closed, it ends what it started.
+Results = Generator[tuple[int, Solved], None, None]
+
+
+def _solve(solver: Solver, tensions: FloatArray) -> Solved:
+    """Answers to a chunk, without those sets that have none."""
+    try:
+        backbone = solver.solve(tensions)
+    except SolveError:
+        if len(tensions) == 1:
+            return Solved(np.zeros(1, bool), np.empty((0, 3)), np.empty((0, 3)))
+        parts = [_solve(solver, tensions[i : i + 1]) for i in range(len(tensions))]
+        return Solved(*map(np.concatenate, zip(*parts)))
+    tangent = Quaternions.from_xyzw(backbone.quaternion[:, -1]).matrix()[:, 0].T
+    # Views would keep whole backbones.
+    return Solved(np.ones(len(tensions), bool), backbone.tip.copy(), tangent.copy())
+
+
+def _here(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
+    for number, tensions in enumerate(chunks):
+        yield number, _solve(solver, tensions)
+
+
+def on_cores(
+    solver: Solver, job: Job, chunks: Sequence[FloatArray], processes: int | None
+) -> Results:
+    """Solve in so many processes, or in one for each core where that is worth starting them.
+
+    Raises:
+        ConfigError: if the job cannot be sent to processes, or they end before it does.
+    """
+    first = 0
+    if processes is None:
+        has_affinity = hasattr(os, 'sched_getaffinity')
+        processes = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
+        # The first chunk tells.
+        began = time.monotonic()
+        yield 0, _solve(solver, chunks[0])
+        first = 1
+        alone = (time.monotonic() - began) * (len(chunks) - first)
+        if alone * (1.0 - 1.0 / processes) < _POOL_START:
+            processes = 1
+    rest = chunks[first:]
+    processes = min(processes, len(rest))
+    results = _here(solver, rest) if processes < 2 else _in_pool(job, rest, processes)
+    with contextlib.closing(results):
+        for number, part in results:
+            yield first + number, part
+
+
+@functools.lru_cache(maxsize=4)
+def _solver_of(job: bytes) -> Solver:
+    """Solver of a worker, built once."""
+    config, model, stations = pickle.loads(job)
+    return config.solver(model, stations)
+
+
+def _solve_job(tensions: FloatArray, job: bytes) -> Solved:
+    return _solve(_solver_of(job), tensions)
+
+
+def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
+    try:
+        pickled = pickle.dumps(job)
+    except (AttributeError, TypeError, pickle.PicklingError) as error:
+        raise ConfigError(
+            f'the arm cannot be sent to other processes ({error}): expected functions with a name '
+            'in a module, or processes=1'
+        ) from error
+    # Fresh processes: a fork beside threads, such as those of BLAS or ROS, may hang.
+    context = multiprocessing.get_context('spawn')
+    lifeline, held = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
+    try:
+        with _no_interrupts():
+            futures = {pool.submit(_solve_job, part, pickled): i for i, part in enumerate(chunks)}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BrokenProcessPool as error:
+        raise ConfigError(
+            'a worker process ended before its work did: out of memory, or a script without '
+            "if __name__ == '__main__': around what it runs; processes=1 starts none"
+        ) from error
+    except BaseException:
+        held.close()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        held.close()
+        lifeline.close()
+
+
+@contextlib.contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Processes started herein ignore Ctrl-C, which a terminal sends to all; see `_start_worker`.
+
+    From their first instruction on, so that none prints where it was.
+    """
+    if not hasattr(signal, 'pthread_sigmask'):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_worker(job: bytes, lifeline: Connection) -> None:
+    """Build the solver, and end when the process that holds the other end of ``lifeline`` does.
+
+    However it ends, and in the middle of a chunk.
+    """
+
+    def watch() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            lifeline.recv_bytes()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    _solver_of(job)
+
+
+def on_cluster(job: Job, chunks: Sequence[FloatArray], scheduler: str) -> Results:
+    """Solve on the workers of the Dask ``scheduler`` at an address.
+
+    Raises:
+        ConfigError: if Dask is missing, does not answer or fails.
+    """
+    try:
+        import cloudpickle
+        from dask import distributed
+    except ImportError as error:
+        raise ConfigError(
+            f'scheduler is {scheduler!r}, which needs Dask; install it with: '
+            "pip install 'octo_arm_model[cluster]'"
+        ) from error
+    _find_scheduler(scheduler)
+    try:
+        with distributed.Client(scheduler, timeout=_CONNECT, set_as_default=False) as client:
+            futures = client.map(_solve_job, chunks, job=cloudpickle.dumps(job), pure=False)
+            numbers = {future.key: number for number, future in enumerate(futures)}
+            for future in distributed.as_completed(futures, loop=client.loop):
+                yield numbers[future.key], future.result()
+    except Exception as error:
+        problem = ' '.join(f'{type(error).__name__}: {error}'.split())
+        raise ConfigError(f'the cluster of scheduler {scheduler!r} failed: {problem}') from error
+
+
+def _find_scheduler(address: str) -> None:
+    """Knock before a client is made: one that finds nobody says so at length, and twice.
+
+    Raises:
+        ConfigError: if nobody answers.
+    """
+    from distributed.comm import connect
+
+    async def knock() -> None:
+        comm = await connect(address, timeout=_CONNECT)
+        await comm.close()
+
+    try:
+        # In a thread, as a notebook's has a running loop.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(lambda: asyncio.run(knock())).result()
+    except Exception as error:
+        problem = ' '.join(str(error).split())
+        raise ConfigError(
+            f'scheduler is {address!r}, expected the address of a running Dask scheduler such as '
+            f"'tcp://127.0.0.1:8786': {problem}"
+        ) from error

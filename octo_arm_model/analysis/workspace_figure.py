@@ -1,0 +1,125 @@
+"""A picture of a workspace: the tips in space and seen along each axis. Needs matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.analysis.workspace import Workspace
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+
+# Views as on a drawing: beside and below each other they share an axis.
+_VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))  # place, axis across, axis up
+_ARM_COLOUR = '0.65'
+_AROUND = np.linspace(0.0, 2.0 * np.pi, 25)
+
+
+def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> None:
+    """Draw ``workspace`` of the arm of ``solver`` into the PNG file ``path``.
+
+    Each tip has the colour of its tensions' sum; the arm without tensions gives the scale, its
+    thickness true.
+
+    Raises:
+        SolveError: if there is no answer without tensions, under the loads of ``solver``.
+        OSError: if the file cannot be written.
+    """
+    # Here, as all other modules import this one's neighbours without matplotlib.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    arm = solver.solve(np.zeros(solver.arm.tension_shape))
+    surface = _surface(arm, solver.arm.body.radius(arm.s))
+    limits = _limits(workspace, surface)
+    figure = Figure(figsize=(11.0, 10.0), layout='constrained')
+    FigureCanvasAgg(figure)
+    reached, refused = len(workspace.tip), workspace.refused
+    figure.suptitle(
+        f'Tips for {reached} of {reached + refused} sets of tensions, {refused} refused '
+        f'(model {arm.model})'
+    )
+    views = []
+    for place, across, up in _VIEWS:
+        axes = figure.add_subplot(2, 2, place)
+        _draw_view(axes, workspace, surface, (across, up), limits)
+        views.append(axes)
+    in_space = figure.add_subplot(2, 2, 4, projection='3d')
+    cloud = _draw_in_space(in_space, workspace, surface, limits)
+    bar = figure.colorbar(cloud, ax=[*views, in_space], shrink=0.6, aspect=40, pad=0.02)
+    bar.set_label('sum of tensions [N]')
+    # Whatever the name ends with.
+    figure.savefig(path, dpi=120, format='png')
+
+
+def _surface(arm: Backbone, radius: FloatArray) -> FloatArray:
+    """Points on the skin of ``arm`` [mm], (3, stations, around)."""
+    turned = Quaternions.from_xyzw(arm.quaternion).matrix()
+    along_n, along_b = turned[:, 1, :, np.newaxis], turned[:, 2, :, np.newaxis]
+    rim = along_n * np.cos(_AROUND) + along_b * np.sin(_AROUND)
+    return (arm.position.T[..., np.newaxis] + rim * radius[:, np.newaxis]) * 1e3
+
+
+def _limits(workspace: Workspace, surface: FloatArray) -> FloatArray:
+    """Ends of the x, y and z axis [mm], (3, 2), all of one length."""
+    points = np.concatenate([workspace.tip.T * 1e3, surface.reshape(3, -1)], axis=1)
+    low, high = points.min(axis=1), points.max(axis=1)
+    middle, reach = (low + high) / 2.0, 0.53 * (high - low).max()
+    return np.stack([middle - reach, middle + reach], axis=1)
+
+
+def _style(workspace: Workspace) -> dict[str, Any]:
+    """Colours and sizes of the dots: smaller where there are more."""
+    total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
+    # Without tips, or with one, a colour bar still needs two ends.
+    low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
+    return {
+        'c': total,
+        's': float(np.clip(2e4 / max(len(total), 1), 1.0, 16.0)),
+        'cmap': 'viridis',
+        'linewidths': 0.0,
+        'vmin': low,
+        'vmax': high if high > low else low + 1.0,
+    }
+
+
+def _draw_view(
+    axes: Any,
+    workspace: Workspace,
+    surface: FloatArray,
+    pair: tuple[int, int],
+    limits: FloatArray,
+) -> None:
+    """Everything seen along the axis that is not of the ``pair``."""
+    from matplotlib.collections import PolyCollection
+
+    skin = surface[list(pair)]
+    corners = (skin[:, :-1, :-1], skin[:, 1:, :-1], skin[:, 1:, 1:], skin[:, :-1, 1:])
+    faces = np.stack([corner.reshape(2, -1).T for corner in corners], axis=1)
+    axes.add_collection(PolyCollection(list(faces), color=_ARM_COLOUR, linewidth=0.4, zorder=1))
+    axes.scatter(*(workspace.tip[:, pair] * 1e3).T, zorder=2, **_style(workspace))
+    names = ['xyz'[i] for i in pair]
+    axes.set(
+        xlabel=f'{names[0]} [mm]', ylabel=f'{names[1]} [mm]', xlim=limits[pair[0]],
+        ylim=limits[pair[1]], aspect='equal',
+    )  # fmt: skip
+    axes.grid(alpha=0.3)
+    axes.set_axisbelow(True)
+
+
+def _draw_in_space(
+    axes: Any, workspace: Workspace, surface: FloatArray, limits: FloatArray
+) -> Any:
+    """Tips and arm in space; returns the tips as drawn."""
+    axes.plot_surface(*surface, color=_ARM_COLOUR, linewidth=0.0, shade=True)
+    cloud = axes.scatter(*(workspace.tip * 1e3).T, depthshade=False, **_style(workspace))
+    for name, ends in zip('xyz', limits):
+        axes.set(**{f'{name}lim': ends, f'{name}label': f'{name} [mm]'})
+    axes.set_box_aspect((1, 1, 1), zoom=1.0)
+    axes.view_init(24.0, -60.0)
+    axes.locator_params(nbins=5)
+    return cloud

@@ -1,0 +1,1 @@
+"""Programs of several nodes: what `make run` and `make octopus` start. Imports viewer and ros."""

@@ -1,0 +1,161 @@
+"""The arm without hardware: node, simulator and viewer, and a line of numbers in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+
+from octo_arm_model.config.presets import find_config, find_path
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.ros.child_processes import children, ended, stop_signals
+from octo_arm_model.ros.client.client import POSES, ArmClient
+from octo_arm_model.simulation.commands import profile_names
+from octo_arm_model.viewer.options import add_address
+
+RATE = 50.0  # [Hz] of the simulated tensions
+_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # the first that the arm can make
+_POLL = 1.0 / 30.0  # [s]
+_EPILOG = """\
+examples:
+  octo_arm_demo config/renda2012_table4.yaml
+  octo_arm_demo renda2012_table2 --port 8081
+  octo_arm_demo renda2012_prototype --no-viewer
+
+The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
+"""
+
+
+def movement_of(arm: Arm) -> str:
+    """Name of the movement that shows most of ``arm``."""
+    names = profile_names(arm)
+    return next(name for name in _MOVEMENTS if name in names)
+
+
+class LiveLine:
+    """What the node answers, in one line that is written again and again."""
+
+    def __init__(self) -> None:
+        """Begin; only a terminal gets more than a line a second."""
+        self._is_live = sys.stdout.isatty()
+        self._period = 0.1 if self._is_live else 1.0
+        self._shown = time.monotonic()
+
+    def show(self, describe: Callable[[], str]) -> None:
+        """Say what ``describe`` says, if it is time to."""
+        now = time.monotonic()
+        if now - self._shown < self._period:
+            return
+        self._shown = now
+        line = describe()
+        print(f'\r{line:<98}' if self._is_live else line, end='' if self._is_live else '\n')
+        sys.stdout.flush()
+
+    def leave(self) -> None:
+        """Go on below the line."""
+        if self._is_live:
+            print()
+
+
+def describe(client: ArmClient) -> str:
+    """Tip, distance to the base, rate and latency of the newest shape."""
+    if client.shape is None:
+        return 'waiting for the node ...'
+    base, tip = client.shape.position[[0, -1]] * 1e3
+    return (
+        f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
+        f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
+        f'{client.rate():5.1f} shapes/s   {1e3 * client.latency:5.1f} ms behind'
+    )
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='octo_arm_demo',
+        description='Start node, simulator and viewer of an arm, until Ctrl-C.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'config', metavar='CONFIG', help='ROS parameter file of the arm, or the name of a preset'
+    )
+    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
+    add_address(parser)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all of it until told to stop or a part of it ends; returns the exit status."""
+    options = build_parser().parse_args(arguments)
+    try:
+        path = str(find_path(options.config))
+        movement = movement_of(find_config(path).arm)
+    except OctoArmError as error:
+        return _fail(error)
+    is_over = stop_signals()
+    common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
+    playing = (f'rate:={RATE}', f'profile.name:={movement}', 'profile.loop:=true')
+    commands = (
+        ('octo_arm_model.ros.node.main', *common),
+        ('octo_arm_model.ros.simulator_node', *common, *(a for p in playing for a in ('-p', p))),
+    )
+    line = LiveLine()
+    with contextlib.ExitStack() as stack:
+        started = stack.enter_context(children(commands))
+        stack.callback(rclpy.try_shutdown)
+        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        client = ArmClient(Node('octo_arm_demo'))
+        try:
+            step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
+        except OctoArmError as error:
+            return _fail(error)
+        while not is_over() and not ended(started):
+            step()
+            line.show(lambda: describe(client))
+        line.leave()
+        return 0 if is_over() else _fail(ended(started), 1)
+
+
+def _viewing(
+    client: ArmClient, options: argparse.Namespace, stack: contextlib.ExitStack
+) -> Callable[[], None]:
+    """What shows the arm in a browser, moment by moment; only watches it without viser.
+
+    Raises:
+        AddressError: if the page cannot be served where ``options`` say.
+    """
+    try:
+        from octo_arm_model.viewer.address import serving
+        from octo_arm_model.viewer.app import Viewer
+    except ModuleNotFoundError as error:
+        print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
+        return _watching(client)
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
+    return Viewer(server, client, always=True).step
+
+
+def _watching(client: ArmClient) -> Callable[[], None]:
+    client.listen(POSES)
+
+    def step() -> None:
+        client.poll()
+        time.sleep(_POLL)
+
+    return step
+
+
+def _fail(problem: object, status: int = 2) -> int:
+    print(f'octo_arm_demo: error: {problem}', file=sys.stderr)
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,223 @@
+"""A whole octopus: eight arms around a body, each a node, playing a movement one after another.
+
+The nodes are those of `launch/octopus.launch.py`, in namespaces arm_1 to arm_8. Here they share a
+few processes, since most of what a process takes is Python itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+
+from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
+from octo_arm_model.apps.demo import LiveLine, movement_of
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.presets import find_config, find_path
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.ros.child_processes import children, ended, stop_signals
+from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.ros.client.command_publisher import CommandPublisher
+from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.viewer.options import add_address
+
+RATE = 30.0  # [Hz] of the tensions of each arm
+PROCESSES = 2
+FRAME = 'octopus'
+_EPILOG = """\
+examples:
+  octo_arm_octopus
+  octo_arm_octopus renda2012_table2 --movement rotating --processes 8
+"""
+
+
+class Crawl:
+    """Plays one movement on all arms, each an eighth of it behind the last one."""
+
+    def __init__(self, node: Node, config: Config, movement: str) -> None:
+        """Publish on ``node`` to arms like that of ``config``.
+
+        Raises:
+            ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
+                limit of a tendon.
+        """
+        self._node = node
+        self._profile = find_profile(movement, config.arm)
+        check_profile(self._profile, config.arm, tendon_limits(config))
+        self._publishers = [
+            CommandPublisher(node, f'arm_{number}/tendon_tensions', config)
+            for number in range(1, ARMS + 1)
+        ]
+        self._began = self._due = time.monotonic()
+
+    def step(self) -> None:
+        """Publish what is due."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        # Tensions that are late are left out, not made up for.
+        self._due = max(self._due + 1.0 / RATE, now)
+        stamp = self._node.get_clock().now().to_msg()
+        for number, publisher in enumerate(self._publishers):
+            behind = self._profile.duration * number / ARMS
+            tensions = self._profile.at(now - self._began + behind, loop=True)
+            publisher.publish(tensions, stamp, FRAME)
+
+
+def describe(clients: Sequence[ArmClient]) -> str:
+    """The achieved rate of all arms together and of the slowest, and the worst latency."""
+    seen = [client for client in clients if client.shape is not None]
+    if len(seen) < len(clients):
+        return f'{len(seen)} of {len(clients)} arms are there ...'
+    rates = [client.rate() for client in clients]
+    latency = max(client.latency for client in clients)
+    return (
+        f'{sum(rates):5.0f} shapes/s of {len(clients)} arms, the slowest {min(rates):4.1f} of '
+        f'{RATE:.0f} Hz; {1e3 * latency:5.1f} ms behind'
+    )
+
+
+def host(config_file: str, numbers: Sequence[int]) -> None:
+    """Be the nodes of the arms ``numbers`` until told to stop."""
+    is_over = stop_signals()
+    rclpy.init(
+        args=['--ros-args', '--log-level', 'error'],  # eight times the same would be too much
+        signal_handler_options=rclpy.SignalHandlerOptions.NO,
+    )
+    executor = make_executor()
+    nodes = []
+    for number in numbers:
+        position, quaternion = base_pose(number)
+        settings = {
+            'base_frame': FRAME,
+            'base.position': position,
+            'base.quaternion': quaternion,
+            'frame_prefix': f'arm_{number}_',
+        }
+        arguments = ['--ros-args', '--params-file', config_file]
+        for name, value in settings.items():
+            arguments += ['-p', f'{name}:={json.dumps(value)}']
+        node = OctoArmNode(
+            namespace=f'arm_{number}', cli_args=arguments, use_global_arguments=False
+        )
+        executor.add_node(node)
+        nodes.append(node)
+    while not is_over():
+        executor.spin_once(timeout_sec=0.1)
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='octo_arm_octopus',
+        description='Eight arms around a body, crawling, until Ctrl-C.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'config',
+        metavar='CONFIG',
+        nargs='?',
+        default='renda2012_table4',
+        help='ROS parameter file of every arm, or the name of a preset (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--movement', metavar='PROFILE', help='what each arm plays; `octo-arm play --list` lists'
+    )
+    parser.add_argument(
+        '--processes',
+        type=int,
+        choices=range(1, ARMS + 1),
+        metavar='N',
+        default=PROCESSES,
+        help=f'processes that the nodes share, 1 to {ARMS} (default: %(default)s)',
+    )
+    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
+    parser.add_argument('--host-arms', type=int, nargs='+', help=argparse.SUPPRESS)
+    add_address(parser)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all of it until told to stop or a part of it ends; returns the exit status."""
+    options = build_parser().parse_args(arguments)
+    try:
+        path = str(find_path(options.config))
+        if options.host_arms:
+            host(path, options.host_arms)
+            return 0
+        return _show(options, path, find_config(path))
+    except OctoArmError as error:
+        return _fail(error)
+
+
+def _show(options: argparse.Namespace, path: str, config: Config) -> int:
+    is_over = stop_signals()
+    groups = np.array_split(np.arange(1, ARMS + 1), options.processes)
+    commands = [
+        ('octo_arm_model.apps.octopus', path, '--host-arms', *map(str, group)) for group in groups
+    ]
+    with contextlib.ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = Node('octo_arm_octopus')
+        crawl = Crawl(node, config, options.movement or movement_of(config.arm))
+        clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
+        for client in clients:
+            client.listen({**POSES, 'strains': DETAILS['strains']})
+        draw = _viewing(options, clients, stack)
+        started = stack.enter_context(children(commands))
+        line = LiveLine()
+        due = time.monotonic()
+        while not is_over() and not ended(started):
+            crawl.step()
+            for client in clients:
+                client.poll()
+            draw()
+            line.show(lambda: describe(clients))
+            now = time.monotonic()
+            due = max(due + 1.0 / RATE, now)
+            time.sleep(due - now)
+        line.leave()
+        return 0 if is_over() else _fail(ended(started), 1)
+
+
+def _viewing(
+    options: argparse.Namespace, clients: Sequence[ArmClient], stack: contextlib.ExitStack
+) -> Callable[[], None]:
+    """What draws the arms; nothing where that is not wanted or viser is not there.
+
+    Raises:
+        AddressError: if the page cannot be served where ``options`` say.
+    """
+    if options.no_viewer:
+        return lambda: None
+    try:
+        from octo_arm_model.viewer.address import serving
+        from octo_arm_model.viewer.page.octopus_page import OctopusPage
+    except ModuleNotFoundError as error:
+        print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
+        return lambda: None
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
+    return OctopusPage(server, clients, lambda: describe(clients)).draw
+
+
+def _fail(problem: object, status: int = 2) -> int:
+    print(f'octo_arm_octopus: error: {problem}', file=sys.stderr)
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,166 @@
+"""``octo-arm compare``: the model against what a camera saw."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.experiment.compare import Comparison, compare
+from octo_arm_model.experiment.recording.observations import Observations
+
+_DESCRIPTION = """\
+Compare the model with midlines or tips measured in a recorded experiment, for every steady step
+of the tensions: the error of the tip in per cent of the length of the arm, as in Table 1 of Renda
+et al. 2012, and of the whole midline: mean and largest distance to the model's, and Hausdorff's.
+"""
+_EXAMPLES = """\
+examples:
+  octo-arm compare experiment
+  octo-arm compare experiment --model all --out compared
+  octo-arm compare experiment --config renda2012_prototype --align 0 0 0.5 1 0 0 0 --json
+
+With --out DIR: DIR/compare.csv, DIR/compare.json, a picture of every step like the paper's
+Figure 9 and one of the errors over the tensions.
+
+"""
+ERRORS = ('tip', 'mean', 'max', 'hausdorff')
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subparsers ``commands``."""
+    parser = commands.add_parser(
+        'compare',
+        help='compare the model with midlines in a bag',
+        description=_DESCRIPTION,
+        epilog=_EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_recording(parser)
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for tables and pictures')
+    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    out = options.out
+    if out is not None:
+        import matplotlib  # noqa: F401 - said before the work and not after it
+
+        if out.exists() and not out.is_dir():
+            raise ConfigError(f'--out is {str(out)!r}, a file, expected a folder')
+        out.mkdir(parents=True, exist_ok=True)
+    recording, observations, models, alignment, notes = read_options(options)
+    config = Config.from_parameters(recording.parameters)
+    notes = [*observations.notes, *notes]
+    comparisons = []
+    for model in models:
+        try:
+            comparisons.append(
+                compare(observations.shapes, recording.parameters, model, alignment)
+            )
+        except (ConfigError, SolveError) as error:
+            if model == models[-1] and not comparisons:
+                raise
+            notes.append(f'{model} is not compared: {error}')
+    result = as_dict(comparisons, observations, notes)
+    if out is not None:
+        from octo_arm_model.experiment.compare_figures import draw
+
+        (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
+        write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
+        pictures = draw(comparisons, out)
+        notes.append(f'compare.csv, compare.json and {len(pictures)} pictures are in {out}')
+    print(json.dumps(result) if options.json else summary(comparisons, notes))
+    return 0
+
+
+def rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+    """One entry for each model and step; errors in per cent of the length, None where unknown."""
+    table = []
+    for comparison in comparisons:
+        percent = {name: comparison.percent(name) for name in ERRORS}
+        for index, step in enumerate(comparison.steps):
+            window = step.shape.window
+            table.append({
+                'model': comparison.model,
+                'step': step.number,
+                'start': window.start,
+                'stop': window.stop,
+                'tension': step.shape.tension,
+                'tensions': window.tensions.tolist(),
+                'tensions_stddev': window.noise.tolist(),
+                'frames': step.shape.frames,
+                'outliers': step.shape.outliers,
+                'noise_percent': 100.0 * step.shape.noise / comparison.length,
+                **{
+                    f'{name}_error_percent' if name != 'hausdorff' else f'{name}_percent':
+                    None if math.isnan(values[index]) else float(values[index])
+                    for name, values in percent.items()
+                },
+            })  # fmt: skip
+    return table
+
+
+def as_dict(
+    comparisons: Sequence[Comparison], observations: Observations, notes: Sequence[str]
+) -> dict[str, Any]:
+    """Everything in SI units but the errors, which are in per cent of the length."""
+    return {
+        'steps': rows(comparisons),
+        'models': {
+            one.model: {
+                'average_tip_error_percent': float(one.percent('tip').mean()),
+                'alignment_camera_to_base': one.alignment.as_dict(),
+                'refused': list(one.refused),
+                'notes': list(one.notes),
+            }
+            for one in comparisons
+        },
+        'length': comparisons[0].length,
+        'clock_offset': observations.offset,
+        'notes': list(notes),
+    }
+
+
+def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str]) -> None:
+    """Write ``table`` with a column for each of the ``tendons`` [N]."""
+    with path.open('w', encoding='utf-8', newline='') as file:
+        writer = csv.writer(file)
+        plain = [name for name in table[0] if not name.startswith('tensions')]
+        writer.writerow([*plain, *(f'{name} [N]' for name in tendons)])
+        for row in table:
+            writer.writerow([*(row[name] for name in plain), *row['tensions']])
+
+
+def summary(comparisons: Sequence[Comparison], notes: Sequence[str]) -> str:
+    """The tables for people."""
+    lines = [*notes]
+    for comparison in comparisons:
+        lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]
+        lines.append(
+            'step    T [N]  frames   tip [% of L]   mean    max   Hausdorff   noise of a frame'
+        )
+        columns = [comparison.percent(name) for name in ERRORS]
+        for step, *values in zip(comparison.steps, *columns, strict=True):
+            tip, mean, largest, hausdorff = (_cell(value) for value in values)
+            noise = 100.0 * step.shape.noise / comparison.length
+            left_out = f' ({step.shape.outliers} outliers left out)' if step.shape.outliers else ''
+            lines.append(
+                f'{step.number:>4} {step.shape.tension:>8.3f} {step.shape.frames:>7} '
+                f'{tip:>14} {mean:>6} {largest:>6} {hausdorff:>11} {noise:>18.2f}{left_out}'
+            )
+        tip, mean, largest, hausdorff = (_cell(float(values.mean())) for values in columns)
+        lines.append(f'Average{"":14}{tip:>15} {mean:>6} {largest:>6} {hausdorff:>11}')
+    return '\n'.join(lines)
+
+
+def _cell(value: float) -> str:
+    return '-' if math.isnan(value) else f'{value:.2f}'

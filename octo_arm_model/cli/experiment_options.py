@@ -1,0 +1,164 @@
+"""Options that compare and identify share."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from octo_arm_model.cli.progress import Bar
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.solver import MODELS
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.recording.recording import Recording, read_recording
+from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+
+ALL = 'all'
+EPILOG = """\
+how a recording is read:
+  Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
+  first --settle seconds do not count. The frames of the camera in a steady step become its mean
+  midline, without those more than three times as far from the median as the median frame. The
+  base is the end of the midlines that stays where it is, or --base-end. The clock of the camera is
+  set by the motion, or --clock-offset. What the model published itself (backbone/path, tip_pose)
+  is no measurement unless named by --midlines. All that was decided is printed.
+
+exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
+"""
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add the bag and how it is read."""
+    parser.add_argument(
+        'bag', metavar='BAG', type=Path,
+        help='rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips',
+    )  # fmt: skip
+    parser.add_argument(
+        '--config', metavar='CONFIG',
+        help='ROS parameter file of the arm, or the name of a preset (default: the '
+        'arm_description in the bag)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--model', nargs='+', choices=(*MODELS, ALL), metavar='MODEL',
+        help=f'models: {", ".join(MODELS)} or {ALL} (default: that of the config)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--midlines', metavar='TOPIC',
+        help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
+        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped); by default the only ones there',
+    )  # fmt: skip
+    parser.add_argument(
+        '--tensions', metavar='TOPIC', help='tensions; by default the only ones there'
+    )
+    parser.add_argument(
+        '--align', nargs='+', metavar='A',
+        help="'fit' the camera's place; 'none': it sees in base_frame; or X Y Z QX QY QZ QW, its "
+        "pose in base_frame (default: 'none' where the midlines are in base_frame, else 'fit')",
+    )  # fmt: skip
+    pairing = parser.add_argument_group('pairing of frames and tensions')
+    pairing.add_argument(
+        '--tolerance', type=float, default=0.1, metavar='S',
+        help='how far stamps may be off [s] (default: %(default)s): a frame has a sample of '
+        'tensions within this time, and lies at least that far inside its steady step',
+    )  # fmt: skip
+    pairing.add_argument(
+        '--clock-offset', type=float, metavar='S',
+        help='to add to the stamps of frames [s]; by default found from the motion',
+    )  # fmt: skip
+    pairing.add_argument(
+        '--base-end', choices=('first', 'last'),
+        help='point of the midlines at the base; by default told from which end stays in place',
+    )  # fmt: skip
+    pairing.add_argument(
+        '--steady', type=float, metavar='N',
+        help='half the band that steady tensions stay in [N] (default: the larger of 2 percent '
+        'of the highest tension and four times the noise)',
+    )  # fmt: skip
+    pairing.add_argument(
+        '--hold', type=float, default=1.0, metavar='S',
+        help='least time that they do [s] (default: %(default)s)',
+    )  # fmt: skip
+    pairing.add_argument(
+        '--settle', type=float, default=0.5, metavar='S',
+        help='time from then on until the arm is at rest [s] (default: %(default)s)',
+    )  # fmt: skip
+
+
+def read_options(
+    options: argparse.Namespace,
+) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
+    """What `add_recording`'s options ask for.
+
+    Returns:
+        The recording, what it says, the models, the alignment (None for one to be fitted) and
+        notes on these choices.
+
+    Raises:
+        OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
+    """
+    tolerance, offset = options.tolerance, options.clock_offset
+    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+        raise ConfigError(f'--tolerance is {tolerance!r}, expected a time >= 0 [s]')
+    if offset is not None and not math.isfinite(offset):
+        raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
+    steady = SteadyRule(options.steady, options.hold, options.settle)
+    if options.align is not None:
+        _alignment(options.align)  # Said before the bag is read.
+    bar = Bar(sys.stderr, 'messages')
+    try:
+        recording = read_recording(
+            options.bag, options.config, options.tensions, options.midlines,
+            progress=bar if sys.stderr.isatty() else lambda done, total: None,
+        )  # fmt: skip
+    finally:
+        bar.leave()
+    config = Config.from_parameters(recording.parameters)
+    notes: list[str] = []
+    if options.align is not None:
+        alignment = _alignment(options.align)
+    elif recording.frame_id == config.base_frame:
+        alignment = Alignment.none()
+        notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
+    else:
+        alignment = None
+        notes.append(
+            f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
+            'alignment is fitted'
+        )
+    pairing = Pairing(steady, tolerance, offset, options.base_end)
+    observations = observe(recording, pairing, alignment)
+    return recording, observations, _models(options.model, config), alignment, notes
+
+
+def _models(given: Sequence[str] | None, config: Config) -> list[str]:
+    if not given:
+        return [config.model]
+    return list(MODELS) if ALL in given else list(dict.fromkeys(given))
+
+
+def _alignment(words: Sequence[str]) -> Alignment | None:
+    """The alignment of ``--align``; None for one to be fitted.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    if list(words) == ['fit']:
+        return None
+    if list(words) == ['none']:
+        return Alignment.none()
+    try:
+        x, y, z, *quaternion = (float(word) for word in words)
+        a, b, c, d = quaternion
+    except ValueError:
+        raise ConfigError(
+            f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
+        ) from None
+    try:
+        return Alignment.from_pose(Pose((x, y, z), (a, b, c, d)))
+    except ConfigError as error:
+        raise ConfigError(f'--align: {str(error).replace("base.", "")}') from error

@@ -1,0 +1,134 @@
+"""``octo-arm inverse``: tensions for a wanted shape."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.analysis.inverse import Inverse, Stiffness, default_highest, find_tensions
+from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPosition
+from octo_arm_model.cli.options import add_config, read_config, read_json
+from octo_arm_model.cli.report import as_dict, millimetres
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.solver import Solver
+
+_DESCRIPTION = """\
+Find the tensions, none negative and none above --highest, that bring the tip of the arm where it
+is wanted, with the least effort (sum of squares of tension over bound). What cannot be reached is
+approached as near as it was found to go, and the exit status is then 1.
+"""
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subparsers ``commands``."""
+    parser = commands.add_parser(
+        'inverse', help='find tensions for a wanted shape', description=_DESCRIPTION
+    )
+    add_config(parser)
+    parser.add_argument(
+        '--tip', nargs=3, type=float, metavar=('X', 'Y', 'Z'), help='tip in base_frame [m]'
+    )
+    parser.add_argument(
+        '--quaternion',
+        nargs=4,
+        type=float,
+        metavar=('X', 'Y', 'Z', 'W'),
+        help='orientation of the tip as well, its x axis along the arm',
+    )
+    parser.add_argument(
+        '--bend',
+        nargs=2,
+        type=float,
+        metavar=('PLANE', 'ANGLE'),
+        help='instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE degrees about '
+        'the base, from n towards b',
+    )
+    parser.add_argument(
+        '--stiffness',
+        nargs=4,
+        type=float,
+        metavar=('X', 'Y', 'Z', 'K'),
+        help='stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction',
+    )
+    parser.add_argument(
+        '--highest',
+        metavar='N',
+        help='largest tension [N]: one number, or rows as --tensions of solve; by default, for '
+        'each tendon, what compresses the cross section it is fastened at by 30 percent, or '
+        'bends the arm by two turns',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    # The model whose answer is nearest to a real arm, unless another is asked for.
+    options.model = options.model or 'exact'
+    config = read_config(options)
+    solver = config.solver()
+    stiffness = None
+    if options.stiffness:
+        stiffness = Stiffness(np.array(options.stiffness[:3]), options.stiffness[3])
+    highest = default_highest(config.arm)
+    if options.highest is not None:
+        highest = _read_highest(options.highest, config.arm)
+    found = find_tensions(solver, _target(options), highest, stiffness=stiffness)
+    print(json.dumps(_as_dict(found, solver)) if options.json else _summary(found, config.arm))
+    return 0 if found.reached else 1
+
+
+def _read_highest(text: str, arm: Arm) -> FloatArray:
+    given = read_json(text, '--highest', "'[[0.5,0.5,0.5,0.5]]'")
+    try:
+        return np.broadcast_to(np.array(given, dtype=np.float64), arm.tension_shape)
+    except (TypeError, ValueError):
+        raise TensionError(
+            f'--highest is {text}, expected one number or shape {arm.tension_shape}'
+        ) from None
+
+
+def _target(options: argparse.Namespace) -> Target:
+    if (options.tip is None) == (options.bend is None):
+        raise ConfigError('expected either --tip X Y Z or --bend PLANE ANGLE')
+    if options.bend is not None:
+        if options.quaternion is not None:
+            raise ConfigError('--quaternion goes with --tip, not with --bend')
+        plane, angle = (math.radians(value) for value in options.bend)
+        return Bending(plane, angle)
+    if options.quaternion is not None:
+        return TipPose(options.tip, options.quaternion)
+    return TipPosition(options.tip)
+
+
+def _as_dict(found: Inverse, solver: Solver) -> dict[str, object]:
+    return {
+        'reached': found.reached,
+        'error': found.error,
+        'stiffness': found.stiffness,
+        'tensions': found.backbone.tensions.tolist(),
+        'solves': found.iterations,
+        **as_dict(found.backbone, solver),
+    }
+
+
+def _summary(found: Inverse, arm: Arm) -> str:
+    word = 'reached' if found.reached else 'NOT REACHED, this is as near as it was found to go'
+    lines = [
+        word,
+        f'model     {found.backbone.model}',
+        f'error     {found.error * 1e3:.4g} mm, after {found.iterations} solves',
+        f'tip       {millimetres(found.backbone.tip)} mm',
+    ]
+    if found.stiffness is not None:
+        lines.append(f'stiffness {found.stiffness:.5g} N/m')
+    width = max(len(name) for name in arm.tendon_names)
+    lines += ['', 'tensions [N]']
+    for name, tension in zip(arm.tendon_names, found.backbone.tensions.ravel(), strict=True):
+        lines.append(f'  {name:{width}} {tension:10.4f}')
+    return '\n'.join(lines)

@@ -1,0 +1,157 @@
+"""``octo-arm replay``: the shapes that belong to the tensions in a bag."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from octo_arm_model.cli.progress import Bar
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.presets import find_path
+from octo_arm_model.core.errors import BagError
+from octo_arm_model.core.solver import MODELS
+
+if TYPE_CHECKING:
+    from octo_arm_model.bags.replay import Report
+
+STORAGES = ('mcap', 'sqlite3')
+INTERRUPTED = 130  # exit status, as shells have it
+
+_DESCRIPTION = """\
+Answer every message of tensions in a bag as the node would, byte for byte, and write a new bag:
+backbone/path, backbone/poses, strains and tip_pose, in the namespace of the tensions and with
+their stamps, beside what the old bag holds. ROS is not needed, and all messages are answered,
+however fast they were recorded.
+"""
+_EPILOG = """\
+examples:
+  octo-arm replay experiment experiment_shapes
+  octo-arm replay experiment exact_shapes --model exact --config renda2012_prototype
+  octo-arm replay rosbag2_2024_05_02 shapes --topics /arm_1/tendon_tensions --storage sqlite3
+  octo-arm replay experiment.mcap shapes --no-copy --json
+
+IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. Which arm it
+was says --config, or else the topic arm_description, on which the node says so. Messages that
+hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
+trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
+last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
+of the config, and a tip_wrench in IN is not applied.
+
+OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The models
+of the paper are quicker where numba is installed (the extra compiled).
+
+exit status: 0 done, 1 the model has a trustworthy answer to no message, 2 the input is wrong (no
+bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 interrupted
+"""
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subparsers ``commands``."""
+    parser = commands.add_parser(
+        'replay',
+        help='add to a bag of tensions the shapes of the arm',
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('bag', metavar='IN', type=Path, help='bag with tensions')
+    parser.add_argument('out', metavar='OUT', type=Path, help='bag to write, not there yet')
+    parser.add_argument(
+        '--config',
+        help='ROS parameter file of the arm, or the name of a preset such as renda2012_table4 '
+        '(default: what the bag says)',
+    )
+    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
+    parser.add_argument(
+        '--topics',
+        nargs='+',
+        default=[],
+        metavar='TOPIC',
+        help='topics of tensions (default: all with the names that the node listens to, in '
+        'whatever namespace, or else the only one of such a type)',
+    )
+    parser.add_argument(
+        '--lengths',
+        action='store_true',
+        help='write tendon_lengths too; several times slower, as sets are solved one by one',
+    )
+    parser.add_argument(
+        '--no-copy', action='store_true', help='write the answers alone, without what is in IN'
+    )
+    parser.add_argument(
+        '--storage', choices=STORAGES, default='mcap', help='of OUT (default: %(default)s)'
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from octo_arm_model.bags.arms import find_arms
+    from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.bags.replay import replay
+    from octo_arm_model.bags.writer import BagWriter
+
+    parameters = None
+    if options.config is not None:
+        parameters = load_parameters(find_path(options.config))
+    bar = Bar(sys.stderr, 'messages')
+    began = time.monotonic()
+    try:
+        with BagReader(options.bag) as reader:
+            if options.bag.resolve() in options.out.resolve().parents:
+                raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
+            arms = find_arms(reader, options.topics, parameters, options.model)
+            custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
+            with BagWriter(options.out, options.storage, custom) as writer:
+                report = replay(
+                    reader,
+                    writer,
+                    arms,
+                    copy=not options.no_copy,
+                    lengths=options.lengths,
+                    progress=bar,
+                )
+            duration = reader.duration
+    except KeyboardInterrupt:
+        bar.leave()
+        print(f'octo-arm: interrupted, no {options.out} written', file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        bar.leave()
+    elapsed = time.monotonic() - began
+    if options.json:
+        content = dataclasses.asdict(report)
+        content |= {'out': str(options.out), 'duration': duration, 'elapsed': elapsed}
+        print(json.dumps(content))
+    else:
+        print(summary(report))
+        print(f'{options.out}: {duration:.4g} s recorded, replayed in {elapsed:.4g} s')
+    return 0
+
+
+def summary(report: Report) -> str:
+    """What a replay came to, for people."""
+    lines = []
+    for name, topic in report.topics.items():
+        lines.append(f'{name}: {topic.answered} answered by {topic.model}')
+        for count, what in (
+            (topic.refused, 'refused'),
+            (topic.failed, 'without a trustworthy answer'),
+            (topic.unsorted, 'with a stamp before that of the last'),
+        ):
+            if count:
+                lines.append(f'  {count} {what}')
+        for skip in topic.skips[:10]:
+            lines.append(f'  {skip.stamp_ns * 1e-9:.6f} s: {skip.reason}')
+        if (more := topic.refused + topic.failed - 10) > 0:
+            lines.append(f'  ... and {more} more')
+    if report.copied:
+        lines.append(f'{report.copied} messages copied')
+    lines += report.notes
+    lines += [f'{topic} not copied: {why}' for topic, why in report.not_copied.items()]
+    return '\n'.join(lines)

@@ -1,0 +1,177 @@
+"""From the values of parameters to the parts of an arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.body import Body, ProfiledBody
+from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vector
+from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
+from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.core.arm.validation import not_negative, positive
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.sensitivity.results import Uncertainty
+
+Values = Mapping[str, Any]
+
+
+def build_arm(given: Values) -> Arm:
+    """The arm that ``given``, a value for every parameter, describes.
+
+    Raises:
+        ConfigError: if lists do not have the lengths they need.
+        ArmDefinitionError: if the arm cannot exist.
+    """
+    return Arm(_material(given), _body(given), _sections(given), given['tendon_names'])
+
+
+def build_loads(given: Values) -> Loads:
+    """The loads.
+
+    Raises:
+        ConfigError: if lists do not have the lengths they need.
+        ArmDefinitionError: if a load cannot be.
+    """
+    points = _vectors(given, 'loads.point_force', 'loads.point_s')
+    along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
+    return Loads(
+        gravity=given['loads.gravity'],
+        fluid_density=given['loads.fluid_density'],
+        tip_force=given['loads.tip_force'],
+        tip_moment=given['loads.tip_moment'],
+        points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
+        distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
+    )
+
+
+def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
+    """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
+
+    Raises:
+        ConfigError: if they are not as many as the tendons.
+        ArmDefinitionError: if one is not finite or not > 0.
+    """
+    limits = given['tendon_limits']
+    if limits:
+        _check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
+    return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
+
+
+def build_uncertainty(given: Values) -> Uncertainty:
+    """How well everything is known.
+
+    Raises:
+        ArmDefinitionError: if a standard deviation is negative or not finite.
+    """
+    deviations = {}
+    for name, parameter, unit in (
+        ('tension', 'tension_stddev', 'N'),
+        ('youngs_modulus', 'material.youngs_modulus_stddev', '-'),
+        ('poisson_ratio', 'material.poisson_ratio_stddev', '-'),
+        ('offset', 'tendons.offset_stddev', 'm'),
+    ):
+        deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
+    return Uncertainty(**deviations)
+
+
+def _material(given: Values) -> Material:
+    density, ratio = given['material.density'], given['material.poisson_ratio']
+    shear = given['material.shear_modulus']
+    s = given['material.table_s']
+    if s:
+        if shear:
+            raise ConfigError('material.shear_modulus does not go with material.table_s')
+        young = _table(given, 'material.table_youngs_modulus', s)
+        if given['material.table_poisson_ratio']:
+            ratio = _table(given, 'material.table_poisson_ratio', s)
+        return Material(young, ratio, density)
+    young = given['material.youngs_modulus']
+    return (
+        Material.from_moduli(young, shear, density) if shear else Material(young, ratio, density)
+    )
+
+
+def _body(given: Values) -> Body | ProfiledBody:
+    length, discs = given['body.length'], given['body.disc_radius']
+    if given['body.table_s']:
+        radius = _table(given, 'body.table_radius', given['body.table_s'])
+        return ProfiledBody(length, radius, discs)
+    return Body(length, given['body.radius_base'], given['body.radius_tip'], discs)
+
+
+def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
+    anchorages = given['sections.anchorage']
+    count = len(anchorages)
+    like = ' like sections.anchorage, one per section'
+    numbers = given['sections.tendons'] or count * (4,)
+    _check_length('sections.tendons', numbers, count, like)
+    for number in numbers:
+        if number < 1:
+            raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
+    total = sum(numbers)
+    angles = given['tendons.angle'] or tuple(
+        2.0 * math.pi * j / number for number in numbers for j in range(number)
+    )
+    twists = given['tendons.twist'] or total * (0.0,)
+    for name, column in (('tendons.angle', angles), ('tendons.twist', twists)):
+        _check_length(name, column, total, ', one per tendon')
+    if given['tendons.table_s']:
+        tendons = _routed(given, angles, total)
+        ends = [sum(numbers[: i + 1]) for i in range(count)]
+        return tuple(
+            RoutedSection(anchorage, tuple(tendons[end - number : end]))
+            for anchorage, number, end in zip(anchorages, numbers, ends, strict=True)
+        )
+    offsets = [given[f'sections.{name}'] for name in ('offset_base', 'offset_anchorage')]
+    for name, column in zip(('offset_base', 'offset_anchorage'), offsets, strict=True):
+        _check_length(f'sections.{name}', column, count, like)
+    sections, first = [], 0
+    for anchorage, base, end, number in zip(anchorages, *offsets, numbers, strict=True):
+        part = slice(first, first + number)
+        sections.append(Section(anchorage, base, end, angles[part], twists[part]))
+        first += number
+    return tuple(sections)
+
+
+def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
+    """Tendons of tabulated paths."""
+    s = given['tendons.table_s']
+    for name in ('sections.offset_base', 'sections.offset_anchorage', 'tendons.twist'):
+        if given.get(name):
+            raise ConfigError(f'{name} does not go with tendons.table_s')
+    columns = {}
+    for name in ('tendons.table_offset', 'tendons.table_angle'):
+        column = given[name]
+        if column or name == 'tendons.table_offset':
+            what = f', {len(s)} for each of {total} tendons'
+            _check_length(name, column, total * len(s), what)
+        columns[name] = column
+    tendons = []
+    for j in range(total):
+        part = slice(j * len(s), (j + 1) * len(s))
+        offset = Table(s, columns['tendons.table_offset'][part], f'offset of tendon {j + 1}')
+        angle: Profile = Constant(angles[j])
+        if columns['tendons.table_angle']:
+            angle = Table(s, columns['tendons.table_angle'][part], f'angle of tendon {j + 1}')
+        tendons.append(Tendon(offset, angle))
+    return tendons
+
+
+def _table(given: Values, name: str, s: Sequence[float]) -> Table | Linear:
+    _check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
+    return Table(tuple(s), tuple(given[name]), name)
+
+
+def _vectors(given: Values, name: str, of: str) -> tuple[Vector, ...]:
+    flat, count = given[name], len(given[of])
+    _check_length(name, flat, 3 * count, f', three for each of {of}')
+    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
+
+
+def _check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
+    if len(column) != count:
+        raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')

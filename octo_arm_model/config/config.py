@@ -1,0 +1,259 @@
+"""An arm and how to solve it, from a ROS parameter file, without ROS."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from octo_arm_model.config.build import build_arm, build_limits, build_loads, build_uncertainty
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
+from octo_arm_model.core.sensitivity.results import Uncertainty
+from octo_arm_model.core.solver import Solver
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a parameter file says.
+
+    Attributes:
+        arm: the arm.
+        base: pose of its base in ``base_frame``.
+        model: name of the model.
+        stations: number of stations along the backbone.
+        base_frame: name of the frame the backbone is expressed in.
+        frame_prefix: what the names of the frames of tip and anchorages begin with.
+        law: name of the elastic law of the model exact.
+        shear: whether its cross sections shear.
+        loads: what loads the arm but its tendons.
+        uncertainty: how well tensions, material and tendons are known.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
+            the arm bears, see `simulation.limits`.
+    """
+
+    arm: Arm
+    base: Pose
+    model: str
+    stations: int
+    base_frame: str
+    frame_prefix: str = ''
+    law: str = DEFAULT_LAW
+    shear: bool = False
+    loads: Loads = field(default_factory=Loads)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    tendon_limits: tuple[float, ...] = ()
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Config:
+        """From a mapping of dotted parameter names to values, as ROS has them.
+
+        Raises:
+            ConfigError: if a parameter is missing, unknown or of the wrong type.
+            ArmDefinitionError: if the arm cannot exist.
+        """
+        refuse_unknown(values, [parameter.name for parameter in PARAMETERS], 'the arm')
+        given = {}
+        for parameter in PARAMETERS:
+            value = values.get(parameter.name, parameter.default)
+            if value is None and values.get(parameter.unless):
+                continue
+            if value is None:
+                raise ConfigError(
+                    f'{parameter.name} is missing, expected {parameter.type_name}: '
+                    f'{parameter.description}'
+                )
+            given[parameter.name] = parameter.convert(value)
+        if not given['base_frame']:
+            raise ConfigError("base_frame is '', expected the name of a frame")
+        base = Pose(given['base.position'], given['base.quaternion'])
+        uncertainty = build_uncertainty(given)
+        if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
+            raise ConfigError(
+                'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
+                f'with {given["model"]}'
+            )
+        arm = build_arm(given)
+        return cls(
+            arm=arm,
+            base=base,
+            model=given['model'],
+            stations=given['stations'],
+            base_frame=given['base_frame'],
+            frame_prefix=given['frame_prefix'],
+            law=given['material.law'],
+            shear=given['material.shear'],
+            loads=build_loads(given),
+            uncertainty=uncertainty,
+            tendon_limits=build_limits(given, arm),
+        )
+
+    def solver(
+        self,
+        model: str | None = None,
+        stations: int | None = None,
+        *,
+        compiled: bool | None = False,
+    ) -> Solver:
+        """Solver of this arm, with another ``model`` or number of ``stations`` if given.
+
+        ``compiled`` is as in `Solver`.
+
+        Raises:
+            ConfigError: if there is no such model, it does not cover the arm or its loads, or the
+                stations are too few.
+            Exception: if ``compiled`` but numba is not installed or does not work.
+        """
+        return Solver(
+            self.arm,
+            self.model if model is None else model,
+            self.stations if stations is None else stations,
+            self.base,
+            material=self.law,
+            shear=self.shear,
+            loads=self.loads,
+            compiled=compiled,
+        )
+
+
+def load_config(path: str | Path) -> Config:
+    """Read a ROS parameter file: one node name or wildcard, then ``ros__parameters``.
+
+    Raises:
+        ConfigError: if the file cannot be read or does not describe an arm; the message names
+            the file.
+    """
+    with _naming(path):
+        return Config.from_parameters(_parse(_read(path)))
+
+
+def load_parameters(path: str | Path) -> dict[str, Any]:
+    """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
+
+    Raises:
+        ConfigError: if the file cannot be read or is none; the message names the file.
+    """
+    with _naming(path):
+        return _parse(_read(path))
+
+
+def parse_parameters(text: str, name: str) -> dict[str, Any]:
+    """As `load_parameters`, from the text of a file that is called ``name`` in errors.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    with _naming(name):
+        return _parse(text)
+
+
+def parameters_as_yaml(values: Mapping[str, Any]) -> str:
+    """The text of a ROS parameter file with these ``values`` by their dotted names."""
+    plain = {
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
+    }
+    return yaml.safe_dump({'/**': {'ros__parameters': plain}}, sort_keys=True)
+
+
+def _read(path: str | Path) -> str:
+    return Path(path).read_text(encoding='utf-8')
+
+
+def _parse(text: str) -> dict[str, Any]:
+    return _flatten(_ros_parameters(yaml.load(text, _Loader)))
+
+
+@contextlib.contextmanager
+def _naming(path: str | Path) -> Iterator[None]:
+    """Whatever goes wrong with a parameter file, as an error that names it."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f'{path}: not a text file') from error
+    except yaml.YAMLError as error:
+        line = getattr(error, 'problem_mark', None)
+        where = f', line {line.line + 1}' if line else ''
+        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
+        raise ConfigError(f'{path}{where}: not valid YAML, {problem}') from error
+    except OctoArmError as error:
+        raise ConfigError(f'{path}: {error}') from error
+    except (AttributeError, KeyError, RecursionError, ValueError) as error:
+        # What the YAML library raises for tags, dates and nesting that make no sense.
+        raise ConfigError(f'{path}: not valid YAML, {error}') from error
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that reads 1e5 as the number it is, like ROS, and refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            keys = [key.value for key, _ in node.value]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise yaml.MarkedYAMLError(
+                problem=f'{twice!r} is given twice', problem_mark=node.start_mark
+            )
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
+    list('-+.0123456789'),
+)
+
+
+def _ros_parameters(document: object) -> Mapping[str, Any]:
+    if not isinstance(document, dict):
+        raise ConfigError("no node name at the top, expected '/**:' and ros__parameters below it")
+    nodes = [
+        name
+        for name, content in document.items()
+        if isinstance(content, dict) and 'ros__parameters' in content
+    ]
+    if len(nodes) != 1:
+        raise ConfigError(
+            f'ros__parameters found below {nodes or "no node name"}, '
+            "expected exactly one, best below '/**:'"
+        )
+    parameters = document[nodes[0]]['ros__parameters']
+    if not isinstance(parameters, dict):
+        raise ConfigError(f'ros__parameters is {parameters!r}, expected parameters')
+    return parameters
+
+
+def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
+    """Nested mappings to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in parameters.items():
+        name = f'{prefix}{key}'
+        found = _flatten(value, name + '.') if isinstance(value, dict) else {name: value}
+        for twice in flat.keys() & found.keys():
+            raise ConfigError(f'{twice} is given twice, nested and with a dot')
+        flat.update(found)
+    return flat
+
+
+def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
+    """Check that ``owner`` knows all of ``values``.
+
+    Raises:
+        ConfigError: if not; the message says what was perhaps meant.
+    """
+    for name in values:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=1)
+            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+            raise ConfigError(f'{name} is no parameter of {owner}; {hint}')

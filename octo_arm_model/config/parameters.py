@@ -1,0 +1,197 @@
+"""Every parameter of the arm and its node, declared once.
+
+The YAML loader reads this table, the node declares its ROS parameters from it and a test holds
+the README to it, so a name, a unit or a default is written in one place only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
+from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
+from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        name: dotted name, as in ROS.
+        kind: type of a value, or of the elements where ``is_array``.
+        description: what it is, with its unit in brackets.
+        default: value where none is given; None means it must be given.
+        is_array: whether it is a list.
+        unless: name of the parameter that takes its place; with that one it may be missing.
+        range: what its values must be, in words; the core checks and says so itself.
+    """
+
+    name: str
+    kind: type
+    description: str
+    default: Any = None
+    is_array: bool = False
+    unless: str = ''
+    range: str = ''
+
+    @property
+    def type_name(self) -> str:
+        """Type in the words of ROS, e.g. ``double[]``."""
+        word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
+        return word + '[]' if self.is_array else word
+
+    @property
+    def table_row(self) -> str:
+        """Row of a Markdown table: name, type, default and meaning."""
+        default = list(self.default or ()) if self.is_array else self.default
+        shown = 'empty' if default in ([], '') else f'`{default}`'
+        if self.default is None:
+            shown = f'required, or `{self.unless}`' if self.unless else 'required'
+        return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
+
+    def convert(self, value: object) -> Any:
+        """Return ``value`` as this parameter's type; an integer will do for a double.
+
+        Raises:
+            ConfigError: if the type is another.
+        """
+        if self.is_array and isinstance(value, (list, tuple)):
+            return tuple(self._convert_one(element, value) for element in value)
+        return self._convert_one(value, value) if not self.is_array else self._refuse(value)
+
+    def _convert_one(self, element: object, value: object) -> Any:
+        if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
+            try:
+                return float(element)
+            except OverflowError:
+                return self._refuse(value)
+        if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
+            return element
+        return self._refuse(value)
+
+    def _refuse(self, value: object) -> Any:
+        raise ConfigError(f'{self.name} is {value!r}, expected {self.type_name}')
+
+
+_MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
+
+PARAMETERS = (
+    Parameter('model', str, f'what turns tensions into strains: {_MODELS}', DEFAULT_MODEL,
+              range=_MODELS),
+    Parameter('stations', int, 'stations along the backbone, anchorages and loads among them',
+              DEFAULT_STATIONS, range='at least two, one more for every anchorage and load'),
+    Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),
+    Parameter('frame_prefix', str,
+              'what the names of the frames of tip and anchorages begin with', ''),
+    Parameter('base.position', float, 'position of the base in base_frame [m]', (0.0, 0.0, 0.0),
+              is_array=True),
+    Parameter('base.quaternion', float,
+              'orientation of the base in base_frame, x y z w: x axis along the arm, y axis n, '
+              'z axis b', (0.0, 0.0, 0.0, 1.0), is_array=True, range='of length 1'),
+    Parameter('material.youngs_modulus', float, "Young's modulus E [Pa]",
+              unless='material.table_s', range='> 0'),
+    Parameter('material.poisson_ratio', float, "Poisson's ratio nu [-]", 0.5,
+              range='in (-1, 0.5]'),
+    Parameter('material.shear_modulus', float,
+              'shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))', 0.0,
+              range='0, or at least E / 3'),
+    Parameter('material.density', float, 'density [kg/m^3]; needed under gravity', 0.0,
+              range='>= 0'),
+    Parameter('material.law', str,
+              'elastic law of the model exact: neo_hookean (soft), linear (stiff)', DEFAULT_LAW,
+              range='neo_hookean or linear'),
+    Parameter('material.shear', bool, 'whether cross sections shear, with law linear', False),
+    Parameter('material.table_s', float,
+              'arc coordinates of a material that varies along the arm, from 0 on [m]', (),
+              is_array=True, range='increasing from 0 to the tip'),
+    Parameter('material.table_youngs_modulus', float, 'E at each of table_s [Pa]', (),
+              is_array=True, range='> 0'),
+    Parameter('material.table_poisson_ratio', float,
+              'nu at each of table_s [-]; empty for poisson_ratio', (), is_array=True,
+              range='in (-1, 0.5]'),
+    Parameter('body.length', float, 'length L of the arm [m]', range='> 0'),
+    Parameter('body.radius_base', float, 'radius at the base [m]', unless='body.table_s',
+              range='> 0'),
+    Parameter('body.radius_tip', float, 'radius at the tip [m]', unless='body.table_s',
+              range='> 0'),
+    Parameter('body.disc_radius', float,
+              'radius of discs that lead tendons outside the body [m]; 0 for none', 0.0,
+              range='>= 0'),
+    Parameter('body.table_s', float,
+              'arc coordinates of a body that is no cone, from 0 to the tip [m]', (),
+              is_array=True, range='increasing from 0 to the tip'),
+    Parameter('body.table_radius', float, 'radius at each of table_s [m]', (), is_array=True,
+              range='> 0'),
+    Parameter('sections.anchorage', float,
+              'arc coordinate of each anchorage, from the tip to the base [m]', is_array=True,
+              range='decreasing, in (0, body.length]'),
+    Parameter('sections.tendons', int, 'number of tendons of each section; empty for four each',
+              (), is_array=True, range='>= 1'),
+    Parameter('sections.offset_base', float,
+              "distance of each section's tendons from the midline at the base [m]",
+              is_array=True, unless='tendons.table_s',
+              range='from 0 to the radius of body or discs'),
+    Parameter('sections.offset_anchorage', float,
+              "distance of each section's tendons from the midline at its anchorage [m]",
+              is_array=True, unless='tendons.table_s',
+              range='from 0 to the radius of body or discs'),
+    Parameter('tendons.angle', float,
+              'direction of each tendon at the base [rad], from n towards b, section by section '
+              'from the tip; empty for even spacing from n on', (), is_array=True),
+    Parameter('tendons.twist', float,
+              'angle each tendon winds about the midline up to its anchorage [rad]; empty for '
+              'straight ones', (), is_array=True),
+    Parameter('tendons.table_s', float,
+              'arc coordinates of tabulated paths of all tendons, from 0 on [m]', (),
+              is_array=True, range='increasing from 0 on, as far as the tendons go'),
+    Parameter('tendons.table_offset', float,
+              'distance from the midline at each of table_s [m], tendon after tendon', (),
+              is_array=True, range='from 0 to the radius of body or discs'),
+    Parameter('tendons.table_angle', float,
+              'direction at each of table_s [rad], tendon after tendon; empty for angle', (),
+              is_array=True),
+    Parameter('tendon_names', str,
+              'names of the tendons, section by section from the tip; empty for '
+              'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
+    Parameter('tendon_limits', float,
+              'largest tension that may be commanded of each tendon [N], section by section from '
+              'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
+    Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
+              (0.0, 0.0, 0.0), is_array=True),
+    Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,
+              range='>= 0'),
+    Parameter('loads.tip_force', float, 'force on the tip in base_frame [N]', (0.0, 0.0, 0.0),
+              is_array=True),
+    Parameter('loads.tip_moment', float, 'moment on the tip in base_frame [N m]',
+              (0.0, 0.0, 0.0), is_array=True),
+    Parameter('loads.point_s', float, 'arc coordinates of point forces [m]', (), is_array=True,
+              range='in [0, body.length]'),
+    Parameter('loads.point_force', float,
+              'x, y, z of each point force in base_frame [N], one after the other', (),
+              is_array=True),
+    Parameter('loads.distributed_s', float,
+              'arc coordinates of a distributed force, linear between them [m]', (),
+              is_array=True, range='increasing, in [0, body.length]'),
+    Parameter('loads.distributed_force', float,
+              'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
+              (), is_array=True),
+    Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
+              range='>= 0'),
+    Parameter('material.youngs_modulus_stddev', float,
+              'standard deviation of E, relative to it [-]', 0.0, range='>= 0'),
+    Parameter('material.poisson_ratio_stddev', float,
+              'standard deviation of nu [-]; with model exact', 0.0, range='>= 0'),
+    Parameter('tendons.offset_stddev', float,
+              'standard deviation of the distance of every tendon [m]; with model exact',
+              0.0, range='>= 0'),
+)  # fmt: skip
+
+
+def as_markdown(parameters: Sequence[Parameter]) -> str:
+    """Table of ``parameters`` in Markdown."""
+    head = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
+    return '\n'.join((*head, *(parameter.table_row for parameter in parameters))) + '\n'

@@ -1,0 +1,1 @@
+"""The solver: tensions in, backbone out. Imports numpy and scipy only."""

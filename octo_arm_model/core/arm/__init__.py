@@ -1,0 +1,1 @@
+"""What is described: material, body, tendons and loads of an arm. Imports numerics."""

@@ -1,0 +1,216 @@
+"""The arm: its material, its body and its tendons.
+
+Sections are numbered from the tip, as in Renda et al. 2012: section 1 ends at the anchorage
+farthest from the base. Offsets are in the axes n and b of the cross section (Fig. 4).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from octo_arm_model.core.arm.body import Body, ProfiledBody
+from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.profile import as_profile
+from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+# Profiles are checked at so many places, and at their knots.
+_CHECKED = 257
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An immutable, valid arm.
+
+    Attributes:
+        material: what it is made of.
+        body: its outer shape.
+        sections: anchorages **from the tip to the base**, at least one.
+        tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
+
+    Raises:
+        ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
+            the body and its discs, a profile leaves its range, or the names are not one per
+            tendon and distinct.
+    """
+
+    material: Material
+    body: Body | ProfiledBody
+    sections: tuple[Section | RoutedSection, ...]
+    tendon_names: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Validate what concerns several parts at once."""
+        object.__setattr__(self, 'sections', tuple(self.sections))
+        if not self.sections:
+            raise ArmDefinitionError('sections', self.sections, 'at least one section')
+        self._check_profiles()
+        previous = math.inf
+        for number, section in enumerate(self.sections, start=1):
+            self._check_section(number, section, previous)
+            previous = section.anchorage
+        self._set_names(self.tendon_names)
+
+    def _check_profiles(self) -> None:
+        material = self.material
+        for name, given, low, high, expected in (
+            ('body.radius', self.body.profile, 0.0, math.inf, '> 0 [m]'),
+            ('material.youngs_modulus', material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
+            ('material.poisson_ratio', material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),
+        ):
+            profile = as_profile(given)
+            profile.cover(name, self.length)
+            s = self._places(profile.knots, self.length)
+            values = profile.value(s)
+            bad = ~((values > low) & (values <= high) & np.isfinite(values))
+            if bad.any():
+                first = int(np.argmax(bad))
+                raise ArmDefinitionError(
+                    f'{name} at s = {s[first]:.6g} m',
+                    float(values[first]),
+                    f'a finite number {expected} all along the arm',
+                )
+
+    @staticmethod
+    def _places(knots: Sequence[float], stop: float) -> FloatArray:
+        inside = [s for s in knots if s < stop]
+        return np.union1d(np.linspace(0.0, stop, _CHECKED), inside)
+
+    def _check_section(
+        self, number: int, section: Section | RoutedSection, previous: float
+    ) -> None:
+        where = f'sections[{number}]'
+        if section.anchorage > self.body.length:
+            raise ArmDefinitionError(
+                f'{where}.anchorage',
+                section.anchorage,
+                f'at most the length of the arm, {self.body.length} [m]',
+            )
+        if section.anchorage >= previous:
+            raise ArmDefinitionError(
+                f'{where}.anchorage',
+                section.anchorage,
+                f'less than that of the section before it, {previous} [m]: '
+                'sections are listed from the tip to the base',
+            )
+        if isinstance(section, Section):
+            # Both ends first: they are what was given, and bound a straight tendon in a cone.
+            self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
+            end = np.array([section.anchorage])
+            self._check_inside(f'{where}.offset_anchorage', section.tendons[0], end)
+        for index, tendon in enumerate(section.tendons, start=1):
+            s = self._places(tendon.knots + self.body.profile.knots, section.anchorage)
+            self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
+
+    def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
+        offset, radius = tendon.offset.value(s), self.body.radius(s)
+        # To rounding: a tendon may lie on the surface.
+        limit = np.maximum(radius, self.body.disc_radius) * (1.0 + 1e-12)
+        bad = ~((offset >= 0.0) & (offset <= limit))
+        if bad.any():
+            first = int(np.argmax(bad))
+            what = 'the radius of the body'
+            if self.body.disc_radius > radius[first]:
+                what = 'the radius of the discs'
+            most = max(float(radius[first]), self.body.disc_radius)
+            raise ArmDefinitionError(
+                name, float(offset[first]), f'at most {what} at s = {s[first]} m, {most:.6g} [m]'
+            )
+
+    def _set_names(self, given: Sequence[str]) -> None:
+        count = len(self.tendons)
+        names = tuple(given) or tuple(
+            f'tendon_{i}_{j}'
+            for i, section in enumerate(self.sections, start=1)
+            for j in range(1, len(section.tendons) + 1)
+        )
+        if len(names) != count:
+            raise ArmDefinitionError('tendon_names', list(names), f'{count} names, one per tendon')
+        if (
+            isinstance(given, str)
+            or not all(isinstance(name, str) and name for name in names)
+            or len(set(names)) < count
+        ):
+            raise ArmDefinitionError('tendon_names', list(names), 'distinct, non-empty names')
+        object.__setattr__(self, 'tendon_names', names)
+
+    @property
+    def length(self) -> float:
+        """Reference length L [m]."""
+        return self.body.length
+
+    def with_density(self, density: float) -> Arm:
+        """The same arm of another ``density`` [kg/m^3]."""
+        return dataclasses.replace(
+            self, material=dataclasses.replace(self.material, density=density)
+        )
+
+    @functools.cached_property
+    def tendons(self) -> tuple[Tendon, ...]:
+        """All tendons, section by section from the tip."""
+        return tuple(tendon for section in self.sections for tendon in section.tendons)
+
+    @functools.cached_property
+    def tendon_section(self) -> IntArray:
+        """Number of the section each tendon ends in, from the tip, (tendons,)."""
+        counts = [len(section.tendons) for section in self.sections]
+        return np.repeat(np.arange(1, len(counts) + 1), counts)
+
+    @functools.cached_property
+    def tension_shape(self) -> tuple[int, ...]:
+        """Shape of one set of tensions.
+
+        (sections from the tip, tendons of a section); (tendons,) where sections differ in number.
+        """
+        counts = [len(section.tendons) for section in self.sections]
+        if len(set(counts)) == 1:
+            return len(counts), counts[0]
+        return (sum(counts),)
+
+    @functools.cached_property
+    def knots(self) -> tuple[float, ...]:
+        """Where material, body or a tendon's path is less than smooth [m], ascending."""
+        found = {*self.material.knots, *self.body.profile.knots}
+        for tendon in self.tendons:
+            found.update(tendon.knots)
+        return tuple(sorted(s for s in found if 0.0 < s < self.length))
+
+    def tendon_offsets(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Offsets of all tendons from the midline at ``s`` (n,), whether they act there or not.
+
+        Returns:
+            Components along n and along b [m], each (tendons, n).
+        """
+        return self._at(s, Tendon.place)
+
+    def tendon_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of `tendon_offsets` with respect to s [-]."""
+        return self._at(s, Tendon.slope)
+
+    def tendon_outwards(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions of all tendons away from the midline, as `tendon_offsets` [-]."""
+        return self._at(s, Tendon.outward)
+
+    def tendon_outward_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of `tendon_outwards` with respect to s [1/m]."""
+        return self._at(s, Tendon.outward_slope)
+
+    def _at(
+        self, s: FloatArray, what: Callable[[Tendon, FloatArray], tuple[FloatArray, FloatArray]]
+    ) -> tuple[FloatArray, FloatArray]:
+        along_n, along_b = np.empty((2, len(self.tendons), s.size))
+        ends = [section.anchorage for section in self.sections]
+        for row, (tendon, section) in enumerate(
+            zip(self.tendons, self.tendon_section, strict=True)
+        ):
+            # Beyond its anchorage a tendon is not there, and its path may have no value.
+            inside = np.minimum(s, ends[section - 1])
+            along_n[row], along_b[row] = what(tendon, inside)
+        return along_n, along_b

@@ -1,0 +1,144 @@
+"""What pulls and pushes on the arm from outside.
+
+All loads are dead: fixed in base_frame, whatever the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.core.arm.validation import not_negative, vector
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A force and a moment on one cross section.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: force in base_frame [N].
+        moment: moment in base_frame [N m].
+
+    Raises:
+        ArmDefinitionError: if a value is not finite or ``s`` is negative.
+    """
+
+    s: float
+    force: Vector
+    moment: Vector = ZERO
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        s = not_negative('loads.point.s', self.s, 'arc coordinate', 'm')
+        object.__setattr__(self, 's', s)
+        object.__setattr__(self, 'force', vector('loads.point.force', self.force, 'N'))
+        object.__setattr__(self, 'moment', vector('loads.point.moment', self.moment, 'N m'))
+
+
+@dataclass(frozen=True)
+class DistributedLoad:
+    """A force per reference length, linear between given points and nothing beyond them.
+
+    Attributes:
+        s: arc coordinates [m], at least two, increasing.
+        force: force per reference length at each, in base_frame [N/m].
+
+    Raises:
+        ArmDefinitionError: if they are not such.
+    """
+
+    s: tuple[float, ...]
+    force: tuple[Vector, ...]
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        name = 'loads.distributed'
+        s = tuple(not_negative(f'{name}.s', value, 'arc coordinate', 'm') for value in self.s)
+        if len(s) < 2 or min(np.diff(s)) <= 0.0:
+            raise ArmDefinitionError(f'{name}.s', s, 'at least two, increasing [m]')
+        force = tuple(vector(f'{name}.force', value, 'N/m') for value in self.force)
+        if len(force) != len(s):
+            expected = f'{len(s)} forces, one for each s'
+            raise ArmDefinitionError(f'{name}.force', force, expected)
+        object.__setattr__(self, 's', s)
+        object.__setattr__(self, 'force', force)
+
+    def at(self, s: FloatArray) -> FloatArray:
+        """Force per reference length (3, n) at ``s`` (n,), between the first and last point."""
+        return np.stack([np.interp(s, self.s, column) for column in zip(*self.force)])
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Everything that loads the arm but its tendons.
+
+    Attributes:
+        gravity: acceleration of gravity in base_frame [m/s^2].
+        fluid_density: density of what the arm is immersed in [kg/m^3], >= 0; it carries the
+            weight of the fluid displaced.
+        tip_force: force on the tip, in base_frame [N].
+        tip_moment: moment on the tip, in base_frame [N m].
+        points: loads on cross sections.
+        distributed: loads along the arm.
+
+    Raises:
+        ArmDefinitionError: if a value is not finite or outside its range.
+    """
+
+    gravity: Vector = ZERO
+    fluid_density: float = 0.0
+    tip_force: Vector = ZERO
+    tip_moment: Vector = ZERO
+    points: tuple[PointLoad, ...] = ()
+    distributed: tuple[DistributedLoad, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, unit in (('gravity', 'm/s^2'), ('tip_force', 'N'), ('tip_moment', 'N m')):
+            object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
+        density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
+        object.__setattr__(self, 'fluid_density', density)
+        object.__setattr__(self, 'points', tuple(self.points))
+        object.__setattr__(self, 'distributed', tuple(self.distributed))
+
+    @property
+    def any(self) -> bool:
+        """Whether there is anything that could load an arm."""
+        vectors = (self.gravity, self.tip_force, self.tip_moment)
+        return bool(np.any(vectors) or self.points or self.distributed)
+
+    @property
+    def tip_wrench(self) -> FloatArray:
+        """Force and moment on the tip in base_frame [N, N m], (6,)."""
+        return np.array([*self.tip_force, *self.tip_moment])
+
+    def check_inside(self, length: float) -> None:
+        """Check that all loads lie on an arm of ``length`` [m].
+
+        Raises:
+            ArmDefinitionError: if one is beyond its tip.
+        """
+        for s in self.breaks:
+            if s > length:
+                expected = f'at most the length of the arm, {length} [m]'
+                raise ArmDefinitionError('loads: s', s, expected)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Where a load begins, ends or sits [m]."""
+        found = [load.s for load in self.points]
+        for load in self.distributed:
+            found += [load.s[0], load.s[-1]]
+        return tuple(found)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Where a distributed load is less than smooth [m]."""
+        return tuple(s for load in self.distributed for s in load.s[1:-1])

@@ -1,0 +1,215 @@
+"""How a quantity varies along the arm: a radius, a modulus, a tendon's distance or angle."""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from octo_arm_model.core.arm.validation import positive
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
+
+# Distance of the five points that differentiate a function, as a part of its range: the error of
+# the formula, of fourth order, and that of rounding are both about 1e-12 there.
+_FUNCTION_STEP = 1e-3
+
+
+class Profile(ABC):
+    """A smooth function of the arc coordinate s [m]."""
+
+    @abstractmethod
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``, of the shape of ``s``."""
+
+    @abstractmethod
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative with respect to s at ``s`` [per metre], of the shape of ``s``."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Where the profile is less than smooth [m]: integration must not step across."""
+        return ()
+
+    @property
+    def reach(self) -> float:
+        """Arc coordinate up to which it has values [m]."""
+        return math.inf
+
+    def cover(self, name: str, stop: float) -> None:
+        """Check that the profile has a value from the base to s = ``stop`` [m].
+
+        Raises:
+            ArmDefinitionError: if it ends before; ``name`` is what it is called.
+        """
+        if self.reach < stop:
+            expected = f'at least {stop} [m], as far as it is needed'
+            raise ArmDefinitionError(f'last s of {name}', self.reach, expected)
+
+
+@dataclass(frozen=True)
+class Linear(Profile):
+    """From one value at the base to another at s = ``length``.
+
+    Attributes:
+        start: value at s = 0.
+        stop: value at s = ``length``.
+        length: arc coordinate of ``stop`` [m].
+    """
+
+    start: float
+    stop: float
+    length: float
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        rate = (self.stop - self.start) / self.length
+        return self.start + rate * np.asarray(s, dtype=np.float64)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        return np.full(np.shape(s), (self.stop - self.start) / self.length)
+
+
+@dataclass(frozen=True)
+class Constant(Profile):
+    """The same everywhere.
+
+    Attributes:
+        level: the value.
+    """
+
+    level: float
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        return np.full(np.shape(s), self.level)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Zero."""
+        return np.zeros(np.shape(s))
+
+
+@dataclass(frozen=True)
+class Table(Profile):
+    """Smooth through given points, without overshoot (PCHIP, Fritsch and Butland 1984).
+
+    Two points are a straight line.
+
+    Attributes:
+        s: arc coordinates [m], at least two, the first 0, increasing.
+        values: the value at each.
+        name: what it is called in errors.
+
+    Raises:
+        ArmDefinitionError: if the points are not such.
+    """
+
+    s: tuple[float, ...]
+    values: tuple[float, ...]
+    name: str = 'table'
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for field in ('s', 'values'):
+            given = getattr(self, field)
+            try:
+                column = np.array(given, dtype=np.float64)
+            except (OverflowError, TypeError, ValueError):
+                column = np.array(np.nan)
+            if column.ndim != 1 or not np.isfinite(column).all():
+                raise ArmDefinitionError(f'{self.name}.{field}', given, 'finite numbers')
+            object.__setattr__(self, field, tuple(column.tolist()))
+        if len(self.s) < 2 or self.s[0] != 0.0 or min(np.diff(self.s)) <= 0.0:
+            expected = 'at least two arc coordinates from 0.0 on, increasing [m]'
+            raise ArmDefinitionError(f'{self.name}.s', self.s, expected)
+        if len(self.values) != len(self.s):
+            expected = f'{len(self.s)} values, one for each s'
+            raise ArmDefinitionError(f'{self.name}.values', self.values, expected)
+
+    @functools.cached_property
+    def _interpolant(self) -> PchipInterpolator:
+        return PchipInterpolator(self.s, self.values)
+
+    @functools.cached_property
+    def _derivative(self) -> PchipInterpolator:
+        return self._interpolant.derivative()
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        return np.asarray(self._interpolant(s), dtype=np.float64)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        return np.asarray(self._derivative(s), dtype=np.float64)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """The points between the first and the last."""
+        return self.s[1:-1]
+
+    @property
+    def reach(self) -> float:
+        """The last point."""
+        return self.s[-1]
+
+
+@dataclass(frozen=True)
+class Function(Profile):
+    """A Python function of an array of s [m].
+
+    Attributes:
+        of_s: takes an array of arc coordinates [m] within [0, ``length``], returns the values.
+        length: arc coordinate up to which it can be called [m].
+        slope_of_s: its derivative, likewise; by differences where it is not given.
+
+    Raises:
+        ArmDefinitionError: if the length is not positive.
+    """
+
+    of_s: Callable[[FloatArray], FloatArray]
+    length: float
+    slope_of_s: Callable[[FloatArray], FloatArray] | None = None
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        object.__setattr__(self, 'length', positive('function.length', self.length, 'm'))
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        s = np.asarray(s, dtype=np.float64)
+        return np.broadcast_to(np.asarray(self.of_s(s), dtype=np.float64), s.shape)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        s = np.asarray(s, dtype=np.float64)
+        if self.slope_of_s is not None:
+            return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
+        # The quartic through five neighbouring points, which near the ends lie to one side.
+        h = _FUNCTION_STEP * self.length
+        centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
+        offsets = np.arange(-2.0, 3.0)
+        x = (s - centre) / h
+        slope = np.zeros(s.shape)
+        for j in offsets:
+            others = offsets[offsets != j]
+            numerator = np.polynomial.Polynomial.fromroots(others)
+            basis = numerator.deriv()(x) / numerator(j)
+            slope = slope + basis * self.value(centre + j * h)
+        return slope / h
+
+    @property
+    def reach(self) -> float:
+        """Its length."""
+        return self.length
+
+
+def as_profile(value: float | Profile) -> Profile:
+    """Return ``value``, a number as the `Constant` it is."""
+    return value if isinstance(value, Profile) else Constant(value)

@@ -1,0 +1,141 @@
+"""The loops of `loops` as machine code, where numba is installed and works.
+
+Compiling takes some ten seconds, once: numba keeps the result beside this package or, where
+nothing can be written there, in the user's cache. What could not be kept or cannot be read again
+is compiled anew. Whatever goes wrong otherwise is logged, and NumPy solves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib
+import inspect
+import logging
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.compiled import kernels as loops
+from octo_arm_model.core.compiled.tables import no_arm
+
+# Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
+_OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
+_LOG = logging.getLogger(__name__)
+
+
+def is_available() -> bool:
+    """Whether there is machine code; it is made if it is not kept from before."""
+    return fault() is None
+
+
+@functools.cache
+def fault() -> str | None:
+    """Why there is no machine code: '' without numba, else what is wrong with it; or None."""
+    try:
+        find_shapes()
+    except ModuleNotFoundError as error:
+        reason = '' if error.name == 'numba' else str(error)
+    except Exception as error:  # as with a NumPy that is newer than numba knows
+        reason = f'{type(error).__name__}: {error}'
+    else:
+        return None
+    if reason:
+        _LOG.warning('solving without numba, which does not work: %s', reason)
+    return reason
+
+
+@functools.cache
+def find_shapes() -> Callable[..., int]:
+    """`loops.find_shapes`, compiled.
+
+    Raises:
+        ModuleNotFoundError: if numba is not installed.
+        Exception: whatever a numba that does not work raises.
+    """
+    numba = importlib.import_module('numba')
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError('NUMBA_DISABLE_JIT is set')
+    entry = _entry(numba)
+    machine: Any = None
+    for is_kept in (True, True, False):
+        try:
+            machine = numba.njit(entry, cache=is_kept, **_OPTIONS)
+            _prove(machine)
+        except Exception:
+            if not is_kept:
+                raise
+            if getattr(machine, 'signatures', None):
+                return machine  # Compiled all right, only not kept.
+            # Kept, but not whole.
+            for path in _kept(machine):
+                path.unlink(missing_ok=True)
+        else:
+            return machine
+    raise AssertionError  # The last round returns or raises.
+
+
+def _entry(numba: Any) -> types.FunctionType:
+    """`loops.find_shapes` with all it calls compiled, named after everything it is made from."""
+    functions = {
+        name: value for name, value in vars(loops).items() if isinstance(value, types.FunctionType)
+    }
+    # Each sees the others compiled, under the names they have in `loops`.
+    scope = dict(vars(loops))
+    for name, function in functions.items():
+        plain = types.FunctionType(function.__code__, scope, name)
+        scope[name] = numba.njit(plain, **_OPTIONS)
+    entry = types.FunctionType(loops.find_shapes.__code__, scope, 'find_shapes')
+    # Numba would look for changes in one file alone.
+    digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
+    for file in sources():
+        digest.update(Path(file).read_bytes())
+    entry.__qualname__ = f'find_shapes_{digest.hexdigest()[:16]}'
+    return entry
+
+
+def sources() -> list[str]:
+    """Files of all functions and classes that the machine code is made from."""
+    parts = [
+        value for value in vars(loops).values() if isinstance(value, types.FunctionType | type)
+    ]
+    own = [part for part in parts if part.__module__.startswith('octo_arm_model.')]
+    return sorted({__file__, *map(inspect.getfile, own)})
+
+
+def _processor() -> str:
+    binding = importlib.import_module('llvmlite.binding')
+    return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
+
+
+def _prove(machine: Any) -> None:
+    """Have ``machine`` solve nothing, for which it has to be there, loaded or compiled."""
+    none = np.zeros((0, 0))
+    with _one_at_a_time(machine):
+        if not _kept(machine):
+            _LOG.info('compiling the models: some ten seconds, once on this machine')
+        machine(
+            no_arm(), none, np.zeros((4, 0)), np.zeros((4, 0, 0)), np.zeros((0, 0, 3)),
+            np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0, np.int64),
+        )  # fmt: skip
+
+
+def _kept(machine: Any) -> list[Path]:
+    """Files in which ``machine`` is kept."""
+    folder = machine.stats.cache_path if machine is not None else None
+    return list(Path(folder).glob(f'*.{machine.py_func.__qualname__}-*')) if folder else []
+
+
+@contextlib.contextmanager
+def _one_at_a_time(machine: Any) -> Iterator[None]:
+    """Wait for other processes that do the same, so that one compiles and the others load."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(ImportError, OSError, TypeError):
+            fcntl = importlib.import_module('fcntl')
+            lock = stack.enter_context(open(Path(machine.stats.cache_path) / 'octo_arm.lock', 'w'))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

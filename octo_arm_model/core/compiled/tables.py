@@ -1,0 +1,138 @@
+"""An arm as the loops of compiled code want it: arrays alone, all of it tabulated before."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.models.picard import COLLOCATION_POINTS
+from octo_arm_model.core.models.renda2012 import March
+from octo_arm_model.core.numerics.vectors import runs_of
+
+
+class Weights(NamedTuple):
+    """What the tensions count in each of some sums, at nodes or points; zeros left out.
+
+    Attributes:
+        runs: sum, tendon, first node and number of nodes of each run without zeros, (runs, 4).
+        values: of all runs, one after the other.
+        shape: number of sums and of nodes.
+    """
+
+    runs: IntArray
+    values: FloatArray
+    shape: tuple[int, int]
+
+
+class MarchTables(NamedTuple):
+    """What `renda2012` integrates along: pieces between anchorages and points in these.
+
+    The first two points stand for the panel that begins at the first anchorage, its ends; nothing
+    has to be integrated there.
+
+    Attributes:
+        weights: of the tensions in first_n, first_b, second_n and second_b at every point.
+        stiffness: torsion and bending there [N m^2], (2, points).
+        jump_weights: of the tensions in the first moments that bend about n and about b at every
+            anchorage, and in their second moments, (2, 2, tendons, sections).
+        jump_bending: bending stiffness there [N m^2], (sections,).
+        pieces: section, whether it begins at its anchorage, and first point, (pieces, 3).
+        integrate: matrices from slopes to values less the initial one, (pieces, each, each).
+        runs: piece, first node and number of nodes of runs of nodes within pieces, (runs, 3).
+        to_nodes: matrices (each, nodes) from the points of a piece to these, one after the other.
+    """
+
+    weights: Weights
+    stiffness: FloatArray
+    jump_weights: FloatArray
+    jump_bending: FloatArray
+    pieces: IntArray
+    integrate: FloatArray
+    runs: IntArray
+    to_nodes: FloatArray
+
+
+class Tables(NamedTuple):
+    """An arm as it is tabulated for a solver.
+
+    Attributes:
+        weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
+        stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
+        march: of the model renda2012; without pieces for closed_form.
+        step: length of each interval [m], (intervals,).
+        station_node: node of each station, (stations,).
+        base: position of the base [m] and its orientation w, x, y, z, (7,).
+    """
+
+    weights: Weights
+    stiffness: FloatArray
+    march: MarchTables
+    step: FloatArray
+    station_node: IntArray
+    base: FloatArray
+
+
+def march_tables(march: March) -> MarchTables:
+    """What ``march`` integrates along."""
+    runs = [
+        (number, run.start, run.stop - run.start)
+        for number, piece in enumerate(march.pieces)
+        for run, _ in piece.to_nodes
+    ]
+    matrices = [matrix for piece in march.pieces for _, matrix in piece.to_nodes]
+    at_anchorages = march.at_anchorages.reshape(len(march.at_anchorages), 2, 2, -1)
+    return MarchTables(
+        weights=packed(march.weights.matrices[1:]),
+        stiffness=np.array(march.stiffness[1:]),
+        jump_weights=at_anchorages.transpose(2, 1, 0, 3),
+        jump_bending=march.bending,
+        pieces=np.array(
+            [(piece.section, piece.jump, piece.points.start) for piece in march.pieces], np.int64
+        ).reshape(-1, 3),
+        integrate=np.array([piece.integrate for piece in march.pieces]).reshape(
+            -1, COLLOCATION_POINTS, COLLOCATION_POINTS
+        ),
+        runs=np.array(runs, np.int64).reshape(-1, 3),
+        to_nodes=np.concatenate([np.zeros(0), *map(np.ravel, matrices)]),
+    )
+
+
+def no_march() -> MarchTables:
+    """Of a model that does not march."""
+    return MarchTables(
+        weights=packed(np.zeros((1, 0, 0))),
+        stiffness=np.zeros((2, 0)),
+        jump_weights=np.zeros((2, 2, 0, 0)),
+        jump_bending=np.zeros(0),
+        pieces=np.zeros((0, 3), np.int64),
+        integrate=np.zeros((0, 0, 0)),
+        runs=np.zeros((0, 3), np.int64),
+        to_nodes=np.zeros(0),
+    )
+
+
+def no_arm() -> Tables:
+    """Of an arm without anything."""
+    return Tables(
+        weights=packed(np.zeros((1, 0, 0))),
+        stiffness=np.zeros((3, 0)),
+        march=no_march(),
+        step=np.zeros(0),
+        station_node=np.zeros(0, np.int64),
+        base=np.zeros(7),
+    )
+
+
+def packed(matrices: FloatArray) -> Weights:
+    """`Weights` of ``matrices`` (sums, tendons, nodes)."""
+    sums, tendons, nodes = matrices.shape
+    runs, values = [np.zeros((0, 4), np.int64)], [np.zeros(0)]
+    for number in range(sums):
+        for tendon in range(tendons):
+            row = matrices[number, tendon]
+            for run in runs_of(row != 0.0):
+                runs.append(np.array([[number, tendon, run.start, run.stop - run.start]]))
+                values.append(row[run])
+    return Weights(np.concatenate(runs), np.concatenate(values), (sums, nodes))

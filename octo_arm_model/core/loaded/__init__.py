@@ -1,0 +1,1 @@
+"""The model `exact` under loads: resultants, equilibrium, continuation. Imports models."""

@@ -1,0 +1,44 @@
+"""The paper's balance (8a) with its constitutive law (3a), solved at each cross section alone.
+
+A frictionless tendon's moment on a cross section is local, so K omega = sum M is a linear system
+at every s, symmetric positive definite for non-negative tensions. As offsets have no component
+along t, torsion stands alone and the two curvatures form a system of two; see `TendonSums` for
+the letters.
+"""
+
+from __future__ import annotations
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.section.paper_balance import SectionStiffness, curvatures, twist_of
+from octo_arm_model.core.section.tendon_sums import TendonWeights
+
+
+class ClosedForm:
+    """Strains from tensions, node by node.
+
+    Attributes:
+        weights: of the tensions at every node.
+        stiffness: there.
+    """
+
+    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
+        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
+        self.weights = TendonWeights(arm, nodes, section)
+        self.stiffness = SectionStiffness.at(arm, nodes)
+
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
+        sums = self.weights.sums(tensions)
+        _, torsion, bending = self.stiffness
+        _, n, b, nn, bb, mixed, routing_torque = sums
+        tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)
+        if mixed is not None:
+            about_n, about_b = bending + bb, bending + nn
+            determinant = about_n * about_b - mixed * mixed
+            xi = (mixed * n - about_b * b) / determinant
+            k = (about_n * n - mixed * b) / determinant
+        if routing_torque is not None:
+            tau = -routing_torque / (torsion + (nn + bb))
+        return Solution(twist_of(tau, xi, k, sums, self.stiffness), 0.0, 0)

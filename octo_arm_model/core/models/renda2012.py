@@ -1,0 +1,243 @@
+"""The paper's model as published: equations (10), (11) and (12).
+
+Equation (10) is integrated from the tip; at each anchorage (11) adds the curvature that the new
+tendons would cause alone. Written with the imbalance p = K omega - M(omega) between the
+section's and the tendons' moments, (10) is p' = omega x M with
+
+    omega = C (F + p)    M = F - D omega    C = (K + D)^-1
+    F = (0, beta, alpha)    D = diag(A1 + B1, B1, A1)    K = diag(GI, EJ, EJ)
+
+p = 0 is the closed form, omega_0 = C F = (0, xi_0, k_0). Multiplied out, everything without p
+cancels, and what is left is
+
+    p_t' = k_0 p_n - xi_0 p_b + (B1 - A1) C_n C_b p_n p_b
+    p_n' = -p_t (c k_0 + B1 C_t C_b p_b)
+    p_b' = +p_t (c xi_0 + A1 C_t C_n p_n)        c = (EJ + A1 + B1) C_t
+
+So p stays zero from the tip to the first anchorage where the jump makes it otherwise. It is
+smooth between anchorages, so each panel is collocated at Chebyshev points and swept until it
+settles, all points at once (Picard iteration with spectral quadrature, Clenshaw and Norton
+1963), instead of marching in small steps.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.body import Body
+from octo_arm_model.core.arm.profile import Profile
+from octo_arm_model.core.arm.tendon import Section
+from octo_arm_model.core.errors import ConfigError, ConvergenceError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.models.picard import COLLOCATION_POINTS, Piece, Sweeps
+from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
+from octo_arm_model.core.numerics.vectors import runs_of, times
+from octo_arm_model.core.rod.grid import panels_of
+from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.section.paper_balance import (
+    SectionStiffness,
+    added_curvature,
+    curvatures,
+    imbalance_of,
+    twist_of,
+)
+from octo_arm_model.core.section.tendon_sums import TendonWeights
+
+_POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
+# How tendons 1 to 4 of a section bend it about n and about b.
+_BENDS = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])
+# Sweeping a whole panel at once is quickest, but where the arm turns far within one it diverges.
+# Then each panel is cut into more pieces, one after the other.
+PIECES = (1, 4, 16)
+
+
+def papers_sections(arm: Arm) -> tuple[Section, ...]:
+    """The sections of ``arm``, where the paper's equations cover it.
+
+    Raises:
+        ConfigError: if they do not; the message says what.
+    """
+    problem = ''
+    if not isinstance(arm.body, Body):
+        problem = 'a body whose radius is not linear in s (7)'
+    material = (arm.material.youngs_modulus, arm.material.poisson_ratio)
+    if any(isinstance(value, Profile) for value in material):
+        problem = 'a material that varies along s (3)'
+    sections = []
+    for number, section in enumerate(arm.sections, start=1):
+        if isinstance(section, Section) and section.is_papers:
+            sections.append(section)
+        else:
+            problem = f'section {number}, whose tendons are not straight along n, b, -n, -b (5)'
+    if problem:
+        raise ConfigError(
+            f"model is 'renda2012', which does not cover {problem}: choose exact or closed_form"
+        )
+    return tuple(sections)
+
+
+class Renda2012:
+    """Strains from tensions, from the tip to the base.
+
+    Attributes:
+        weights: of the tensions at every node.
+        stiffness: there.
+    """
+
+    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
+        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,).
+
+        Raises:
+            ConfigError: if the arm is not one the paper's equations cover.
+        """
+        papers_sections(arm)
+        self.weights = TendonWeights(arm, nodes, section)
+        self.stiffness = SectionStiffness.at(arm, nodes)
+        self._march = functools.lru_cache(lambda pieces: March(arm, nodes, section, pieces))
+        self._march(PIECES[0])
+
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Twist at every node under ``tensions`` (..., tendons) [N].
+
+        Raises:
+            ConvergenceError: if equation (10) could not be integrated.
+        """
+        sums = self.weights.sums(tensions)
+        p = np.zeros((3, *sums.axial.shape), sums.axial.dtype)
+        residual, sweeps = self._imbalance(tensions, p)
+        p_t, p_n, p_b = p
+        _, torsion, bending = self.stiffness
+        strains = curvatures(p_t, p_n, p_b, *sums[1:5], torsion, bending)
+        return Solution(twist_of(*strains, sums, self.stiffness), residual, sweeps)
+
+    @property
+    def march(self) -> March:
+        """The integration over whole panels, which nearly all arms take."""
+        return self._march(PIECES[0])
+
+    def _imbalance(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Fill in p (3, ..., nodes), zero at first, where it is not zero.
+
+        Returns:
+            Last relative change and number of sweeps, of the piece that took most.
+        """
+        for pieces in PIECES[:-1]:
+            try:
+                return self._march(pieces).imbalance(tensions, imbalance)
+            except ConvergenceError:
+                if tensions.ndim == 1:
+                    continue
+                # No arm comes out differently because another one is hard.
+                return self._one_by_one(tensions, imbalance)
+        return self._march(PIECES[-1]).imbalance(tensions, imbalance)
+
+    def _one_by_one(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """`_imbalance` of a batch, each arm by itself.
+
+        Raises:
+            ConvergenceError: if one cannot be integrated.
+        """
+        residual, sweeps = np.zeros(len(tensions)), np.zeros(len(tensions), np.int64)
+        for arm, one in enumerate(tensions):
+            try:
+                residual[arm], sweeps[arm] = self._imbalance(one, imbalance[:, arm])
+            except ConvergenceError as error:
+                error.in_batch(arm, 1)
+                raise
+        return residual, sweeps
+
+
+class March:
+    """Goes from the tip to the base, piece by piece.
+
+    Attributes:
+        pieces: from the tip; the panel that begins at the first anchorage is none of them.
+        weights: of the tensions at all points.
+        stiffness: there.
+        at_anchorages: from tensions to first and second moments at every anchorage,
+            (tendons, 2 x 2 x sections).
+        bending: bending stiffness there [N m^2], (sections,).
+    """
+
+    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, pieces: int) -> None:
+        """Cut every panel into ``pieces`` and tabulate them."""
+        # From the tip; where no tendon acts there is no moment and nothing to integrate.
+        panels = [panel for panel in reversed(panels_of(arm)) if panel.section > 0]
+        first_panel, *others = panels
+        s = [np.array([first_panel.stop, first_panel.start])]
+        numbers = [1, 1]
+        self.pieces = []
+        for panel in others:
+            edges = np.linspace(panel.stop, panel.start, pieces + 1)
+            for stop, start in itertools.pairwise(edges):
+                length = stop - start
+                is_base = start == panel.start
+                inside = (section == panel.section) & (nodes <= stop)
+                inside &= (nodes >= start) if is_base else (nodes > start)
+                to_nodes = [
+                    (run, barycentric_matrix(_POINTS, (stop - nodes[run]) / length).T)
+                    for run in runs_of(inside)
+                ]
+                integrate = -length * _INTEGRALS  # towards the base, against s
+                points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
+                is_anchorage = stop == panel.stop
+                self.pieces.append(Piece(panel.section, is_anchorage, points, integrate, to_nodes))
+                s.append(stop - length * _POINTS)
+                numbers += [panel.section] * COLLOCATION_POINTS
+        self.weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
+        self.stiffness = SectionStiffness.at(arm, np.concatenate(s))
+        # From tensions to b (T4 - T2) and b (T1 - T3), b^2 (T4 + T2) and b^2 (T1 + T3) by section.
+        count = len(arm.sections)
+        at_anchorages = np.zeros((count, 4, 2, 2, count))
+        for i, part in enumerate(papers_sections(arm)):
+            levers = part.offset_anchorage * _BENDS
+            at_anchorages[i, :, 0, :, i], at_anchorages[i, :, 1, :, i] = levers, levers**2
+        self.at_anchorages = at_anchorages.reshape(4 * count, -1)
+        self.bending = SectionStiffness.at(
+            arm, np.array([part.anchorage for part in arm.sections])
+        ).bending
+
+    def imbalance(
+        self, tensions: FloatArray, imbalance: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Fill in p (3, ..., nodes) below the first anchorage.
+
+        Returns:
+            Last relative change and number of sweeps, of the piece that took most.
+
+        Raises:
+            ConvergenceError: if the sweeps of a piece do not settle.
+        """
+        sums = self.weights.sums(tensions)
+        sweeps_of = Sweeps(sums, self.stiffness)
+        # What takes strains to p and back, point by point.
+        _, torsion, bending = self.stiffness
+        at_points = [values.T for values in (*sums[1:5], torsion, bending)]
+        added = self._added_curvature(tensions)
+        # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
+        tau, xi, k = curvatures(0.0, 0.0, 0.0, *(values[1] for values in at_points))
+        residual, sweeps = np.zeros(xi.shape), np.zeros(xi.shape, np.int64)
+        for piece in self.pieces:
+            first, last = piece.points.start, piece.points.stop - 1
+            if piece.jump:
+                xi, k = (xi, k) + added[piece.section - 1]
+            start = imbalance_of(tau, xi, k, *(values[first] for values in at_points))
+            p, change, count = sweeps_of.sweep(piece, np.array(start))
+            residual, sweeps = np.maximum(residual, change), np.maximum(sweeps, count)
+            for run, matrix in piece.to_nodes:
+                imbalance[..., run] = times(p, matrix)
+            tau, xi, k = curvatures(*p[..., -1], *(values[last] for values in at_points))
+        return residual, sweeps
+
+    def _added_curvature(self, tensions: FloatArray) -> FloatArray:
+        """What (11) adds to xi and k at each anchorage, (sections, 2, ...) [1/m]."""
+        sums = times(tensions, self.at_anchorages).reshape(*tensions.shape[:-1], 2, 2, -1)
+        return added_curvature(sums[..., 0, :, :], sums[..., 1, :, :], self.bending).T

@@ -1,0 +1,1 @@
+"""Mathematics that knows of no arm. Imports nothing of this package but array types and errors."""

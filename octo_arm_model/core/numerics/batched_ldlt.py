@@ -1,0 +1,48 @@
+"""Small symmetric systems, one for each cross section, all solved at once.
+
+Matrices are arrays (n, n, ...) and right sides (n, ...) or (n, columns, ...), so that every step
+of the elimination is one operation on all of them; LAPACK would be called once for each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+
+
+def factorise(matrix: FloatArray) -> FloatArray:
+    """L D L^T of symmetric matrices (n, n, ...): L below the diagonal and D on it.
+
+    No pivoting: exact enough for definite matrices, which have D > 0.
+    """
+    factors = matrix.copy()
+    for j in range(len(factors) - 1):
+        column = factors[j + 1 :, j]
+        column /= factors[j, j]
+        factors[j + 1 :, j + 1 :] -= column[:, np.newaxis] * factors[j, j + 1 :]
+    return factors
+
+
+def substitute(factors: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve factorised systems for ``right`` (n, ...) or (n, columns, ...)."""
+    count = len(factors)
+    if right.ndim == factors.ndim:
+        factors = factors[:, :, np.newaxis]
+    solution = right.copy()
+    for j in range(count - 1):
+        solution[j + 1 :] -= factors[j + 1 :, j] * solution[j]
+    for j in range(count):
+        solution[j] /= factors[j, j]
+    for j in range(count - 1, 0, -1):
+        solution[:j] -= factors[j, :j] * solution[j]
+    return solution
+
+
+def invert(factors: FloatArray) -> FloatArray:
+    """Inverse (n, n, ...) of factorised matrices."""
+    count = len(factors)
+    identity = np.zeros((count, *factors.shape[1:]))
+    for j in range(count):
+        identity[j, j] = 1.0
+    return substitute(factors, identity)

@@ -1,0 +1,1 @@
+"""The curve and its discretisation: grid, quadrature, kinematics, backbone. Imports arm."""

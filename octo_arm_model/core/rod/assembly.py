@@ -1,0 +1,116 @@
+"""From strains at the nodes of a grid to the `Backbone` that users see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
+from octo_arm_model.core.rod.solution import Solution
+
+
+class Results:
+    """Room for the shapes of a batch, filled part by part.
+
+    Attributes:
+        position: of the stations [m], (..., stations, 3).
+        quaternion: their orientation x, y, z, w, (..., stations, 4).
+        strains: torsion and curvatures [1/m] and longitudinal strain [-], (4, ..., stations).
+        residual: what is left of the model's equations, relative, (...).
+        iterations: steps it took, (...).
+        twist: of the last arms added or, where compiled, looked at, (4 or 6, ..., nodes).
+    """
+
+    def __init__(self, lead: tuple[int, ...], grid: StationGrid, base: Frame) -> None:
+        """Make room for arms at the stations of ``grid``, standing on ``base``.
+
+        ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
+        """
+        self._grid, self._base = grid, base
+        count = grid.s.size
+        self.position = np.empty((*lead, count, 3))
+        self.quaternion = np.empty((*lead, count, 4))
+        self.strains = np.empty((4, *lead, count))
+        self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
+        self.twist = np.empty((4, grid.nodes.size))
+
+    @property
+    def arrays(self) -> tuple[FloatArray | IntArray, ...]:
+        """Position, quaternion, residual and iterations."""
+        return self.position, self.quaternion, self.residual, self.iterations
+
+    @property
+    def is_one(self) -> bool:
+        """Whether there is one arm, without the axis of a batch."""
+        return self.residual.ndim == 0
+
+    def add(self, part: slice | tuple[()], solution: Solution) -> None:
+        """Take the arms ``part`` of the batch, or the one arm, ().
+
+        Raises:
+            SolveError: if a cross section is turned inside out.
+        """
+        twist = solution.twist
+        self._check(twist[3])
+        position, quaternion = self.position[part], self.quaternion[part]
+        backbone_frames(twist, self._grid, self._base, position, quaternion)
+        at_stations = self._grid.station_node
+        stretch = twist[3][..., at_stations]
+        tau, xi, k, q = self.strains
+        for angular, strain in zip(twist, (tau, xi, k)):
+            np.divide(angular[..., at_stations], stretch, out=strain[part])
+        np.subtract(stretch, 1.0, out=q[part])
+        self.residual[part], self.iterations[part] = solution.residual, solution.iterations
+        self.twist = twist
+
+    def _check(self, stretch: FloatArray) -> None:
+        # NaN fails too.
+        if not stretch.min(initial=1.0) > 0.0:
+            lowest = np.atleast_2d(stretch).min(axis=-1)
+            arm = int(np.argmin(lowest > 0.0))
+            node = int(np.argmin(np.atleast_2d(stretch)[arm]))
+            raise SolveError(
+                f'tensions compress the arm to nothing at s = {self._grid.nodes[node]:.4g} m '
+                f'(q = {lowest[arm] - 1.0:.4g}, must be > -1)',
+                arm,
+            )
+
+    def backbone(
+        self, model: str, tensions: FloatArray, tip_wrench: FloatArray, lead: tuple[int, ...]
+    ) -> Backbone:
+        """All of it, read-only, in the shape of the leading axes ``lead``."""
+        position, quaternion, strains = self.position, self.quaternion, self.strains
+        residual, iterations = self.residual, self.iterations
+        # Of a large batch the nodes would be most of the memory.
+        twist = self.twist.reshape(len(self.twist), -1) if lead == () else None
+        if residual.shape != lead:
+            count = self._grid.s.size
+            position = position.reshape(*lead, count, 3)
+            quaternion = quaternion.reshape(*lead, count, 4)
+            strains = strains.reshape(4, *lead, count)
+            residual, iterations = residual.reshape(lead), iterations.reshape(lead)
+        for array in (
+            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist
+        ):  # fmt: skip
+            if array is not None:
+                array.setflags(write=False)
+        tau, xi, k, q = strains
+        return Backbone(
+            model=model,
+            s=self._grid.s,
+            section=self._grid.section,
+            position=position,
+            quaternion=quaternion,
+            tau=tau,
+            xi=xi,
+            k=k,
+            q=q,
+            tensions=tensions,
+            tip_wrench=tip_wrench,
+            residual=residual,
+            iterations=iterations,
+            twist=twist,
+        )

@@ -1,0 +1,55 @@
+"""The shape of an arm: what every solution is given as."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """Shape of the arm at every station, from base to tip. Its arrays are read-only.
+
+    For a batch of tensions the results keep its leading axes; ``s`` and ``section`` are common to
+    all.
+
+    Attributes:
+        model: name of the model that made it.
+        s: arc coordinate along the reference configuration [m], (stations,).
+        section: section a station belongs to, numbered from the tip; 0 beyond the last
+            anchorage, (stations,). At an anchorage everything holds on the side of the base.
+        position: position of the cross section [m], (..., stations, 3).
+        quaternion: its orientation x, y, z, w, (..., stations, 4); the local x axis is the
+            tangent t, y is n and z is b.
+        tau: torsion about t [1/m], (..., stations).
+        xi: curvature about n [1/m], (..., stations).
+        k: curvature about b [1/m], (..., stations).
+        q: longitudinal strain [-], (..., stations).
+        tensions: tensions of the tendons [N], ``(..., *Arm.tension_shape)``.
+        tip_wrench: force and moment on the tip in base_frame [N, N m], (..., 6).
+        residual: what is left of the model's equations, relative [-], (...).
+        iterations: steps of the solver, (...).
+        twist: motion of the frame per reference length at every node of the solver's grid,
+            (4 or 6, nodes), see `statics.Solution`; None for a batch.
+    """
+
+    model: str
+    s: FloatArray
+    section: IntArray
+    position: FloatArray
+    quaternion: FloatArray
+    tau: FloatArray
+    xi: FloatArray
+    k: FloatArray
+    q: FloatArray
+    tensions: FloatArray
+    tip_wrench: FloatArray
+    residual: FloatArray
+    iterations: IntArray
+    twist: FloatArray | None
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the tip [m], (..., 3)."""
+        return self.position[..., -1, :]

@@ -1,0 +1,47 @@
+"""What every model of the statics takes and gives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+
+class Solution(NamedTuple):
+    """Solved statics of a batch of arms.
+
+    Attributes:
+        twist: motion of the frame per reference length, in its own axes: angular (1 + q) (tau,
+            xi, k) [1/m], then linear 1 + q [-] along t (and shear along n and b, if any),
+            (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
+        residual: what is left of the model's equations, relative, (batch,), or one for all.
+        iterations: steps it took, likewise.
+    """
+
+    twist: FloatArray
+    residual: FloatArray | float
+    iterations: IntArray | int
+
+    def one(self) -> Solution:
+        """The only arm of a batch, without its axis."""
+        if self.twist.ndim == 2:
+            return self
+        return Solution(
+            self.twist[:, 0], float(np.max(self.residual)), int(np.max(self.iterations))
+        )
+
+
+class Statics(Protocol):
+    """A model of the arm's statics, prepared for certain nodes."""
+
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Solve for ``tensions`` (batch, tendons) [N].
+
+        The paper's models take (tendons,) too, for one arm, which NumPy is quicker with than with
+        a batch of one, and complex tensions: their derivatives are the imaginary part.
+
+        Raises:
+            ConvergenceError: if the model's equations were not solved.
+        """

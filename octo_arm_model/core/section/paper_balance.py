@@ -1,0 +1,83 @@
+"""How stiff a cross section is, and how it bends and compresses in the paper's models."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, Number
+from octo_arm_model.core.section.tendon_sums import TendonSums
+
+
+class SectionStiffness(NamedTuple):
+    """Stiffness of the cross section at each node, each (nodes,).
+
+    Attributes:
+        axial: E A [N].
+        torsion: G I [N m^2].
+        bending: E J [N m^2].
+    """
+
+    axial: FloatArray
+    torsion: FloatArray
+    bending: FloatArray
+
+    @classmethod
+    def at(cls, arm: Arm, nodes: FloatArray) -> SectionStiffness:
+        """Stiffness of ``arm`` at arc coordinates ``nodes`` (n,) [m]."""
+        radius = arm.body.radius(nodes)
+        area = np.pi * radius**2
+        second_moment = 0.25 * np.pi * radius**4
+        young = arm.material.youngs_modulus_at(nodes)
+        shear = arm.material.shear_modulus_at(nodes)
+        return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
+
+
+def curvatures(
+    p_t: Number, p_n: Number, p_b: Number, first_n: Number, first_b: Number,
+    second_n: Number, second_b: Number, torsion: Number, bending: Number,
+) -> tuple[Number, Number, Number]:  # fmt: skip
+    """Strains omega = C (F + p) = (tau, xi, k) [1/m] under the imbalance p [N m]."""
+    return (
+        p_t / (torsion + (second_n + second_b)),
+        (p_n - first_b) / (bending + second_b),
+        (p_b + first_n) / (bending + second_n),
+    )
+
+
+def imbalance_of(
+    tau: Number, xi: Number, k: Number, first_n: Number, first_b: Number,
+    second_n: Number, second_b: Number, torsion: Number, bending: Number,
+) -> tuple[Number, Number, Number]:  # fmt: skip
+    """The imbalance p [N m] that strains (tau, xi, k) [1/m] leave: `curvatures` turned around."""
+    return (
+        tau * (torsion + (second_n + second_b)),
+        xi * (bending + second_b) + first_b,
+        k * (bending + second_n) - first_n,
+    )
+
+
+def added_curvature(first: Number, second: Number, bending: Number) -> Number:
+    """What (11) adds to a curvature at an anchorage [1/m], of the new tendons' moments."""
+    return first / (second + bending)
+
+
+def stretch(
+    xi: Number, k: Number, pull: Number, first_n: Number, first_b: Number, axial: Number
+) -> Number:
+    """1 + q = 1 + N / (E A) with N from (9a); ``pull`` is the sum of tensions [N]."""
+    return (k * first_n - xi * first_b - pull) / axial + 1.0
+
+
+def twist_of(
+    tau: FloatArray, xi: FloatArray, k: FloatArray, sums: TendonSums, stiffness: SectionStiffness
+) -> FloatArray:
+    """Twist (4, ..., nodes) of the frame: (1 + q) (tau, xi, k) [1/m] and 1 + q [-]."""
+    stretched = stretch(xi, k, sums.axial, sums.first_n, sums.first_b, stiffness.axial)
+    twist = np.empty((4, *stretched.shape), stretched.dtype)
+    for strain, out in zip((tau, xi, k), twist):
+        np.multiply(strain, stretched, out=out)
+    twist[3] = stretched
+    return twist

@@ -1,0 +1,1 @@
+"""First derivatives of a solution. Imports loaded and what is below it."""

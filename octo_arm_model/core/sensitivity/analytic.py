@@ -1,0 +1,124 @@
+"""Sensitivities, analytic: what a change of a parameter does to strains, shape and lengths.
+
+A change of a parameter leaves a wrench unbalanced at every cross section; the arm answers with a
+change of twist (`Equilibrium.respond`), which turns and moves everything beyond: in base_frame
+
+    phi(s) = int_0^s R d kappa    d u(s) = int_0^s phi x u' + R d v.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.equilibrium import Equilibrium, State, into_section
+from octo_arm_model.core.models.exact import to_scaled
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.numerics.vectors import cross
+from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
+from octo_arm_model.core.rod.solution import Statics
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.strain_measures import unscale_gradient
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+
+
+def derivatives(
+    energy: SectionEnergy,
+    grid: StationGrid,
+    problem: Equilibrium,
+    state: State,
+    tensions: FloatArray,
+) -> Sensitivity:
+    """Of the balanced ``state`` of the model exact under ``tensions`` (tendons,) [N]."""
+    count, tendons = len(state.twist), tensions.size
+    twist = state.twist[:, np.newaxis]
+    strain = to_scaled(energy.law, twist)
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    # What each change of a parameter leaves unbalanced, in the axes of each cross section.
+    columns = np.zeros((6, 2 * tendons + 8, state.twist.shape[1]))
+    elastic, _ = energy.material(strain)
+    lengthening = energy.lengthening(strain)[1]
+    for part, gradient in (
+        (slice(0, tendons), lengthening),
+        (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
+        (slice(tendons + 7, tendons + 8), energy.gradient_by_poisson(strain)[:, np.newaxis]),
+        (slice(tendons + 8, None), energy.gradient_by_offset(strain, local_tensions)),
+    ):
+        columns[:count, part] = -unscale_gradient(energy, twist, gradient)[:, :, 0]
+    arm_to_tip = state.position[:, grid.step.size, np.newaxis] - state.position
+    for axis, unit in enumerate(np.eye(3)[:, :, np.newaxis]):
+        local = into_section(state.rotation, np.broadcast_to(unit, state.position.shape))
+        columns[:3, tendons + 3 + axis] = local
+        columns[3:, tendons + axis] = local
+        moment = cross(arm_to_tip, np.broadcast_to(unit, arm_to_tip.shape))
+        columns[:3, tendons + axis] = into_section(state.rotation, moment)
+    changes = problem.respond(state, problem.compliance(state), columns)
+    pose, strains = _integrate(state.twist, state.rotation, grid, changes)
+    by_twist = unscale_gradient(energy, twist, lengthening)[:, :, 0]
+    length = _lengths(by_twist, changes, grid)
+    direct = energy.length_by_offset(strain) @ integration_weights(grid)
+    length[:, tendons + 8 :] += np.diag(direct)
+    edges = np.cumsum([tendons, 6, 1, 1])
+    tension, wrench, young, poisson, offset = (
+        Change(*part)
+        for part in zip(
+            *(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True
+        )
+    )
+    return Sensitivity(tension, young, wrench, poisson, offset)
+
+
+def papers_derivatives(
+    statics: Statics,
+    energy: SectionEnergy,
+    grid: StationGrid,
+    twist: FloatArray,
+    frames: Quaternions,
+    tensions: FloatArray,
+) -> Sensitivity:
+    """Of ``twist`` (4, nodes) and ``frames``, a solution of one of the paper's models.
+
+    Their equations are analytic in the tensions: solved with one of them moved by a small
+    imaginary number, the imaginary part is the derivative (Squire and Trapp 1998). No digits are
+    lost however small that is, but the sweeps of renda2012 have to notice it.
+    Scaling E is scaling all tensions the other way.
+    """
+    step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
+    moved = tensions + 1j * step * np.eye(tensions.size)
+    by_tension = statics.solve(moved).twist.imag / step
+    changes = np.zeros((6, tensions.size + 1, twist.shape[1]))
+    changes[:4, :-1] = by_tension
+    changes[:4, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
+    pose, strains = _integrate(twist, frames, grid, changes)
+    length = _lengths(energy.lengthening(twist[:, np.newaxis])[1][:, :, 0], changes, grid)
+    return Sensitivity(
+        Change(pose[..., :-1], strains[..., :-1], length[:, :-1]),
+        Change(pose[..., -1:], strains[..., -1:], length[:, -1:]),
+    )
+
+
+def _lengths(by_twist: FloatArray, changes: FloatArray, grid: StationGrid) -> FloatArray:
+    """Change of every tendon's length, (tendons, columns), from that of its stretch by twist."""
+    weighted = by_twist * integration_weights(grid)
+    return np.tensordot(weighted, changes[: len(by_twist)], axes=([0, 2], [0, 2]))
+
+
+def _integrate(
+    twist: FloatArray, frames: Quaternions, grid: StationGrid, changes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pose (stations, 6, columns) and strain (stations, 4, columns) from twist (6, columns, n)."""
+    rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
+    linear = np.zeros((3, twist.shape[1]))
+    linear[: len(twist) - 3] = twist[3:]
+    advance = np.einsum('ijn,jn->in', rotation, linear)[:, np.newaxis]
+    angle = integrate_from_base(np.einsum('ijn,jcn->icn', rotation, changes[:3]), grid)
+    moved = cross(angle, np.broadcast_to(advance, angle.shape))
+    moved += np.einsum('ijn,jcn->icn', rotation, changes[3:])
+    at = grid.station_node
+    pose = np.concatenate([integrate_from_base(moved, grid)[..., at], angle[..., at]])
+    stretch = twist[3, at]
+    strain = changes[:4, :, at].copy()
+    omega = twist[:3, np.newaxis, at] / stretch
+    strain[:3] = (strain[:3] - omega * strain[3]) / stretch
+    return pose.transpose(2, 0, 1), strain.transpose(2, 0, 1)

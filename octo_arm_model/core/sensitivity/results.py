@@ -1,0 +1,106 @@
+"""How the shape answers to small changes of what it depends on."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change of the shape per unit of one or several quantities, the last axis.
+
+    Attributes:
+        pose: displacement [m] and rotation vector [rad] of each cross section, in base_frame,
+            (stations, 6, quantities).
+        strain: change of tau, xi, k [1/m] and q [-], (stations, 4, quantities).
+        tendon_length: change of the length of every tendon [m], (tendons, quantities).
+    """
+
+    pose: FloatArray
+    strain: FloatArray
+    tendon_length: FloatArray
+
+    @property
+    def tip(self) -> FloatArray:
+        """Displacement [m] and rotation [rad] of the tip, (6, quantities)."""
+        return self.pose[-1]
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard deviations of what the shape depends on, all independent of each other.
+
+    Attributes:
+        tension: of every tension [N].
+        youngs_modulus: of E, relative [-].
+        poisson_ratio: of nu [-].
+        offset: of every tendon's distance from the midline [m].
+    """
+
+    tension: float = 0.0
+    youngs_modulus: float = 0.0
+    poisson_ratio: float = 0.0
+    offset: float = 0.0
+
+    @functools.cached_property
+    def is_any(self) -> bool:
+        """Whether anything is uncertain."""
+        return self != Uncertainty()
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """First derivatives of one solution.
+
+    The paper's models have those by tension and by E alone; the others are None.
+
+    Attributes:
+        by_tension: per newton of each tendon's tension.
+        by_tip_wrench: per newton of force and newton metre of moment on the tip, in base_frame.
+        by_youngs_modulus: per relative change of E (of 1 for twice the stiffness), one column.
+        by_poisson_ratio: per unit of nu, one column.
+        by_offset: per metre of each tendon's distance from the midline.
+    """
+
+    by_tension: Change
+    by_youngs_modulus: Change
+    by_tip_wrench: Change | None = None
+    by_poisson_ratio: Change | None = None
+    by_offset: Change | None = None
+
+    @property
+    def compliance(self) -> FloatArray:
+        """Displacement [m] and rotation [rad] of the tip per [N] and [N m] on it, (6, 6).
+
+        Raises:
+            ConfigError: if the model has no loads.
+        """
+        if self.by_tip_wrench is None:
+            raise ConfigError('the model has no loads, so no compliance: choose exact')
+        return self.by_tip_wrench.tip
+
+    def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+
+        Raises:
+            ConfigError: if the model has no derivative by something that is uncertain.
+        """
+        covariance = np.zeros((6, 6))
+        for name, deviation, change in (
+            ('tension', uncertainty.tension, self.by_tension),
+            ("Young's modulus", uncertainty.youngs_modulus, self.by_youngs_modulus),
+            ("Poisson's ratio", uncertainty.poisson_ratio, self.by_poisson_ratio),
+            ("the tendons' offsets", uncertainty.offset, self.by_offset),
+        ):
+            if not deviation:
+                continue
+            if change is None:
+                raise ConfigError(f'the model has no derivative by {name}: choose exact')
+            covariance += deviation**2 * change.tip @ change.tip.T
+        return covariance

@@ -1,0 +1,164 @@
+"""Least squares of a model against measured shapes: residuals, their derivatives, the minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.fitting.pairing import first_alignment, residuals, residuals_change
+from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.midlines import fraction_at_start
+
+# Residuals count as none below this part of the length: recordings are no better.
+_FINEST = 1e-6
+_ROUNDS = 10
+_SETTLED = 1e-2  # of the scale between two rounds
+_TOLERANCE = 1e-8  # of the sum of squares between two steps
+_EVALUATIONS = 100
+
+
+class Problem:
+    """Residuals of all steps, and their derivatives by the unknowns.
+
+    Attributes:
+        shapes: what was measured.
+        unknowns: what is fitted.
+        length: of the arm [m].
+    """
+
+    def __init__(self, shapes: Sequence[Shape], unknowns: Unknowns) -> None:
+        """Fit ``unknowns`` to ``shapes``."""
+        self.shapes, self.unknowns = tuple(shapes), unknowns
+        self.length = unknowns.arm.length
+        self._read = np.array([shape.window.tensions for shape in self.shapes])
+        self._at: FloatArray | None = None
+        self._solver: Solver | None = None
+        self._backbones: dict[int, Backbone] = {}
+
+    def backbone(self, x: FloatArray, step: int) -> Backbone:
+        """The model's answer for a ``step`` at ``x``.
+
+        Raises:
+            SolveError: if it has none.
+            ArmDefinitionError: if there can be no such arm.
+        """
+        if self._solver is None or self._at is None or (x != self._at).any():
+            self._solver, self._at, self._backbones = self.unknowns.solver(x), x.copy(), {}
+        if step not in self._backbones:
+            tensions = self.unknowns.tensions(x, self._read[step])
+            shape = self._solver.arm.tension_shape
+            self._backbones[step] = self._solver.solve(tensions.reshape(shape))
+        return self._backbones[step]
+
+    def residuals(self, x: FloatArray, step: int) -> FloatArray:
+        """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
+        measured = self.unknowns.alignment(x).to_base(self.shapes[step].points)
+        return residuals(measured, self.backbone(x, step).position)
+
+    def change(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of `residuals` by x, (m, 3, unknowns)."""
+        points, backbone = self.shapes[step].points, self.backbone(x, step)
+        assert self._solver is not None
+        alignment, columns = self.unknowns.alignment(x), self.unknowns.alignment_columns
+        by_measured = np.zeros((*points.shape, x.size))
+        if columns.start < x.size:
+            by_measured[..., columns] = alignment.by_parameters(points)
+        by_model = self.unknowns.displacement(x, self._read[step], backbone, self._solver)
+        measured = alignment.to_base(points)
+        return residuals_change(measured, by_measured, backbone.position, by_model)
+
+    def jacobian(self, x: FloatArray) -> list[FloatArray]:
+        """Derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
+        return [self.change(x, step) for step in range(len(self.shapes))]
+
+    def scale(self, x: FloatArray) -> float:
+        """Scale of the robust loss that the residuals at ``x`` ask for [m]."""
+        away = [self.residuals(x, step) for step in range(len(self.shapes))]
+        return robust.scale_of(np.concatenate(away), _FINEST * self.length)
+
+    def minimise(
+        self, x: FloatArray, scale: float, steps: Sequence[int] | None = None
+    ) -> FloatArray:
+        """Least robust sum of squares over ``steps``, all if None, from ``x`` on.
+
+        Raises:
+            SolveError: if the model has no answer at ``x``.
+            ConvergenceError: if no minimum is found.
+        """
+        chosen = range(len(self.shapes)) if steps is None else steps
+        for step in chosen:
+            self.backbone(x, step)  # Said here where there is none, and not as a trial.
+
+        def fun(x: FloatArray) -> FloatArray:
+            try:
+                return np.concatenate([self.residuals(x, step) for step in chosen]).ravel()
+            except (SolveError, ArmDefinitionError):
+                # No such arm, or no answer: a shorter step is tried.
+                return np.full(sum(self.shapes[step].points.size for step in chosen), np.inf)
+
+        def jacobian(x: FloatArray) -> FloatArray:
+            return np.concatenate([self.change(x, step) for step in chosen]).reshape(-1, x.size)
+
+        unknowns = self.unknowns.unknowns
+        low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
+        found = least_squares(
+            fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
+            x_scale=[u.scale for u in unknowns], loss=robust.loss, f_scale=scale, ftol=_TOLERANCE,
+            xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
+        )  # fmt: skip
+        if found.status <= 0:
+            raise ConvergenceError(
+                f'the fit of {self.unknowns.model}', float(found.optimality), int(found.nfev)
+            )
+        return found.x
+
+    def solve(self) -> tuple[FloatArray, float]:
+        """The fit: minimum and scale in turn, until neither moves.
+
+        Returns:
+            x and the scale of the robust loss [m].
+
+        Raises:
+            SolveError: if the model has no answer to begin with.
+            ConvergenceError: if no minimum is found.
+            MeasurementError: if a midline does not begin near the base.
+        """
+        x = self.unknowns.start
+        scale = self.scale(x)
+        for _ in range(_ROUNDS):
+            x = self.minimise(x, scale)
+            previous, scale = scale, self.scale(x)
+            if abs(scale - previous) < _SETTLED * previous:
+                break
+        x = self.minimise(x, scale)
+        for step, shape in enumerate(self.shapes):
+            measured = self.unknowns.alignment(x).to_base(shape.points)
+            fraction_at_start(measured, self.backbone(x, step).position, check=True)
+        return x, scale
+
+
+def fit_alignment(shapes: Sequence[Shape], parameters: Mapping[str, Any], model: str) -> Alignment:
+    """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
+
+    Raises:
+        SolveError: if the model has no answer, or no minimum is found.
+        MeasurementError: if there are too few points, or a midline does not begin near the base.
+    """
+    tensions = np.array([shape.window.tensions for shape in shapes])
+    unknowns = Unknowns(parameters, model, ['alignment'], tensions, Alignment.none())
+    solver = unknowns.solver(unknowns.start)
+    backbone = solver.solve(tensions.reshape(-1, *solver.arm.tension_shape))
+    begin = first_alignment([shape.points for shape in shapes], list(backbone.position))
+    unknowns = Unknowns(parameters, model, ['alignment'], tensions, begin)
+    x, _ = Problem(shapes, unknowns).solve()
+    return unknowns.alignment(x)

@@ -1,0 +1,69 @@
+"""Which point of the model a measured point is held against.
+
+Points are paired by their share of the length from where the midline begins to the tip. That
+needs no markers on the arm, and the noise of a midline, which makes it too long all along, leaves
+it unchanged. Where it begins is where the model is nearest to its first point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.recording.alignment import Alignment, align
+from octo_arm_model.experiment.recording.curves import along, along_change, place_change
+from octo_arm_model.experiment.recording.midlines import fraction_at_start
+
+_ROUNDS = 20
+
+
+def _fractions(count: int, start: float) -> tuple[FloatArray, FloatArray]:
+    """Fractions of the model's length for ``count`` points, and their derivatives by the start."""
+    share = np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
+    return start + (1.0 - start) * share, 1.0 - share
+
+
+def residuals(measured: FloatArray, model: FloatArray) -> FloatArray:
+    """Points ``measured`` (m, 3) less those of ``model`` (n, 3) they are held against [m]."""
+    fraction, _ = _fractions(len(measured), fraction_at_start(measured, model))
+    return measured - along(model, fraction)
+
+
+def residuals_change(
+    measured: FloatArray, by_measured: FloatArray, model: FloatArray, by_model: FloatArray
+) -> FloatArray:
+    """Derivative of `residuals` (m, 3, p) for those of its arguments, (m, 3, p) and (n, 3, p)."""
+    start = fraction_at_start(measured, model)
+    fraction, by_start = _fractions(len(measured), start)
+    start_change = place_change(model, by_model, start, measured[0], by_measured[0])
+    by_fraction = np.outer(by_start, start_change)
+    return by_measured - along_change(model, by_model, fraction, by_fraction)
+
+
+def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]) -> Alignment:
+    """Alignment of ``midlines`` (m, 3), in the camera's frame, with ``models`` (n, 3), roughly.
+
+    As if all midlines began at the base. Outliers are given less weight round by round.
+
+    Raises:
+        MeasurementError: if there are fewer than three points.
+    """
+    camera = np.concatenate(midlines)
+    if len(camera) < 3:
+        raise MeasurementError(
+            f'{len(camera)} measured point(s), expected at least 3 to fit an alignment to'
+        )
+    base = np.concatenate([
+        along(model, _fractions(len(points), 0.0)[0])
+        for points, model in zip(midlines, models, strict=True)
+    ])  # fmt: skip
+    finest = 1e-6 * float(np.ptp(base, axis=0).max())
+    alignment = align(camera, base)
+    for _ in range(_ROUNDS):
+        away = alignment.to_base(camera) - base
+        alignment = align(camera, base, robust.weights(away, robust.scale_of(away, finest)))
+    return alignment

@@ -1,0 +1,225 @@
+"""What can be fitted, and how the shape answers to it.
+
+The solver of a fit works on a vector x with one number for each unknown: moduli and scales as the
+logarithm of their change, so that they stay positive, everything else as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
+from octo_arm_model.experiment.recording.alignment import Alignment
+
+FITS = (
+    'youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'tension_scale', 'tension_offset',
+    'alignment',
+)  # fmt: skip
+_ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
+_OFFSET = 'tendon_offset.'
+_EXACT_ONLY = ('poisson_ratio', 'tendon_offsets')
+_EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
+# Stations are joined by straight lines, so there are enough for these to be as good as the curve.
+FINE_STATIONS = 201
+_FARTHEST = 10.0  # that logarithms go either way
+_PULLED = 1e-2  # of the highest tension: below this a tendon counts as slack
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number to fit.
+
+    Attributes:
+        name: what it is.
+        unit: its unit.
+        start: its component of x to begin with.
+        scale: a change of x that would be large for it.
+        low: least value of x.
+        high: largest value of x.
+        reference: value where x is 0, for one whose logarithm x is; None for others.
+    """
+
+    name: str
+    unit: str
+    start: float
+    scale: float
+    low: float = -math.inf
+    high: float = math.inf
+    reference: float | None = None
+
+    def value(self, x: float) -> float:
+        """Its value at ``x``."""
+        return x if self.reference is None else self.reference * math.exp(x)
+
+    def stddev(self, x: float, deviation: float) -> float:
+        """Standard deviation of the value for a ``deviation`` of x, to first order."""
+        return deviation if self.reference is None else self.value(x) * deviation
+
+
+class Unknowns:
+    """What is fitted of one model, as a vector.
+
+    Attributes:
+        model: its name.
+        arm: what the fit begins with.
+        unknowns: its components.
+        names: their names.
+        start: where the fit begins.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any],
+        model: str,
+        fits: Sequence[str],
+        tensions: FloatArray,
+        alignment: Alignment,
+    ) -> None:
+        """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
+
+        ``tensions`` (steps, tendons) tell which tendons are pulled at all.
+
+        Raises:
+            ConfigError: if the model has no derivative by one of them.
+        """
+        for name in fits:
+            if name not in FITS:
+                raise ConfigError(f'cannot fit {name!r}, expected one of {", ".join(FITS)}')
+            if name in _EXACT_ONLY and model != 'exact':
+                raise ConfigError(
+                    f'the model {model} has no derivative by {name}: choose --model exact'
+                )
+        self.model = model
+        self._alignment = alignment
+        self._parameters = {**parameters, 'model': model}
+        if model != 'exact':
+            for name in _EXACT_STDDEVS:
+                self._parameters.pop(name, None)
+        config = Config.from_parameters(self._parameters)
+        material = config.arm.material
+        if self._parameters.get('material.shear_modulus'):
+            # E is fitted at the same nu, so G changes with it.
+            self._parameters['material.shear_modulus'] = 0.0
+            self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
+        self.arm = config.arm
+        self._slack = _PULLED * tensions.max(initial=0.0)
+        self._pulled = tensions.max(axis=0, initial=0.0) > self._slack
+        self.unknowns = tuple(
+            unknown for name in FITS if name in fits for unknown in self._unknowns_of(name)
+        )
+        if not self.unknowns:
+            raise ConfigError('nothing to fit: no tendon is pulled')
+        self.start = np.array([unknown.start for unknown in self.unknowns])
+        self.names = tuple(unknown.name for unknown in self.unknowns)
+
+    def _unknowns_of(self, name: str) -> list[Unknown]:
+        material = self.arm.material
+        if name == 'youngs_modulus':
+            young = float(material.youngs_modulus_at(0.0))
+            return [Unknown(name, 'Pa', 0.0, 1.0, -_FARTHEST, _FARTHEST, young)]
+        if name == 'poisson_ratio':
+            if self._parameters.get('material.table_poisson_ratio'):
+                raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
+            ratio = float(material.poisson_ratio_at(0.0))
+            return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
+        if name == 'tension_scale':
+            return [Unknown(name, '-', 0.0, 1.0, -_FARTHEST, _FARTHEST, 1.0)]
+        if name == 'tension_offset':
+            return [Unknown(name, 'N', 0.0, 0.1)]
+        if name == 'tendon_offsets':
+            pulled = np.array(self.arm.tendon_names)[self._pulled]
+            return [Unknown(f'{_OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
+        start = (*self._alignment.shift, *self._alignment.turn)
+        units = 3 * ['m'] + 3 * ['rad']
+        return [
+            Unknown(part, unit, float(value), 1e-2)
+            for part, unit, value in zip(_ALIGNMENT, units, start, strict=True)
+        ]
+
+    def _get(self, x: FloatArray, name: str, default: float) -> float:
+        if name not in self.names:
+            return default
+        number = self.names.index(name)
+        return self.unknowns[number].value(float(x[number]))
+
+    def alignment(self, x: FloatArray) -> Alignment:
+        """Transform camera to base at ``x``."""
+        if _ALIGNMENT[0] not in self.names:
+            return self._alignment
+        first = self.names.index(_ALIGNMENT[0])
+        return Alignment(x[first + 3 : first + 6].copy(), x[first : first + 3].copy())
+
+    def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
+        """What pulls (tendons,) [N] where sensors ``read`` so; slack tendons have no offset."""
+        scale, offset = self._get(x, 'tension_scale', 1.0), self._get(x, 'tension_offset', 0.0)
+        return np.maximum(scale * read + offset * (read > self._slack), 0.0)
+
+    def parameters(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of the arm at ``x``."""
+        values = dict(self._parameters)
+        young = self._get(x, 'youngs_modulus', math.nan)
+        if math.isfinite(young):
+            table = 'material.table_youngs_modulus'
+            if values.get('material.table_s'):
+                factor = young / float(self.arm.material.youngs_modulus_at(0.0))
+                values[table] = [factor * value for value in values[table]]
+            else:
+                values['material.youngs_modulus'] = young
+        ratio = self._get(x, 'poisson_ratio', math.nan)
+        if math.isfinite(ratio):
+            values['material.poisson_ratio'] = ratio
+        moved = {
+            tendon: self._get(x, f'{_OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
+        }
+        return move_tendons(values, self.arm, moved) if any(moved.values()) else values
+
+    def solver(self, x: FloatArray) -> Solver:
+        """Solver of the arm at ``x``.
+
+        Raises:
+            ArmDefinitionError: if there can be no such arm.
+        """
+        config = Config.from_parameters(self.parameters(x))
+        return config.solver(stations=max(config.stations, FINE_STATIONS))
+
+    def displacement(
+        self, x: FloatArray, read: FloatArray, backbone: Backbone, solver: Solver
+    ) -> FloatArray:
+        """Derivative of the stations of ``backbone``, of ``solver``, by x, (n, 3, unknowns)."""
+        if set(self.names) <= set(_ALIGNMENT):
+            return np.zeros((*backbone.position.shape, len(self.names)))
+        change = solver.sensitivity(backbone)
+        by_tension = change.by_tension.pose[:, :3]
+        pulls = backbone.tensions.ravel() > 0.0
+        columns = np.zeros((*by_tension.shape[:2], len(self.unknowns)))
+        scale = self._get(x, 'tension_scale', 1.0)
+        for number, name in enumerate(self.names):
+            column = columns[..., number]
+            if name == 'youngs_modulus':
+                column += change.by_youngs_modulus.pose[:, :3, 0]
+            elif name == 'poisson_ratio' and change.by_poisson_ratio is not None:
+                column += change.by_poisson_ratio.pose[:, :3, 0]
+            elif name == 'tension_scale':
+                column += by_tension @ (scale * read * pulls)
+            elif name == 'tension_offset':
+                column += by_tension @ ((read > self._slack) & pulls).astype(np.float64)
+            elif name.startswith(_OFFSET) and change.by_offset is not None:
+                tendon = self.arm.tendon_names.index(name.removeprefix(_OFFSET))
+                column += change.by_offset.pose[:, :3, tendon]
+        return columns
+
+    @property
+    def alignment_columns(self) -> slice:
+        """Which of x are the alignment."""
+        first = self.names.index(_ALIGNMENT[0]) if _ALIGNMENT[0] in self.names else len(self.names)
+        return slice(first, first + 6)

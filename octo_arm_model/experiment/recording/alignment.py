@@ -1,0 +1,121 @@
+"""Where the camera is: the rigid motion from its frame to base_frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.core.rod.kinematics import Pose
+
+# Extents of a cloud of points, relative to the largest, below which they count as none: its noise
+# is up to a few per cent of the arm.
+_FLAT = 0.03
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The transform camera to base: position_in_base = R position_in_camera + shift.
+
+    Attributes:
+        turn: rotation vector of R [rad], (3,).
+        shift: where the camera's origin lies in base_frame [m], (3,).
+    """
+
+    turn: FloatArray
+    shift: FloatArray
+
+    @classmethod
+    def none(cls) -> Alignment:
+        """Of a camera whose frame is base_frame."""
+        return cls(np.zeros(3), np.zeros(3))
+
+    @classmethod
+    def from_pose(cls, pose: Pose) -> Alignment:
+        """From the pose of the camera in base_frame."""
+        turn = Rotation.from_quat(np.array(pose.quaternion)).as_rotvec()
+        return cls(turn, np.array(pose.position))
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The rotation R, (3, 3)."""
+        return Rotation.from_rotvec(self.turn).as_matrix()
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """The rotation as x, y, z, w."""
+        return Rotation.from_rotvec(self.turn).as_quat()
+
+    def to_base(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) of the camera's frame in base_frame [m]."""
+        return points @ self.rotation.T + self.shift
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) of base_frame in the camera's frame [m]."""
+        return (points - self.shift) @ self.rotation
+
+    def by_parameters(self, points: FloatArray) -> FloatArray:
+        """Derivative of `to_base` by ``shift`` and ``turn``, (..., 3, 6)."""
+        turned = points @ self.rotation.T
+        change = np.zeros((*points.shape, 6))
+        change[..., :3] = np.eye(3)
+        # (3, 3, ...): how far a small turn carries each point, then how the vector turns.
+        carried = -skew(np.moveaxis(turned, -1, 0).reshape(3, -1)).reshape(
+            3, 3, *points.shape[:-1]
+        )
+        change[..., 3:] = np.moveaxis(carried, (0, 1), (-2, -1)) @ left_jacobian(self.turn)
+        return change
+
+    def as_dict(self) -> dict[str, list[float]]:
+        """Position [m] and quaternion x, y, z, w, ready for JSON."""
+        return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
+
+
+def left_jacobian(turn: FloatArray) -> FloatArray:
+    """Small rotation after it, per change of a rotation vector (Barfoot 2017, 7.1.3), (3, 3)."""
+    angle = float(np.linalg.norm(turn))
+    cross = skew(turn[:, np.newaxis])[:, :, 0]
+    if angle < 1e-4:
+        return np.eye(3) + 0.5 * cross + cross @ cross / 6.0
+    first = (1.0 - np.cos(angle)) / angle**2
+    second = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + first * cross + second * cross @ cross
+
+
+def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
+    """The rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
+
+    In the least squares sense, each with its ``weight`` (Kabsch 1976). Of points on a line the
+    rotation about it is undetermined and that nearest to none is not sought: ask `undetermined`.
+    """
+    weight = np.broadcast_to(np.asarray(weight, dtype=np.float64), (len(camera),))
+    share = (weight / weight.sum())[:, np.newaxis]
+    from_mean, to_mean = (share * camera).sum(axis=0), (share * base).sum(axis=0)
+    covariance = (base - to_mean).T @ (share * (camera - from_mean))
+    left, _, right = np.linalg.svd(covariance)
+    # A proper rotation, even where a reflection would fit better.
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    rotation = left @ right
+    turn = Rotation.from_matrix(rotation).as_rotvec()
+    return Alignment(turn, to_mean - rotation @ from_mean)
+
+
+def undetermined(points: FloatArray) -> tuple[str, ...]:
+    """What ``points`` (n, 3) leave open of a fitted alignment, in words."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[0] == 0.0:
+        return ('all measured points are one: the alignment has no rotation',)
+    if spread[1] <= _FLAT * spread[0]:
+        return (
+            'all measured points lie on a line: the rotation about it is not determined',
+        )  # fmt: skip
+    if spread[2] <= _FLAT * spread[0]:
+        return (
+            'all measured points lie in a plane: the alignment cannot tell a picture from its '
+            'mirror image, seen from the other side of the plane',
+        )
+    return ()

@@ -1,0 +1,68 @@
+"""How far the camera's clock is off, from the motion both it and the tensions have seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.solver import Solver
+
+RANGE = 2.0  # [s] searched either way
+_STEP = 0.01  # [s]
+_STATIONS = 31
+# Tensions solved and frames looked at, at most.
+_SAMPLES = 5000
+# What the best offset leaves unexplained, over what the middling one does.
+_CLEAR = 0.5
+_KEPT = 0.9  # share of the frames: the worst may be outliers
+
+
+def clock_offset(
+    arm: Arm,
+    tension_time: FloatArray,
+    tensions: FloatArray,
+    frame_time: FloatArray,
+    tips: FloatArray,
+) -> float | None:
+    """Seconds to add to ``frame_time`` (f,), so that ``tips`` (f, 3) move when they should.
+
+    For each offset up to `RANGE` the tips are explained as an affine function of those of the
+    model closed_form under ``tensions`` (n, tendons) at ``tension_time`` (n,); what leaves least
+    unexplained is the best. An affine function takes care of the camera's place and of most of
+    what the model has wrong, and no offset can be had from an arm at rest. The lag of the arm
+    behind its tensions counts as one of the clock.
+
+    Returns:
+        The offset; None where the motion does not clearly tell one.
+    """
+    some = np.linspace(0, len(tensions) - 1, min(len(tensions), _SAMPLES)).astype(int)
+    solver = Solver(arm, 'closed_form', max(_STATIONS, len(arm.sections) + 2), Pose())
+    try:
+        expected = solver.solve(tensions[some].reshape(-1, *arm.tension_shape)).tip
+    except SolveError:
+        return None
+    seen = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
+    times, tips = frame_time[seen], tips[seen]
+    offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
+    left = np.array([
+        _unexplained(times + offset, tips, tension_time[some], expected) for offset in offsets
+    ])  # fmt: skip
+    best = int(left.argmin())
+    if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
+        return None
+    return round(float(offsets[best]), 3)
+
+
+def _unexplained(
+    times: FloatArray, tips: FloatArray, tension_time: FloatArray, expected: FloatArray
+) -> float:
+    """Mean square of what is left of ``tips`` at ``times``, the worst frames aside [m^2]."""
+    columns = [np.ones(len(times))]
+    columns += [np.interp(times, tension_time, column) for column in expected.T]
+    regressors = np.stack(columns, axis=1)
+    found = np.linalg.lstsq(regressors, tips, rcond=1e-9)[0]
+    squares = np.sort(((tips - regressors @ found) ** 2).sum(axis=1))
+    return float(squares[: max(1, int(_KEPT * len(squares)))].mean())

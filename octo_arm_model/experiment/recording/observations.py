@@ -1,0 +1,146 @@
+"""From a recording to the shapes of its steady steps."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
+from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.midlines import is_tip_first
+from octo_arm_model.experiment.recording.recording import Recording
+from octo_arm_model.experiment.recording.steady_windows import SteadyRule, steady_windows
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """How frames find their tensions.
+
+    Attributes:
+        steady: what counts as steady.
+        tolerance: how far stamps may be off: a frame has a sample of tensions within this time,
+            and lies at least that far inside its window [s].
+        offset: added to the stamps of frames [s]; None to find it from the motion.
+        base_end: 'first' or 'last' point of the midlines; None to tell from which one stays.
+    """
+
+    steady: SteadyRule = field(default_factory=SteadyRule)
+    tolerance: float = 0.1
+    offset: float | None = None
+    base_end: str | None = None
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a recording says of the arm.
+
+    Attributes:
+        shapes: one for each steady step with frames.
+        offset: added to the stamps of frames [s].
+        notes: how they were got at, in words.
+    """
+
+    shapes: tuple[Shape, ...]
+    offset: float
+    notes: tuple[str, ...]
+
+
+def observe(
+    recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
+) -> Observations:
+    """Shapes of the steady steps of ``recording``; ``known`` is the alignment, where it is.
+
+    Raises:
+        MeasurementError: if it cannot be told which end of the midlines is the base.
+        SolveError: if there is no steady step with a frame.
+    """
+    notes = list(recording.notes)
+    config = Config.from_parameters(recording.parameters)
+    frames = _base_first(recording, pairing, config, known, notes)
+    offset = _offset(recording, pairing, config, frames, notes)
+    windows = steady_windows(recording.tension_time, recording.tensions, pairing.steady)
+    duration = pairing.steady.duration
+    if not windows:
+        raise SolveError(
+            f'nothing to compare: no tension stays within '
+            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s'
+        )
+    time = recording.frame_time + offset
+    usable = _distance(time, recording.tension_time) <= pairing.tolerance
+    shapes = []
+    for window in windows:
+        begun = time >= window.start + pairing.tolerance
+        inside = usable & begun & (time <= window.stop - pairing.tolerance)
+        if inside.any():
+            shapes.append(mean_shape(window, list(itertools.compress(frames, inside))))
+    used = sum(shape.frames + shape.outliers for shape in shapes)
+    steady = f'{len(windows)} steady steps'
+    if not shapes:
+        raise SolveError(
+            f'nothing to compare: none of {len(frames)} frames from {time[0]:.3f} to '
+            f'{time[-1]:.3f} s lies in one of {steady} from {windows[0].start:.3f} to '
+            f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
+        )
+    notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
+    if recording.skipped:
+        last = recording.skipped[-1]
+        notes.append(
+            f'{len(recording.skipped)} messages left out, the last on {last.topic} at '
+            f'{1e-9 * last.stamp_ns:.3f} s: {last.reason}'
+        )
+    return Observations(tuple(shapes), offset, tuple(notes))
+
+
+def _base_first(
+    recording: Recording,
+    pairing: Pairing,
+    config: Config,
+    known: Alignment | None,
+    notes: list[str],
+) -> Sequence[FloatArray]:
+    """Midlines from base to tip."""
+    if recording.is_tips:
+        return recording.frames
+    tip_first, why = pairing.base_end == 'last', 'as told'
+    if pairing.base_end is None:
+        base = known.to_camera(np.array(config.base.position)) if known is not None else None
+        tip_first, why = is_tip_first(recording.frames, base)
+    notes.append(f'midlines run from {"tip to base" if tip_first else "base to tip"}: {why}')
+    return [points[::-1] for points in recording.frames] if tip_first else recording.frames
+
+
+def _offset(
+    recording: Recording,
+    pairing: Pairing,
+    config: Config,
+    frames: Sequence[FloatArray],
+    notes: list[str],
+) -> float:
+    """Offset of the camera's clock, given or found."""
+    if pairing.offset is not None:
+        return pairing.offset
+    tips = np.array([points[-1] for points in frames])
+    found = clock_offset(
+        config.arm, recording.tension_time, recording.tensions, recording.frame_time, tips
+    )
+    if found is None:
+        notes.append(
+            f'clock offset taken as 0 s: the motion does not clearly tell one within {RANGE:g} s'
+        )
+        return 0.0
+    notes.append(f'clock offset {found:+.2f} s on the stamps of frames, found from the motion')
+    return found
+
+
+def _distance(times: FloatArray, samples: FloatArray) -> FloatArray:
+    """Time from each of ``times`` to the nearest of ascending ``samples`` [s]."""
+    after = np.clip(np.searchsorted(samples, times), 1, max(len(samples) - 1, 1))
+    before = np.abs(times - samples[after - 1])
+    return np.minimum(before, np.abs(times - samples[np.minimum(after, len(samples) - 1)]))

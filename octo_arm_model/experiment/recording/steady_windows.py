@@ -1,0 +1,149 @@
+"""Steady windows: where the tensions stay what they are, so that the arm has come to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.core.arm.validation import not_negative, positive
+from octo_arm_model.core.hints import FloatArray
+
+# By default the tolerance is such a part of the highest tension, and so many times the noise.
+_PART = 0.02
+_TIMES_NOISE = 4.0
+# Of normal noise the standard deviation is so many times the median of the absolute values.
+MAD = 1.4826
+_FIRST_BLOCK = 64
+
+
+@dataclass(frozen=True)
+class SteadyRule:
+    """What counts as steady.
+
+    While no tension leaves a band of twice the ``tolerance`` and no gap between samples is longer
+    than ``duration`` it is one window. Neighbours whose means agree within the tolerance are one,
+    if less than ``duration`` lies between. A window begins and ends within half the tolerance of
+    its median, so that the ways to and from it do not count, and must last ``duration``; its first
+    ``settle`` seconds do not count either: the arm is still coming to rest.
+
+    Attributes:
+        tolerance: [N]; None for the larger of 2 percent of the highest tension and four times the
+            noise, which is taken from the differences of neighbouring samples.
+        duration: [s].
+        settle: [s], less than ``duration``.
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    tolerance: float | None = None
+    duration: float = 1.0
+    settle: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if self.tolerance is not None:
+            positive('steady tolerance', self.tolerance, 'N')
+        positive('steady duration', self.duration, 's')
+        not_negative('settling time', self.settle, 'time', 's')
+
+    def tolerance_for(self, tensions: FloatArray) -> float:
+        """Tolerance for a recording of ``tensions`` (n, tendons) [N]."""
+        if self.tolerance is not None:
+            return self.tolerance
+        change = np.abs(np.diff(tensions, axis=0))
+        # The difference of two samples has the noise of both.
+        noise = MAD * np.median(change, axis=0) / np.sqrt(2.0) if len(change) else np.zeros(1)
+        return max(_PART * float(tensions.max()), _TIMES_NOISE * float(noise.max()), 1e-9)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A steady stretch of a recording, without its settling time.
+
+    Attributes:
+        start: when it begins [s].
+        stop: when it ends [s].
+        tensions: mean of each (tendons,) [N].
+        noise: standard deviation of each (tendons,) [N].
+    """
+
+    start: float
+    stop: float
+    tensions: FloatArray
+    noise: FloatArray
+
+
+def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:
+    """Steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s]."""
+    if not len(time):
+        return []
+    band = 2.0 * rule.tolerance_for(tensions)
+    gap = max(rule.duration, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
+    spans: list[tuple[int, int]] = []
+    first = 0
+    while first < len(time):
+        stop = _end_of_band(time, tensions, first, band, gap)
+        if time[stop - 1] - time[first] >= rule.duration:
+            if spans and _is_one(time, tensions, spans[-1], (first, stop), 0.5 * band, rule):
+                spans[-1] = (spans[-1][0], stop)
+            else:
+                spans.append((first, stop))
+        first = stop
+    windows = [_window(time, tensions, span, band, rule) for span in spans]
+    return [window for window in windows if window is not None]
+
+
+def _window(
+    time: FloatArray, tensions: FloatArray, span: tuple[int, int], band: float, rule: SteadyRule
+) -> Window | None:
+    """Window of samples ``span``, without the ways to and from it; None where it is too short."""
+    inside = np.arange(*span)
+    away = np.abs(tensions[inside] - np.median(tensions[inside], axis=0)).max(axis=1)
+    near = inside[away <= 0.25 * band]
+    if near.size:
+        kept = slice(near[0] - span[0], near[-1] + 1 - span[0])
+        inside, away = inside[kept], away[kept]
+    settled = time[inside] >= time[inside[0]] + rule.settle
+    # Not what lies between two windows that were made one.
+    taken = inside[settled & (away <= band)]
+    if time[inside[-1]] - time[inside[0]] < rule.duration or not taken.size:
+        return None
+    mean, noise = tensions[taken].mean(axis=0), tensions[taken].std(axis=0)
+    return Window(float(time[taken[0]]), float(time[taken[-1]]), mean, noise)
+
+
+def _end_of_band(
+    time: FloatArray, tensions: FloatArray, first: int, band: float, gap: float
+) -> int:
+    """First sample after ``first`` that is not within a band with all those before it."""
+    low = high = tensions[first]
+    done, block = first + 1, _FIRST_BLOCK
+    while done < len(time):
+        part = tensions[done : done + block]
+        lows = np.minimum(np.minimum.accumulate(part), low)
+        highs = np.maximum(np.maximum.accumulate(part), high)
+        leaves = (highs - lows > band).any(axis=1)
+        leaves |= np.diff(time[done - 1 : done + len(part)]) > gap
+        if leaves.any():
+            return done + int(leaves.argmax())
+        low, high = lows[-1], highs[-1]
+        done += len(part)
+        block *= 2
+    return len(time)
+
+
+def _is_one(
+    time: FloatArray,
+    tensions: FloatArray,
+    one: tuple[int, int],
+    other: tuple[int, int],
+    tolerance: float,
+    rule: SteadyRule,
+) -> bool:
+    """Whether two windows are one step, parted by a glitch."""
+    if time[other[0]] - time[one[1] - 1] >= rule.duration:
+        return False
+    means = [tensions[slice(*span)].mean(axis=0) for span in (one, other)]
+    return bool((np.abs(means[0] - means[1]) <= tolerance).all())

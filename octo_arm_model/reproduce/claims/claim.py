@@ -1,0 +1,63 @@
+"""A claim of the paper's text, and what each model says to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a model says to a claim.
+
+    Attributes:
+        value: the numbers, for people.
+        holds: whether they are what the paper claims; None where that cannot be told.
+    """
+
+    value: str
+    holds: bool | None = None
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper's text.
+
+    Attributes:
+        says: the paper's words.
+        where: where in the paper they are.
+        check: what was computed, and when the claim holds; or why nothing could be.
+        findings: by model; empty where nothing could be computed.
+        is_of_machine: whether the numbers are of the machine they were made on.
+    """
+
+    says: str
+    where: str
+    check: str
+    findings: Mapping[str, Finding] = field(default_factory=dict)
+    is_of_machine: bool = False
+
+    @property
+    def fails(self) -> bool:
+        """Whether the paper's own model contradicts it; never for what is the machine's."""
+        finding = self.findings.get(DEFAULT_MODEL)
+        return finding is not None and finding.holds is False and not self.is_of_machine
+
+
+def count(claims: Sequence[Claim], model: str) -> tuple[int, int]:
+    """How many claims hold for ``model``, and how many of them could be told."""
+    verdicts = [claim.findings[model].holds for claim in claims if model in claim.findings]
+    return verdicts.count(True), len(verdicts) - verdicts.count(None)
+
+
+def of_models(judge: Callable[[str], Finding]) -> dict[str, Finding]:
+    """What every model says, by model."""
+    return {model: judge(model) for model in MODELS}
+
+
+def below(value: float, digits: int) -> str:
+    """``value`` to ``digits`` decimals, or that it is less than the last of them."""
+    least = 10.0**-digits
+    return f'{value:.{digits}f}' if value >= least / 2.0 else f'less than {least:.{digits}f}'

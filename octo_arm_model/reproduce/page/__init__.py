@@ -1,0 +1,1 @@
+"""The page of the reproduction and how it is written. Imports claims and figures."""

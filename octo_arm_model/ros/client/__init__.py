@@ -1,0 +1,1 @@
+"""What an arm publishes, as whoever watches sees it. Imports ros/messages."""

@@ -1,0 +1,1 @@
+"""The node: subscriptions, publishers, services and diagnostics around a solver."""

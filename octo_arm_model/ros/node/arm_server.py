@@ -1,0 +1,194 @@
+"""What the node does, for a node of either kind: plain or managed."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import WrenchStamped
+from octo_arm_msgs.srv import FindTensions, Solve
+from rclpy.node import Node
+
+from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.core.errors import LoadError, OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.live_parameters import LiveParameters
+from octo_arm_model.ros.messages import wrench_from_stamped
+from octo_arm_model.ros.node.backbone_publishers import Outbox
+from octo_arm_model.ros.node.diagnostics import Health
+from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
+from octo_arm_model.ros.node.tension_subscription import INPUT_QOS, TOPICS, Inbox
+from octo_arm_model.wire.tension_template import Stamp
+
+WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
+
+
+class Prepared(NamedTuple):
+    """An arm ready to be solved, swapped as a whole.
+
+    Attributes:
+        values: the parameters it was made from.
+        config: what they say.
+        solver: its solver.
+    """
+
+    values: dict[str, Any]
+    config: Config
+    solver: Solver
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Prepared:
+        """Prepare the arm that ``values`` describe.
+
+        Raises:
+            OctoArmError: if they do not describe one; the message says why.
+        """
+        config = Config.from_parameters(values)
+        solver = config.solver(compiled=None)
+        # Whatever is tabulated at the first solve is tabulated now.
+        solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
+        return cls(values, config, solver)
+
+
+class Engine:
+    """Answers tensions on behalf of a node.
+
+    ``configure`` loads the arm, ``activate`` starts answering, ``deactivate`` stops and
+    ``cleanup`` frees what ``configure`` took.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Declare the parameters of ``node``."""
+        self._node = node
+        self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
+        self._prepared: Prepared | None = None
+        self._health = Health(node)
+        self._inboxes: list[Inbox] = []
+        self._others: list[tuple[Any, Any]] = []
+        self._outbox: Outbox | None = None
+        self._tip_wrench: FloatArray | None = None
+        self._last: Backbone | None = None
+
+    def configure(self) -> None:
+        """Load and validate the arm.
+
+        Raises:
+            ConfigError: if a parameter is missing, unknown or of the wrong type, or they do not go
+                together.
+            ArmDefinitionError: if the arm cannot exist.
+        """
+        self._outbox = Outbox(self._node)
+        self._live.begin()
+
+    def activate(self) -> None:
+        """Start answering."""
+        node = self._node
+        self._health.is_active = True
+        self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
+        wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
+        self._others = [
+            (wrench, node.destroy_subscription),
+            (node.create_service(Solve, 'solve', self._on_solve), node.destroy_service),
+            (
+                node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
+                node.destroy_service,
+            ),
+        ]
+
+    def deactivate(self) -> None:
+        """Stop answering."""
+        for inbox in self._inboxes:
+            inbox.close(self._node)
+        for entity, destroy in self._others:
+            destroy(entity)
+        self._inboxes, self._others = [], []
+        self._health.is_active = False
+        self._last = self._tip_wrench = None
+
+    def cleanup(self) -> None:
+        """Free the arm and its publishers."""
+        self._live.end()
+        if self._outbox is not None:
+            self._outbox.close()
+        self._outbox = self._prepared = None
+
+    def _use(self, prepared: Prepared, names: set[str]) -> None:
+        """Answer with the arm ``prepared`` from now on, between two messages."""
+        assert self._outbox is not None
+        config = prepared.config
+        self._prepared, self._last = prepared, None
+        self._health.model = config.model
+        self._health.is_compiled = prepared.solver.is_compiled
+        self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
+        self._outbox.announce(parameters_as_yaml(prepared.values))
+        how = ' (compiled)' if prepared.solver.is_compiled else ''
+        self._node.get_logger().info(
+            f'{config.model}{how}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
+            f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
+            + ' '.join(config.arm.tendon_names)
+        )
+
+    # Messages -----------------------------------------------------------------------------------
+
+    def _answer(self, inbox: Inbox, data: bytes, older: int) -> None:
+        if older:
+            self._health.skipped(older)
+        prepared, outbox = self._prepared, self._outbox
+        if prepared is None or outbox is None:
+            return
+        try:
+            tensions, stamp = inbox.read(data, prepared.config.arm)
+            if self._health.received(inbox.topic, stamp):
+                self._last = None  # A bag that begins anew: nothing follows from its end.
+            began = time.perf_counter()
+            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
+            self._last = backbone
+            covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
+            duration = time.perf_counter() - began
+        except OctoArmError as error:
+            self._refuse(inbox.topic, error)
+            return
+        outbox.publish(backbone, covariance, self._stamp(stamp))
+        self._health.answered(backbone, duration)
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        """Keep the wrench for the tensions to come."""
+        prepared = self._prepared
+        if prepared is None:
+            return
+        try:
+            wrench = wrench_from_stamped(message, prepared.config.base_frame)
+            if wrench.any() and prepared.solver.model != 'exact':
+                raise LoadError(f'model is {prepared.solver.model!r}, which has no tip wrench')
+        except OctoArmError as error:
+            self._refuse('tip_wrench', error)
+            return
+        self._tip_wrench = wrench if wrench.any() else None
+
+    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
+        assert self._prepared is not None
+        frame = self._prepared.config.base_frame
+        return answer_solve(request, response, self._prepared.solver, frame)
+
+    def _on_find_tensions(
+        self, request: FindTensions.Request, response: FindTensions.Response
+    ) -> FindTensions.Response:
+        assert self._prepared is not None
+        now = self._node.get_clock().now().to_msg()
+        frame = self._prepared.config.base_frame
+        return answer_find_tensions(request, response, self._prepared.solver, frame, now)
+
+    def _refuse(self, topic: str, error: OctoArmError) -> None:
+        self._health.refused(topic, error)
+        self._node.get_logger().warning(
+            f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+        )
+
+    def _stamp(self, stamp: Stamp | None) -> Stamp:
+        """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""
+        if stamp is not None and any(stamp):
+            return stamp
+        return Stamp(*self._node.get_clock().now().seconds_nanoseconds())

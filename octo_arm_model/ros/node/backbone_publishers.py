@@ -1,0 +1,113 @@
+"""Shapes as they go out: every topic the node publishes its answers on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
+from octo_arm_msgs.msg import SectionStrains
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.node.frames import broadcast, make_broadcaster, transforms
+from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
+from octo_arm_model.ros.node.markers import ArmMarkers
+from octo_arm_model.wire.cdr_templates import BackboneWriter
+from octo_arm_model.wire.tension_template import Stamp
+
+OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+# Whoever comes late still hears what the arm is.
+LATCHED_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+_TOPICS = (
+    (Path, 'backbone/path'),
+    (PoseArray, 'backbone/poses'),
+    (SectionStrains, 'strains'),
+    (PoseWithCovarianceStamped, 'tip_pose'),
+)
+
+
+class Outbox:
+    """Publishers of one node."""
+
+    def __init__(self, node: Node) -> None:
+        """Open them on ``node``."""
+        self._node = node
+        self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
+        self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
+        self._description = self._open(String, 'arm_description', LATCHED_QOS)
+        self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
+        self._transforms = make_broadcaster(node)
+        self._writer: BackboneWriter | None = None
+        self._drawing: ArmMarkers | None = None
+        self._is_drawn, self._largest = False, 0.0
+        self._solver: Solver | None = None
+        self._frame = self._prefix = ''
+
+    def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
+        return self._node.create_publisher(
+            kind,
+            topic,
+            qos,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def close(self) -> None:
+        """Close them."""
+        others = (self._lengths, self._description, self._markers, self._transforms)
+        for publisher in (*self._publishers, *others):
+            if publisher is not None:
+                self._node.destroy_publisher(publisher)
+
+    def describe(self, solver: Solver, frame: str, prefix: str) -> None:
+        """Answers to come are those of ``solver`` in ``frame``."""
+        arm, grid = solver.arm, solver.grid
+        self._frame, self._prefix, self._solver = frame, prefix, solver
+        self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._drawing = ArmMarkers(arm, grid.s, widen=solver.law.widens)
+        self._is_drawn, self._largest = False, 0.0
+
+    def announce(self, description: str) -> None:
+        """Publish what the arm is, as a ROS parameter file."""
+        self._description.publish(String(data=description))
+
+    def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Stamp) -> None:
+        """Publish one answer: on every topic, but what takes longer only if somebody listens."""
+        assert self._writer is not None and self._solver is not None
+        writer = self._writer
+        # Each leaves before the next is written: who waits for one does not wait for all.
+        path, poses, strains, tip = self._publishers
+        path.publish(writer.path(backbone, *stamp))
+        poses.publish(writer.poses(backbone, *stamp))
+        strains.publish(writer.strains(backbone, *stamp))
+        tip.publish(writer.tip_pose(backbone, covariance, *stamp))
+        if self._transforms is not None:
+            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            frames = transforms(backbone, self._solver.arm, self._frame, self._prefix, time)
+            broadcast(self._transforms, frames)
+        if self._lengths.get_subscription_count():
+            lengths = self._solver.tendon_lengths(backbone)
+            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if self._markers.get_subscription_count():
+            assert self._drawing is not None
+            # Red is the largest tension ever, so that colours can be compared over time.
+            self._largest = max(self._largest, float(backbone.tensions.max()))
+            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            drawing = self._drawing.build(backbone, time, self._frame, self._largest or None)
+            if not self._is_drawn:
+                # Nothing of another arm may stay.
+                drawing.markers.insert(0, Marker(action=Marker.DELETEALL))
+                self._is_drawn = True
+            self._markers.publish(drawing)

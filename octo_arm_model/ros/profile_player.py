@@ -1,0 +1,182 @@
+"""A command profile, played to whatever pulls the tendons."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.signals import SignalHandlerOptions
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.client.command_publisher import CommandPublisher
+from octo_arm_model.simulation.commands import TOPIC, transition
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profile import Profile
+
+RELEASE_TIME = 2.0  # [s] from the last tensions to slack
+_LOOK = 0.05  # [s] between looks
+_SAME_SIGNAL = 0.3  # [s] within which signals count as one
+_LEAVE = 5.0  # [s] for the last command to arrive
+
+Report = Callable[[str, float, float], None]
+
+
+def play(
+    profile: Profile,
+    config: Config,
+    *,
+    topic: str,
+    speed: float = 1.0,
+    loop: bool = False,
+    rate: float = 50.0,
+    release: bool = True,
+    patience: float = 5.0,
+    report: Report = lambda what, played, duration: None,
+) -> None:
+    """Publish ``profile`` on ``topic`` until it ends or SIGINT or SIGTERM comes.
+
+    Args:
+        profile: what to play.
+        config: the arm whose tendons it pulls, with their limits.
+        topic: of type octo_arm_msgs/TendonTensions.
+        speed: how much faster than written it is played [-].
+        loop: whether it begins anew when it ends.
+        rate: of the commands [Hz].
+        release: whether tendons are brought back to slack in the end; a second signal leaves them.
+        patience: how long to wait for somebody to subscribe [s].
+        report: called with what is done, for how long, and how long it takes [s].
+
+    Raises:
+        ConfigError: if ``topic`` is no name of one, or nobody subscribes to it.
+        ProfileError: if ``profile`` goes beyond the limit of a tendon.
+    """
+    check_profile(profile, config.arm, tendon_limits(config))
+    with _Interruptions() as interruptions:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            commands = _open(topic, config)
+            publisher = commands.publisher
+            player = _Player(commands, config, rate, interruptions)
+            if _find_listener(publisher, patience, interruptions, report):
+                player.play(profile, speed, loop, partial(report, 'playing'))
+                if release:
+                    player.let_go(partial(report, 'releasing'))
+            # Not to leave before the last command has.
+            publisher.wait_for_all_acked(Duration(seconds=_LEAVE))
+        finally:
+            rclpy.try_shutdown()
+
+
+def _open(topic: str, config: Config) -> CommandPublisher:
+    """Publisher of commands, on a node of its own.
+
+    Raises:
+        ConfigError: if ``topic`` is no name of one.
+    """
+    node = rclpy.create_node('octo_arm_player')
+    try:
+        return CommandPublisher(node, topic, config)
+    except InvalidTopicNameException as error:
+        raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
+
+
+class _Interruptions:
+    """Counts SIGINT and SIGTERM, which would otherwise end the program with tendons pulled."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._last = -math.inf
+
+    def __enter__(self) -> _Interruptions:
+        signals = (signal.SIGINT, signal.SIGTERM)
+        self._before = {number: signal.signal(number, self._on_signal) for number in signals}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: object) -> None:
+        now = time.monotonic()
+        # Shells and supervisors may send the same one to the process and to its group.
+        if now - self._last > _SAME_SIGNAL:
+            self.count += 1
+        self._last = now
+
+
+def _find_listener(
+    publisher: Any, patience: float, interruptions: _Interruptions, report: Report
+) -> bool:
+    """Wait until somebody subscribes; whether it was not interrupted.
+
+    Raises:
+        ConfigError: if nobody does for a while.
+    """
+    began = time.monotonic()
+    while not publisher.get_subscription_count():
+        waited = time.monotonic() - began
+        if waited >= patience:
+            raise ConfigError(
+                f'nobody subscribes to {publisher.topic_name}: start octo_arm_sim, or what drives '
+                'the winches, or choose another topic'
+            )
+        report('waiting for a subscriber', waited, patience)
+        time.sleep(_LOOK)
+        if interruptions.count:
+            return False
+    return True
+
+
+class _Player:
+    """Sends profiles as time goes by."""
+
+    def __init__(
+        self,
+        commands: CommandPublisher,
+        config: Config,
+        rate: float,
+        interruptions: _Interruptions,
+    ) -> None:
+        self._commands, self._rate = commands, rate
+        self._interruptions = interruptions
+        self._newest: FloatArray = np.zeros(len(config.arm.tendons))
+        self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+
+    def play(
+        self, profile: Profile, speed: float, loop: bool, report: Callable[[float, float], None]
+    ) -> None:
+        """Send ``profile`` to its last row, or until one more interruption."""
+        allowed = self._interruptions.count
+        duration = profile.duration / speed
+        began = time.monotonic()
+        sent = 0
+        while self._interruptions.count <= allowed:
+            played = time.monotonic() - began
+            self._send(profile.at(speed * played, loop=loop))
+            report(played if loop else min(played, duration), duration)
+            if played >= duration and not loop:
+                return
+            # Commands that are late are left out, not made up for.
+            sent = max(sent + 1, int(played * self._rate))
+            time.sleep(max(0.0, began + sent / self._rate - time.monotonic()))
+
+    def let_go(self, report: Callable[[float, float], None]) -> None:
+        """Bring the tendons from where they are to slack."""
+        if self._newest.any():
+            way = transition(self._newest, np.zeros_like(self._newest), RELEASE_TIME)
+            self.play(way, 1.0, False, report)
+
+    def _send(self, tensions: FloatArray) -> None:
+        self._newest = tensions
+        self._commands.publish(tensions, self._clock.now().to_msg())

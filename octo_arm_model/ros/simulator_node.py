@@ -1,0 +1,173 @@
+"""The node ``octo_arm_sim``: stands in for winches and load cells.
+
+Commanded tensions in, measured tensions out, on the topic that `octo_arm_node` listens to. What
+load cells do not see, the tensions as they are, seen through an arm that gives way, goes to
+``ground_truth/tendon_tensions``: another `octo_arm_node`, in the namespace ``ground_truth``, then
+has the shape that the arm really has.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.timer import Timer
+
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.live_parameters import LiveParameters
+from octo_arm_model.ros.messages import tensions_message
+from octo_arm_model.ros.node.arm_server import WARNING_PERIOD
+from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.node.diagnostics import PERIOD
+from octo_arm_model.ros.node.main import run
+from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
+from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.limits import check_command
+from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+
+
+class SimulatorNode(Node):
+    """Publishes what load cells would read."""
+
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and start pulling.
+
+        Raises:
+            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
+        """
+        super().__init__(
+            'octo_arm_sim', automatically_declare_parameters_from_overrides=True, **options
+        )
+        self._config: SimulatorConfig | None = None
+        self._timer: Timer | None = None
+        self._last: int | None = None
+        self._counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
+        self._reported = dict(self._counts)
+        self._reason = ''
+        self._measured = self._open('tendon_tensions')
+        self._effective = self._open('ground_truth/tendon_tensions')
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 5)
+        self._live = LiveParameters(self, PARAMETERS, SimulatorConfig.from_parameters, self._use)
+        self._live.begin()
+        self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
+        # Time of ROS may stand still; how the node is doing is told all the same.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD, partial(self._do, self._report), clock=clock)
+
+    def _open(self, topic: str) -> Any:
+        return self.create_publisher(
+            TendonTensions,
+            topic,
+            OUTPUT_QOS,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def _use(self, config: SimulatorConfig, names: set[str]) -> None:
+        """Go on with ``config``, of whose parameters ``names`` were set."""
+        before, self._config = self._config, config
+        tendons = config.arm.tendon_names
+        if before is None or tendons != before.arm.tendon_names:
+            self._hardware = SimulatedHardware(config.hardware, len(tendons))
+            self._command: FloatArray = np.zeros(len(tendons))
+        else:
+            self._hardware.change(config.hardware)
+        if before is None or 'profile.name' in names:
+            self._is_playing, self._played = config.profile is not None, 0.0
+        if before is None or config.rate != before.rate:
+            if self._timer is not None:
+                self.destroy_timer(self._timer)
+            self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
+
+    def _on_command(self, inbox: Inbox, data: bytes, older: int) -> None:
+        """Take a command; it ends the profile."""
+        assert self._config is not None
+        arm = self._config.arm
+        self._counts['commands'] += 1 + older
+        try:
+            tensions, _ = inbox.read(data, arm)
+            self._command = check_command(arm, tensions, self._config.limits)
+        except OctoArmError as error:
+            self._counts['refused'] += 1
+            self._reason = f'{inbox.topic}: {error}'
+            self.get_logger().warning(
+                f'{inbox.topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+            )
+            return
+        self._is_playing = False
+
+    def _do(self, what: Callable[[], None]) -> None:
+        try:
+            what()
+        except RuntimeError:
+            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
+            if self.context.ok():
+                raise
+
+    def _step(self) -> None:
+        """Pull until now, and measure."""
+        config = self._config
+        assert config is not None
+        now = self.get_clock().now()
+        # Time that is not set yet is 0. While it jumps back, as where a bag begins anew, the
+        # winches stand still.
+        elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
+        elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
+        if self._is_playing and config.profile is not None:
+            self._command = config.profile.at(self._played, loop=config.loop)
+            self._played += config.speed * elapsed
+        measured, effective = self._hardware.step(self._command, elapsed)
+        stamp = now.to_msg()
+        self._effective.publish(self._message(effective, stamp))
+        if measured is None:
+            self._counts['lost'] += 1
+        else:
+            self._measured.publish(self._message(measured, stamp))
+            self._counts['published'] += 1
+
+    def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
+        assert self._config is not None
+        return tensions_message(tensions, self._config.arm, stamp, self._config.base_frame)
+
+    def _report(self) -> None:
+        """Tell how commands and readings fared since the last time."""
+        lately = {name: self._counts[name] - self._reported[name] for name in self._counts}
+        self._reported = dict(self._counts)
+        source = 'profile' if self._is_playing else 'commands'
+        name = self.get_fully_qualified_name()
+        status = DiagnosticStatus(name=f'{name.lstrip("/")}: simulator', hardware_id=name)
+        status.message = f'following {source}'
+        if lately['refused']:
+            status.level = DiagnosticStatus.WARN
+            status.message = f'{lately["refused"]} refused: {self._reason}'
+        values = {
+            'source': source,
+            'commands [Hz]': f'{lately["commands"] / PERIOD:.1f}',
+            'refused': self._counts['refused'],
+            'last refusal': self._reason,
+            'readings [Hz]': f'{lately["published"] / PERIOD:.1f}',
+            'readings lost': self._counts['lost'],
+        }
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node; returns the exit status."""
+    return run('octo_arm_sim', SimulatorNode, arguments)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

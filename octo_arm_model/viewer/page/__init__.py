@@ -1,0 +1,1 @@
+"""What is on the page: scene, controls, plots and numbers. Imports ros/client."""

@@ -1,0 +1,87 @@
+"""Another model beside the node: the same tensions, solved here, as a second arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import MODELS, Solver
+from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.controls import Later
+from octo_arm_model.viewer.page.scene import OTHER_COLOUR, ArmScene, beside
+
+NONE = 'none'
+
+
+class Comparison:
+    """A second arm beside that of the node, while a model is chosen.
+
+    Attributes:
+        backbone: its shape; None while there is none.
+    """
+
+    def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
+        """Offer the models that the node does not use."""
+        self._server, self._config, self._later = server, config, later
+        self.backbone: Backbone | None = None
+        self._solver: Solver | None = None
+        self._arm: ArmScene | None = None
+        self._label: viser.LabelHandle | None = None
+        others = tuple(model for model in MODELS if model != config.model)
+        server.gui.add_html(
+            numbers.note(
+                f'The node uses <b>{config.model}</b>. Another model is solved in this viewer, '
+                'for the same tensions, and stands beside it.'
+            )
+        )
+        chosen = server.gui.add_dropdown('Compare with', (NONE, *others))
+        self._text = server.gui.add_html('')
+        chosen.on_update(lambda event: later(lambda: self.choose(chosen.value)))
+
+    def choose(self, model: str) -> None:
+        """Compare with ``model``, or with none."""
+        for part in (self._arm, self._label):
+            if part is not None:
+                part.remove()
+        self._arm = self._label = self._solver = self.backbone = None
+        self._text.content = ''
+        if model == NONE:
+            return
+        try:
+            self._solver = self._config.solver(model)
+        except OctoArmError as error:
+            self._text.content = numbers.failed(error)
+            return
+        offset = beside(self._config)
+        self._arm = ArmScene(
+            self._server.scene, 'other', self._solver, colour=OTHER_COLOUR, offset=offset
+        )
+        above = np.array(self._config.base.position) + [0.0, 0.0, 0.06 * self._config.arm.length]
+        self._label = self._server.scene.add_label('/other_name', model, position=above + offset)
+
+    def show(self, tensions: FloatArray, pull: FloatArray, tip: FloatArray) -> None:
+        """Solve and draw for ``tensions`` (tendons,) [N]; ``tip`` (3,) [m] is that of the node."""
+        if self._solver is None or self._arm is None:
+            return
+        try:
+            self.backbone = self._solve(self._solver, tensions)
+        except OctoArmError as error:
+            self.backbone = None
+            self._text.content = numbers.failed(error)
+        self._arm.root.visible = self.backbone is not None
+        if self.backbone is not None:
+            self._arm.show(self.backbone, pull)
+            self._text.content = numbers.compared(tip, self.backbone)
+
+    def _solve(self, solver: Solver, tensions: FloatArray) -> Backbone:
+        shaped = tensions.reshape(solver.arm.tension_shape)
+        try:
+            return solver.solve(shaped, start=self.backbone)
+        except OctoArmError:
+            if self.backbone is None:
+                raise
+            return solver.solve(shaped)

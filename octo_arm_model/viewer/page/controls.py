@@ -1,0 +1,167 @@
+"""Sliders, figures and profiles: the hand on the tendons."""
+
+from __future__ import annotations
+
+import html
+import time
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.simulation.commands import find_profile, profile_names
+from octo_arm_model.simulation.limits import check_profile, figures, tendon_limits
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
+from octo_arm_model.viewer.page import numbers
+
+# Callbacks come from many threads; what they ask for is done by one, in turn.
+Later = Callable[[Callable[[], None]], None]
+_STEPS = 200  # of a slider
+_COPY = (
+    '<pre style="white-space:pre-wrap;word-break:break-all;user-select:all;margin:0 1em 0.6em;'
+    'font-size:0.85em" class="octo-arm-copied">{text}</pre><button style="margin:0 1.2em 1em" '
+    'onclick="navigator.clipboard.writeText(this.previousElementSibling.innerText);'
+    "this.innerText='copied'\">copy</button>"
+)
+
+
+class Controls:
+    """What commands the tensions of one arm.
+
+    Attributes:
+        highest: limit of each tendon [N], (tendons,); as far as its slider goes.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        config: Config,
+        commander: Commander,
+        topic: str,
+        later: Later,
+    ) -> None:
+        """Add them to the page of ``server``; commands go out on ``topic``."""
+        self._gui, self._arm, self._commander = server.gui, config.arm, commander
+        self._topic, self._later = topic, later
+        self.highest = tendon_limits(config)
+        self._sliders: list[viser.GuiSliderHandle[float]] = []
+        self._add_postures()
+        self._add_sliders()
+        self._add_copies()
+        self._problem = self._gui.add_html('')
+
+    def follow(self) -> None:
+        """Let the sliders stand where the commands are."""
+        for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
+            # To what is told of it, but no further than it goes.
+            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]  # its setter stands apart
+        is_playing = self._commander.profile is not None
+        self._play.visible, self._stop.visible = not is_playing, is_playing
+
+    def complain(self, problem: object) -> None:
+        """Say what could not be done, until something else is asked for."""
+        self._problem.content = numbers.failed(problem)
+
+    def _add_postures(self) -> None:
+        slack = self._gui.add_button('Let all go slack')
+        rest = np.zeros(len(self._arm.tendons))
+        slack.on_click(lambda event: self._move(rest))
+        postures = figures(self._arm)
+        if postures:
+            group = self._gui.add_button_group(
+                'Figure', tuple(postures), hint='Tensions of the figures of Renda et al. 2012'
+            )
+            group.on_click(lambda event: self._move(postures[event.target.value]))
+
+    def _move(self, tensions: FloatArray) -> None:
+        def move() -> None:
+            self._problem.content = ''
+            self._commander.move(tensions, time.monotonic())
+
+        self._later(move)
+
+    def _add_sliders(self) -> None:
+        tendon = 0
+        count = len(self._arm.sections)
+        for number, section in enumerate(self._arm.sections, start=1):
+            where = ' (tip)' if number == 1 < count else ' (base)' if number == count > 1 else ''
+            with self._gui.add_folder(f'Section {number}{where}: tension [N]'):
+                for _ in section.tendons:
+                    self._add_slider(tendon)
+                    tendon += 1
+
+    def _add_slider(self, tendon: int) -> None:
+        name, highest = self._arm.tendon_names[tendon], float(self.highest[tendon])
+        slider = self._gui.add_slider(
+            name,
+            min=0.0,
+            max=highest,
+            step=highest / _STEPS,
+            initial_value=0.0,
+            hint=f'Commanded tension of {name} [N]',
+        )
+        self._sliders.append(slider)
+
+        @slider.on_update
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            if event.client_id is not None:  # a hand, not `follow`
+                value = event.target.value
+                self._later(lambda: self._pull(tendon, value))
+
+    def _pull(self, tendon: int, tension: float) -> None:
+        self._problem.content = ''
+        self._commander.pull(tendon, tension)
+
+    def add_profiles(self) -> None:
+        """Add what plays movements, in a place of its own."""
+        names = profile_names(self._arm)
+        chosen = self._gui.add_dropdown('Movement', tuple(names))
+        text = self._gui.add_html(numbers.note(names[chosen.value]))
+        speed = self._gui.add_slider('Speed', min=0.1, max=3.0, step=0.1, initial_value=1.0)
+        loop = self._gui.add_checkbox('Loop', initial_value=True)
+        self._play = self._gui.add_button('Play', icon=viser.Icon.PLAYER_PLAY)
+        self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
+
+        def play() -> None:
+            # By listed name alone: other names are paths of files.
+            if chosen.value not in names:
+                raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
+            profile = find_profile(chosen.value, self._arm)
+            check_profile(profile, self._arm, self.highest)
+            self._problem.content = ''
+            self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
+
+        def describe(event: object) -> None:
+            text.content = numbers.note(names[chosen.value])
+
+        chosen.on_update(describe)
+        self._play.on_click(lambda event: self._later(play))
+        self._stop.on_click(lambda event: self._later(self._commander.stop))
+        speed.on_update(
+            lambda event: self._later(
+                lambda: self._commander.change_speed(speed.value, time.monotonic())
+            )
+        )
+
+    def _add_copies(self) -> None:
+        group = self._gui.add_button_group('Tensions as', ('YAML', 'ros2 line'))
+
+        @group.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+            tensions = self._commander.tensions
+            text = as_yaml(self._arm, tensions)
+            if event.target.value != 'YAML':
+                text = as_shell_line(self._arm, tensions, self._topic)
+            if event.client is not None:
+                _show_copy(event.client.gui, text)
+
+
+def _show_copy(gui: viser.GuiApi, text: str) -> None:
+    """A window with ``text`` to be copied, for one browser."""
+    modal = gui.add_modal('Commanded tensions [N]')
+    with modal:
+        gui.add_html(_COPY.format(text=html.escape(text)))
+        gui.add_button('Close').on_click(lambda event: modal.close())

@@ -1,0 +1,137 @@
+"""What the page says in numbers, for people: millimetres, degrees, and what is wrong."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import Overlap
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.client.client import ArmClient, Shape
+
+STALE = 1.0  # [s] without a shape after which the picture is no longer the arm
+_STYLE = (
+    '<div class="octo-arm" style="padding:0 1em 0.4em;font-size:0.85em;line-height:1.5;'
+    'font-variant-numeric:tabular-nums">{}</div>'
+)
+
+_PROBLEM = 'color:#b4410e;min-height:1.5em'
+
+
+def waiting(topic: str) -> str:
+    """The page before an arm is known."""
+    text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{_safe(topic)}</code> …'
+    return _STYLE.format(f'<span class="octo-arm-state">{text}</span>')
+
+
+def refused(problem: object) -> str:
+    """The page where what the node describes is no arm."""
+    return _STYLE.format(_warning(str(problem)))
+
+
+def live(client: ArmClient) -> str:
+    """Tip, rate and latency of the newest shape, and what is wrong with it."""
+    shape = client.shape
+    if shape is None:
+        text = 'no shape yet'
+        return _STYLE.format(_warning(f'{client.problem or "the node is silent"}: {text}'))
+    x, y, z = 1e3 * shape.position[-1]
+    deviation = 1e3 * client.tip_deviation
+    spread = ''
+    if deviation.any():
+        spread = f' &plusmn; {deviation[0]:.1f} {deviation[1]:.1f} {deviation[2]:.1f}'
+    distance = 1e3 * np.linalg.norm(shape.position[-1] - shape.position[0])
+    rows = [
+        ('Tip', f'<span class="octo-arm-tip">{x:.2f} {y:.2f} {z:.2f}</span>{spread} mm'),
+        ('To the base', f'{distance:.1f} mm, turned by {tip_angle(shape):.0f}°'),
+        ('Node', f'{client.strains.model if client.strains else ""}, {client.rate():.0f} Hz'),
+        ('Latency', _milliseconds(client.latency)),
+    ]
+    table = ''.join(
+        f'<tr><td style="padding-right:1em;opacity:0.6">{name}</td><td>{value}</td></tr>'
+        for name, value in rows
+    )
+    problem = client.problem
+    if client.age() > STALE:
+        problem = f'no shape for {client.age():.0f} s' + (f'; {problem}' if problem else '')
+    return _STYLE.format(f'<table>{table}</table>{_warning(problem)}')
+
+
+def overlapping(overlap: Overlap | None) -> str:
+    """That the arm passes through itself; nothing where it does not."""
+    if overlap is None:
+        return ''
+    first, second = (1e3 * s for s in overlap.s)
+    return _STYLE.format(
+        f'<span class="octo-arm-overlap" style="{_PROBLEM}">The arm passes through itself: at s = '
+        f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here knows '
+        'contact.</span>'
+    )
+
+
+def tip_angle(shape: Shape | Backbone) -> float:
+    """Angle between the tangents of base and tip [deg]."""
+    tangent = Quaternions.from_xyzw(shape.quaternion[[0, -1]]).matrix()[:, 0]
+    cosine = float(np.clip(tangent[:, 0] @ tangent[:, 1], -1.0, 1.0))
+    return float(np.rad2deg(np.arccos(cosine)))
+
+
+def compared(tip: FloatArray, other: Backbone) -> str:
+    """How far the tip of ``other`` is from ``tip`` (3,) [m]."""
+    distance = 1e3 * np.linalg.norm(other.tip - tip)
+    part = 100.0 * 1e-3 * distance / other.s[-1]
+    return _STYLE.format(
+        f'The tip of <b>{other.model}</b> is <span class="octo-arm-apart">{distance:.2f}</span> mm'
+        f' from that of the node, {part:.1f} % of the length.'
+    )
+
+
+def searching() -> str:
+    """While tensions are being looked for."""
+    return _STYLE.format('<span class="octo-arm-search">searching …</span>')
+
+
+def found(answer: Inverse) -> str:
+    """What came of it."""
+    if answer.reached:
+        text = f'reached: the tip is within {_length(answer.error)} of the target'
+    else:
+        text = (
+            f'out of reach: the nearest found leaves {_length(answer.error)}. The search is local '
+            'and may have missed nearer ones.'
+        )
+    return _STYLE.format(f'<span class="octo-arm-search">{text}</span>')
+
+
+def failed(problem: object) -> str:
+    """A comparison or search that has no answer."""
+    return _STYLE.format(_warning(str(problem)))
+
+
+def note(text: str) -> str:
+    """Words that explain."""
+    return _STYLE.format(f'<span style="opacity:0.7">{text}</span>')
+
+
+def _milliseconds(latency: float) -> str:
+    # Other clocks: a bag, simulated time.
+    if not -0.01 < latency < 10.0:
+        return 'stamps are of another clock'
+    return f'{1e3 * latency:.1f} ms from tension to shape'
+
+
+def _length(error: float) -> str:
+    return f'{1e3 * error:.1f} mm' if error >= 1e-4 else '0.1 mm'
+
+
+def _warning(text: str) -> str:
+    # Room is kept for it, so that nothing jumps where it comes and goes.
+    return f'<div class="octo-arm-problem" style="{_PROBLEM}">{_safe(text)}</div>'
+
+
+def _safe(text: str) -> str:
+    return html.escape(text)

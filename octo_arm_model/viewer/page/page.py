@@ -1,0 +1,214 @@
+"""All that is on the page for one arm."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import deepest_overlap
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.client.client import ArmClient, Shape, Strains
+from octo_arm_model.simulation.limits import tendon_limits
+from octo_arm_model.viewer.commander import Commander
+from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.comparison import Comparison
+from octo_arm_model.viewer.page.controls import Controls, Later
+from octo_arm_model.viewer.page.plots import StrainPlots
+from octo_arm_model.viewer.page.scene import (
+    GHOST_COLOUR,
+    GHOST_OPACITY,
+    ArmScene,
+    Live,
+    middle_of,
+    set_base,
+    set_stage,
+)
+from octo_arm_model.viewer.page.target import Answer, Search
+from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
+
+_READING = 0.2  # [s] between numbers: people cannot read quicker
+_PLOTTING = 0.1  # [s] between plots
+_APPROACH = 0.3  # [s] to tensions that were found
+
+
+class Page:
+    """The arm, its numbers, its plots, and what commands it.
+
+    Attributes:
+        commander: what the hands command.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        client: ArmClient,
+        config: Config,
+        later: Later,
+    ) -> None:
+        """Build it for the arm that ``config`` describes."""
+        self._server, self._client = server, client
+        self._queue, self._is_closed = later, False
+        self._solver = config.solver()
+        self.commander = Commander(np.zeros(len(config.arm.tendons)))
+        self._is_ours = False
+        self._read = self._plotted = -np.inf
+        self._config = config
+        length = config.arm.length
+        self._points = reached(config, tendon_limits(config))
+        view = framing(self._points, tangent_of(config))
+        set_stage(server, view, middle_of(config), length, 0.55 * length)
+        set_base(server.scene, config)
+        self._arm = ArmScene(server.scene, 'arm', self._solver)
+        self._add_ghost()
+        gui = server.gui
+        self._text = gui.add_html(numbers.live(client))
+        self._overlap = gui.add_html('')
+        gui.add_button('Show the whole arm', icon=viser.Icon.FOCUS_CENTERED).on_click(self._look)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab('Tendons'):
+            self._controls = Controls(
+                server, config, self.commander, client.command_topic, self._later
+            )
+        with tabs.add_tab('Profile'):
+            self._controls.add_profiles()
+        with tabs.add_tab('Target'):
+            self._add_target(config)
+        with tabs.add_tab('Models'):
+            self._comparison = Comparison(server, config, self._later)
+        panel = gui.add_panel()
+        with panel.add_tab('Strains over s [mm]'):
+            self._plots = StrainPlots(gui, self._solver.grid.s)
+        panel.dock_left()
+
+    def close(self) -> None:
+        """End what works in the background; what is still to be done is left undone."""
+        self._is_closed = True
+        self._search.close()
+
+    def _later(self, action: Callable[[], None]) -> None:
+        self._queue(lambda: None if self._is_closed else action())
+
+    def command(self) -> None:
+        """Publish what the hands command, if that is anything new."""
+        tensions = self.commander.advance(time.monotonic())
+        if tensions is not None:
+            self._is_ours = True
+            self._client.command(tensions)
+
+    def refuse(self, problem: object) -> None:
+        """Stay where the tendons are, and say what could not be done."""
+        self.commander.stop()
+        self._controls.complain(problem)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the numbers have to be told again though no shape came."""
+        return time.monotonic() - self._read > 1.0
+
+    def draw(self) -> None:
+        """Show the newest shape and what belongs to it."""
+        now = time.monotonic()
+        client, shape, strains = self._client, self._client.shape, self._client.strains
+        count = self._solver.grid.s.size
+        with self._server.atomic():
+            if shape is not None and strains is not None:
+                if len(shape.position) == len(strains.s) == count:
+                    self._draw_arm(shape, strains, now)
+            self._arm.root.visible = client.age() < numbers.STALE
+            if now - self._read > _READING:
+                self._read = now
+                self._text.content = numbers.live(client)
+                self._controls.follow()
+
+    def _draw_arm(self, shape: Shape, strains: Strains, now: float) -> None:
+        tensions = self._client.tensions
+        if tensions is None:
+            tensions = np.zeros(self._controls.highest.size)
+        pull = tensions / self._controls.highest
+        self._arm.show(Live(shape.position, shape.quaternion, strains.q), pull)
+        self._comparison.show(tensions, pull, shape.position[-1])
+        if not self._is_ours and not self.commander.is_moving:
+            # Whoever else commands: a hand takes over from where the arm is.
+            self.commander.tensions = tensions.copy()
+        if now - self._plotted > _PLOTTING:
+            self._plotted = now
+            self._plots.show(strains, self._comparison.backbone)
+            found = deepest_overlap(strains.s, shape.position, self._radius(strains.q))
+            self._overlap.content = numbers.overlapping(found)
+
+    def _radius(self, q: FloatArray) -> FloatArray:
+        radius = self._config.arm.body.radius(self._solver.grid.s)
+        return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
+
+    def _look(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        """Let the browser that asks for it see all that the arm reaches."""
+        if event.client is None:
+            return
+        camera = event.client.camera
+        view = framing(self._points, tangent_of(self._config), camera.aspect or ASPECT)
+        with event.client.atomic():
+            camera.up_direction = (0.0, 0.0, 1.0)
+            camera.position, camera.look_at = view.position, view.look_at
+            camera.fov = FIELD
+
+    def _add_ghost(self) -> None:
+        rest = np.zeros(self._solver.arm.tension_shape)
+        try:
+            unloaded = self._solver.solve(rest)
+        except OctoArmError:
+            return  # Loads alone are too much for it: there is nothing to show.
+        ghost = ArmScene(
+            self._server.scene,
+            'ghost',
+            self._solver,
+            colour=GHOST_COLOUR,
+            opacity=GHOST_OPACITY,
+            has_tendons=False,
+        )
+        ghost.show(unloaded, rest.ravel())
+
+    def _add_target(self, config: Config) -> None:
+        gui = self._server.gui
+        shown = gui.add_checkbox('Show target', initial_value=False)
+        self._found = gui.add_html(
+            numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
+        )
+        self._search = Search(self._solver, self._controls.highest, self._deliver)
+        target = self._server.scene.add_transform_controls(
+            '/target',
+            scale=0.18 * config.arm.length,
+            disable_rotations=True,
+            depth_test=False,
+            visible=False,
+        )
+
+        def show() -> None:
+            if self._client.shape is not None:
+                target.position = self._client.shape.position[-1]
+            target.visible = shown.value
+
+        def look() -> None:
+            self._found.content = numbers.searching()
+            self._search.look_for(target.position, self.commander.tensions)
+
+        shown.on_update(lambda event: self._later(show))
+
+        @target.on_update
+        def _(event: viser.TransformControlsEvent) -> None:
+            self._later(look)
+
+    def _deliver(self, answer: Answer) -> None:
+        self._later(lambda: self._take(answer))
+
+    def _take(self, answer: Answer) -> None:
+        if isinstance(answer, Inverse):
+            self._found.content = numbers.found(answer)
+            self.commander.move(answer.backbone.tensions, time.monotonic(), _APPROACH)
+        else:
+            self._found.content = numbers.failed(answer)

@@ -1,0 +1,92 @@
+"""Strains along the arm as curves."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import viser
+from viser import uplot
+
+from octo_arm_model.core.hints import FloatArray
+
+_LABELS = (
+    ('torsion τ [1/m]', 'tau', 1.0),
+    ('curvature ξ about n [1/m]', 'xi', 1.0),
+    ('curvature k about b [1/m]', 'k', 1.0),
+    ('longitudinal strain q [%]', 'q', 100.0),
+)
+_NODE, _OTHER = '#c8553d', '#4f7cac'
+# Shown at least, so that a curve which is nothing but rounding is flat.
+_LEAST = 1.0
+
+
+class Curves(Protocol):
+    """What can be plotted, such as a `Backbone`; each (stations,)."""
+
+    @property
+    def s(self) -> FloatArray:
+        """Arc coordinate [m]."""
+
+    @property
+    def tau(self) -> FloatArray:
+        """Torsion [1/m]."""
+
+    @property
+    def xi(self) -> FloatArray:
+        """Curvature about n [1/m]."""
+
+    @property
+    def k(self) -> FloatArray:
+        """Curvature about b [1/m]."""
+
+    @property
+    def q(self) -> FloatArray:
+        """Longitudinal strain [-]."""
+
+
+class StrainPlots:
+    """Four plots over s, of the node and, where one is compared, of another model."""
+
+    def __init__(self, gui: viser.GuiApi, s: FloatArray) -> None:
+        """Add them where ``gui`` is, for the stations ``s`` [m]."""
+        self._s = 1e3 * s
+        end = {'pad': 0.1, 'mode': 1}
+        self._plots = [
+            gui.add_uplot(
+                (self._s, 0.0 * s, 0.0 * s),
+                series=(
+                    uplot.Series(label='s [mm]'),
+                    uplot.Series(label='other', stroke=_OTHER, width=2),
+                    uplot.Series(label='node', stroke=_NODE, width=2),
+                ),
+                scales={
+                    'x': uplot.Scale(time=False),
+                    'y': uplot.Scale(
+                        range={'min': {**end, 'soft': -_LEAST}, 'max': {**end, 'soft': _LEAST}}
+                    ),
+                },
+                axes=(
+                    uplot.Axis(size=30),
+                    uplot.Axis(size=44),
+                    # Room above, for the upper half of the topmost number.
+                    uplot.Axis(
+                        side=0,
+                        size=8,
+                        stroke='transparent',
+                        grid={'show': False},
+                        ticks={'show': False},
+                    ),
+                ),
+                title=label,
+                legend=uplot.Legend(show=False),
+                height=112,
+            )
+            for label, _, _ in _LABELS
+        ]
+
+    def show(self, node: Curves, other: Curves | None) -> None:
+        """Draw the strains of the node, and those of another model if there are any."""
+        for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
+            # Where there is no other it lies below that of the node.
+            below = other or node
+            plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))

@@ -1,0 +1,217 @@
+"""Arms in the scene: body, anchorage discs, tendons, and the stage they stand on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.viewer.page.view import FIELD, View, across, tangent_of
+
+Colour = tuple[int, int, int]
+BODY_COLOUR: Colour = (222, 140, 126)
+OTHER_COLOUR: Colour = (112, 152, 196)
+GHOST_COLOUR: Colour = (150, 150, 155)
+DISC_COLOUR: Colour = (62, 62, 74)
+_SIDES = 24
+_THICKER = 1.5  # tendons here than in RViz, as the body dims them
+_BODY_OPACITY = 0.45  # the tendons inside show through
+GHOST_OPACITY = 0.16
+
+
+class Posture(Protocol):
+    """What can be drawn, such as a `Backbone`; all arrays are for the stations of one arm."""
+
+    @property
+    def position(self) -> FloatArray:
+        """Positions (stations, 3) [m]."""
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """Orientations x, y, z, w, (stations, 4)."""
+
+    @property
+    def q(self) -> FloatArray:
+        """Longitudinal strain (stations,) [-]."""
+
+
+class Live(NamedTuple):
+    """A shape as a node published it, to be drawn."""
+
+    position: FloatArray
+    quaternion: FloatArray
+    q: FloatArray
+
+
+class ArmScene:
+    """One arm in the scene, redrawn with every shape."""
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        solver: Solver,
+        *,
+        colour: Colour = BODY_COLOUR,
+        opacity: float | None = _BODY_OPACITY,
+        has_tendons: bool = True,
+        offset: FloatArray | None = None,
+    ) -> None:
+        """Place the arm of ``solver`` under ``name``; it shows with its first shape.
+
+        Tendons come with their anchorage discs, and show through a body of some ``opacity``;
+        ``offset`` moves all of it (3,) [m].
+        """
+        self._scene, self._colour, self._opacity = scene, colour, opacity
+        self._has_tendons = has_tendons
+        self._drawing = Drawing(solver.arm, solver.grid.s, widen=solver.law.widens, sides=_SIDES)
+        self._name = f'/{name}'
+        self.root = scene.add_frame(
+            self._name, show_axes=False, position=np.zeros(3) if offset is None else offset
+        )
+        self._disc = _unit_disc(self._drawing.disc_thickness)
+        self._body: viser.MeshHandle | None = None
+        self._discs: viser.MeshHandle | None = None
+        self._tendons: viser.LineSegmentsHandle | None = None
+
+    def show(self, posture: Posture, pull: FloatArray) -> None:
+        """Draw ``posture``; ``pull`` (tendons,) is the part of its highest tension, 0 to 1."""
+        drawn = self._drawing.draw(posture.position, posture.quaternion, posture.q)
+        self._show_body(drawn.vertices.astype(np.float32))
+        if not self._has_tendons:
+            return
+        self._show_discs(drawn)
+        points = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
+        # By the root, so that a slight pull is seen as well.
+        colours = (255.0 * tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
+        counts = [len(part) for part in points]
+        self._show_tendons(
+            np.concatenate(points).astype(np.float32),
+            np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
+        )
+
+    def _show_body(self, vertices: NDArray[np.float32]) -> None:
+        if self._body is None:
+            self._body = self._scene.add_mesh_simple(
+                f'{self._name}/body',
+                vertices,
+                self._drawing.triangles.astype(np.uint32),
+                color=self._colour,
+                opacity=self._opacity,
+            )
+        self._body.vertices = vertices
+
+    def _show_discs(self, drawn: Drawn) -> None:
+        unit, triangles = self._disc
+        radius = drawn.disc_radius[:, np.newaxis]
+        local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
+        turn = Quaternions.from_xyzw(drawn.disc_quaternion).matrix()
+        placed = drawn.disc_position[:, np.newaxis] + np.einsum('xyd,ydv->dvx', turn, local)
+        vertices = placed.reshape(-1, 3).astype(np.float32)
+        if self._discs is None:
+            each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
+            self._discs = self._scene.add_mesh_simple(
+                f'{self._name}/discs',
+                vertices,
+                (triangles + each).reshape(-1, 3).astype(np.uint32),
+                color=DISC_COLOUR,
+                flat_shading=True,
+            )
+        self._discs.vertices = vertices
+
+    def _show_tendons(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
+        if self._tendons is None:
+            self._tendons = self._scene.add_line_segments(
+                f'{self._name}/tendons',
+                points,
+                colours,
+                thickness=_THICKER * self._drawing.line_width,
+            )
+        self._tendons.points = points
+        self._tendons.colors = colours
+
+    def remove(self) -> None:
+        """Take the arm away."""
+        self.root.remove()
+
+
+def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
+    """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    ring = np.array([np.cos(angle), np.sin(angle), 0.0 * angle])
+    up = np.array([[0.0], [0.0], [0.5 * thickness]])
+    vertices = np.concatenate([ring - up, ring + up, -up, up], axis=1)
+    low = np.arange(_SIDES)
+    beside = np.roll(low, -1)
+    high, high_beside = low + _SIDES, beside + _SIDES
+    under, over = np.full((2, _SIDES), [[2 * _SIDES], [2 * _SIDES + 1]])
+    sides = (
+        (low, beside, high),
+        (beside, high_beside, high),
+        (under, beside, low),
+        (over, high, high_beside),
+    )
+    return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def set_stage(
+    server: viser.ViserServer, view: View, middle: FloatArray, length: float, depth: float
+) -> None:
+    """Floor, light and first view.
+
+    Args:
+        server: what shows it.
+        view: from where it is looked at first.
+        middle: of what is to be seen (3,) [m].
+        length: its size [m].
+        depth: of the floor below the middle [m].
+    """
+    # Shadows cost as much as all the rest where there is no graphics card.
+    server.scene.configure_default_lights(cast_shadow=False)
+    cell = 10.0 ** np.floor(np.log10(length)) / 2.0
+    server.scene.add_grid(
+        '/floor',
+        width=60.0 * cell,
+        height=60.0 * cell,
+        cell_size=cell,
+        section_size=5.0 * cell,
+        cell_color=(226, 228, 232),
+        section_color=(206, 210, 216),
+        position=(middle[0], middle[1], middle[2] - depth),
+        fade_distance=6.0 * length,
+        fade_from='origin',
+    )
+    server.initial_camera.look_at = view.look_at
+    server.initial_camera.position = view.position
+    server.initial_camera.near = 0.01 * length
+    server.initial_camera.fov = FIELD
+
+
+def set_base(scene: viser.SceneApi, config: Config) -> None:
+    """The base frame: t red, n green, b blue."""
+    length = config.arm.length
+    scene.add_frame(
+        '/base',
+        wxyz=np.roll(np.array(config.base.quaternion), 1),
+        position=np.array(config.base.position),
+        axes_length=0.12 * length,
+        axes_radius=0.004 * length,
+        origin_radius=0.0,
+    )
+
+
+def middle_of(config: Config) -> FloatArray:
+    """About which the arm moves (3,) [m]: it shortens and curls up towards its base."""
+    return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
+
+
+def beside(config: Config) -> FloatArray:
+    """Where a second arm stands to be compared, from the first (3,) [m]."""
+    return 0.5 * config.arm.length * across(tangent_of(config))

@@ -1,0 +1,1 @@
+"""Messages as bytes and as tensions, without ROS. Imports core."""

@@ -1,0 +1,167 @@
+"""From wanted shapes to tensions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from differences import jacobian as derivative
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import (
+    BackboneShape,
+    Bending,
+    Config,
+    Loads,
+    Solver,
+    Stiffness,
+    TargetError,
+    TensionError,
+    TipPose,
+    TipPosition,
+    find_tensions,
+)
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+
+TENSIONS = 0.6 * np.array(FETCHING_IN_SPACE)
+HIGHEST = np.array([[0.5], [4.0], [13.0]]) * np.ones((3, 4))
+
+
+@pytest.fixture(scope='module')
+def solver(table4: Config) -> Solver:
+    return Solver(table4.arm, 'exact', 61, table4.base)
+
+
+def effort(tensions: np.ndarray) -> float:
+    return float(((tensions / HIGHEST) ** 2).sum())
+
+
+def test_the_tip_comes_where_it_is_wanted_with_less_effort_than_known_tensions(
+    solver: Solver,
+) -> None:
+    known = solver.solve(TENSIONS)
+    found = find_tensions(solver, TipPosition(known.tip), HIGHEST)
+    assert found.reached
+    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, known.tip, atol=1e-7)
+    assert (found.backbone.tensions >= 0.0).all()
+    assert (found.backbone.tensions <= HIGHEST).all()
+    assert effort(found.backbone.tensions) < 0.5 * effort(TENSIONS)
+
+
+def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(
+    solver: Solver,
+) -> None:
+    found = find_tensions(solver, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
+    part = (found.backbone.tensions / HIGHEST).ravel()
+    jacobian = solver.sensitivity(found.backbone).by_tension.tip[:3] * HIGHEST.ravel()
+    free = part > 1e-6
+    # Karush, Kuhn and Tucker: effort's gradient is a combination of the constraints' on what is
+    # free, and would have to push what is at its bound below it.
+    multipliers = np.linalg.lstsq(jacobian[:, free].T, part[free], rcond=None)[0]
+    np.testing.assert_allclose(jacobian[:, free].T @ multipliers, part[free], atol=1e-4)
+    assert (jacobian[:, ~free].T @ multipliers <= 1e-4).all()
+
+
+def test_a_pose_is_met_in_position_and_orientation(solver: Solver) -> None:
+    known = solver.solve(TENSIONS)
+    found = find_tensions(solver, TipPose(known.tip, known.quaternion[-1]), HIGHEST)
+    assert found.reached
+    turned = Rotation.from_quat(np.array(found.backbone.quaternion[-1]))
+    away = turned * Rotation.from_quat(np.array(known.quaternion[-1])).inv()
+    assert away.magnitude() < 1e-5
+    np.testing.assert_allclose(found.backbone.tip, known.tip, atol=1e-6)
+
+
+@pytest.mark.parametrize('plane', [0.0, 2.0, -1.3])
+def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(
+    solver: Solver, plane: float
+) -> None:
+    found = find_tensions(solver, Bending(plane, 1.1), HIGHEST)
+    base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
+    t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
+    assert found.reached
+    assert np.arccos(t) == pytest.approx(1.1, abs=1e-4)
+    assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:
+    known = solver.solve(TENSIONS)
+    target = BackboneShape(known.s[::10], known.position[::10])
+    found = find_tensions(solver, target, HIGHEST)
+    np.testing.assert_allclose(found.backbone.position, known.position, atol=1e-5)
+
+
+def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(solver: Solver) -> None:
+    found = find_tensions(solver, TipPosition([1.0, 0.0, 0.0]), HIGHEST)
+    assert not found.reached
+    # The straight arm is the nearest there is.
+    assert found.error == pytest.approx(0.55, abs=1e-6)
+    np.testing.assert_allclose(found.backbone.tensions, 0.0, atol=1e-4)
+
+
+def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver: Solver) -> None:
+    target = TipPosition(solver.solve(TENSIONS).tip)
+    relaxed = find_tensions(solver, target, HIGHEST)
+    direction = np.array([0.0, 1.0, 0.0])
+    soft = Stiffness(direction, 1.0).of(solver.sensitivity(relaxed.backbone))
+    stiff = find_tensions(
+        solver, target, HIGHEST, stiffness=Stiffness(direction, 1.2 * soft),
+        start=relaxed.backbone.tensions,
+    )  # fmt: skip
+    assert stiff.reached
+    assert stiff.stiffness == pytest.approx(1.2 * soft, rel=1e-4)
+    # By the force it takes: a small push along the direction.
+    push = 1e-5
+    pushed = solver.solve(stiff.backbone.tensions, [0, push, 0, 0, 0, 0])
+    assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)
+
+
+def test_loads_are_taken_into_account(table4: Config) -> None:
+    loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
+    loaded = Solver(table4.arm.with_density(1080), 'exact', 61, table4.base, loads=loads)
+    found = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
+    assert found.reached
+    tip = loaded.solve(found.backbone.tensions).tip
+    np.testing.assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
+
+
+@pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])
+def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -> None:
+    backbone = solver.solve(TENSIONS + 0.05)
+    other = solver.solve(0.7 * TENSIONS)
+    target = {
+        'position': TipPosition(other.tip),
+        'pose': TipPose(other.tip, other.quaternion[-1]),
+        'bending': Bending(0.4, 0.9),
+        'shape': BackboneShape(other.s[::7], other.position[::7]),
+    }[name]
+    got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
+
+    def error(tensions: np.ndarray) -> np.ndarray:
+        return target.error(solver.solve(tensions.reshape(3, 4)))
+
+    expected = derivative(error, backbone.tensions.ravel(), step=1e-4)
+    np.testing.assert_allclose(got, expected, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: TipPosition([0.0, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPosition([0.0, np.nan, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPose([0.0] * 3, [0.0, 0.0, 0.0, 2.0]), 'tip quaternion is .*, expected'),
+        (lambda: Bending(0.0, 4.0), 'bending angle is 4.0, expected 0 to pi'),
+        (lambda: Bending(np.inf, 1.0), 'bending plane is inf'),
+        (lambda: BackboneShape([0.1], [[0.0] * 3] * 2), 'backbone position has 2 points'),
+        (lambda: Stiffness([0.0, 0.0, 0.0], 1.0), 'stiffness direction is .*, expected'),
+        (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
+    ],
+)  # fmt: skip
+def test_what_is_no_target_is_refused(build: object, message: str) -> None:
+    with pytest.raises(TargetError, match=message):
+        build()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize('highest', [0.0, -1.0, np.nan, np.inf])
+def test_bounds_must_be_positive(solver: Solver, highest: float) -> None:
+    with pytest.raises(TensionError, match='highest tension of tendon_1_1 is'):
+        find_tensions(solver, TipPosition([0.3, 0.0, 0.0]), highest)

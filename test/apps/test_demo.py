@@ -1,0 +1,149 @@
+"""Programs that start others: what they show, and that nothing of them is left."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import uuid
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from octo_arm_model.apps import demo
+from octo_arm_model.config.presets import preset_path
+
+DEADLINE = 30.0  # [s]
+NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
+DOMAIN = str(41 + os.getpid() % 40)
+
+
+class Program:
+    """A program, and all that it starts."""
+
+    def __init__(self, module, *arguments):
+        self._mark = f'OCTO_ARM_TEST={uuid.uuid4()}'
+        name, value = self._mark.split('=')
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', f'octo_arm_model.apps.{module}', *arguments],
+            env={
+                **os.environ,
+                'ROS_DOMAIN_ID': DOMAIN,
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                name: value,
+            },
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def family(self):
+        """Processes that carry its mark, itself among them."""
+        found = set()
+        for path in Path('/proc').glob('[0-9]*/environ'):
+            try:
+                if self._mark.encode() in path.read_bytes().split(b'\0'):
+                    found.add(int(path.parent.name))
+            except OSError:
+                pass  # It ended meanwhile, or is none of ours.
+        return found
+
+    def line(self, pattern):
+        """The next line of its output that ``pattern`` is found in."""
+        for line in self.process.stdout:
+            if found := re.search(pattern, line):
+                return found
+        raise AssertionError(f'it ended by itself: {self.process.stderr.read()}')
+
+    def end(self, how=signal.SIGINT):
+        """Its exit status and what it complained of."""
+        self.process.send_signal(how)
+        _, complaints = self.process.communicate(timeout=DEADLINE)
+        return self.process.returncode, complaints
+
+
+@pytest.fixture
+def started():
+    programs = []
+
+    def start(*arguments):
+        programs.append(Program(*arguments))
+        return programs[-1]
+
+    yield start
+    for program in programs:
+        for process in program.family():
+            os.kill(process, signal.SIGKILL)
+        program.process.communicate()
+
+
+def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(started):
+    program = started('demo', 'renda2012_table2', '--no-viewer')
+    first = program.line(NUMBERS)
+    assert program.line(NUMBERS).groups()[:3] != first.groups()[:3]
+    assert len(program.family()) == 3  # itself, node and simulator
+    status, complaints = program.end()
+    assert status == 0, complaints
+    assert 'Traceback' not in complaints
+    assert program.family() == set()
+
+
+def test_the_demonstration_says_where_to_look(started):
+    pytest.importorskip('viser', reason='needs viser')
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        program = started('demo', str(preset_path('renda2012_prototype')), '--port', str(port))
+        said = program.line('viewer: port (.*) is in use; open http://localhost:(.*)')
+    assert int(said[1]) == port < int(said[2])
+    with socket.create_connection(('127.0.0.1', int(said[2])), timeout=DEADLINE):
+        pass
+    program.line(NUMBERS)
+    assert program.end()[0] == 0
+    assert program.family() == set()
+
+
+def test_the_demonstration_ends_with_its_node(started):
+    program = started('demo', 'renda2012_table4', '--no-viewer')
+    program.line(NUMBERS)
+    for process in program.family():
+        command = Path(f'/proc/{process}/cmdline').read_bytes()
+        if b'octo_arm_model.ros.node.main' in command:
+            os.kill(process, signal.SIGKILL)
+    _, complaints = program.process.communicate(timeout=DEADLINE)
+    assert program.process.returncode == 1
+    assert 'octo_arm_model.ros.node.main ended by itself with status -9' in complaints
+    assert program.family() == set()
+
+
+def test_what_is_ended_while_it_starts_leaves_nothing_behind(started):
+    program = started('demo', 'renda2012_table4')
+    while len(program.family()) < 3:
+        assert program.process.poll() is None
+    status, complaints = program.end(signal.SIGTERM)
+    assert status == 0, complaints
+    assert 'Traceback' not in complaints
+    assert program.family() == set()
+
+
+def test_eight_arms_crawl_and_leave_nothing_behind(started):
+    program = started('octopus', '--no-viewer')
+    rate = program.line(r'(\d+) shapes/s of 8 arms')
+    while float(rate[1]) < 80.0:
+        rate = program.line(r'(\d+) shapes/s of 8 arms')
+    assert len(program.family()) == 3  # itself and two for the nodes
+    status, complaints = program.end()
+    assert status == 0, complaints
+    assert 'Traceback' not in complaints
+    assert program.family() == set()
+
+
+@pytest.mark.parametrize('config', ['no_such_arm', 'no/such/file.yaml'])
+def test_a_config_that_is_none_is_one_clear_line(config, capsys):
+    assert demo.main([config]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.count('\n') == 1
+    assert config in complaint

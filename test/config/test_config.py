@@ -1,0 +1,337 @@
+"""Parameter files: which are read, and what is said about those that are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from octo_arm_model import (
+    Arm,
+    Body,
+    Config,
+    ConfigError,
+    Material,
+    OctoArmError,
+    Pose,
+    Section,
+    load_config,
+)
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.presets import preset_path
+
+GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
+MINIMAL = {
+    'material': {'youngs_modulus': 1.1e5},
+    'body': {'length': 0.4, 'radius_base': 0.02, 'radius_tip': 0.01},
+    'sections': {'anchorage': [0.4], 'offset_base': [0.008], 'offset_anchorage': [0.002]},
+}
+
+
+def read(folder: Path, text: str) -> Config:
+    path = folder / 'arm.yaml'
+    path.write_text(text, encoding='utf-8')
+    return load_config(path)
+
+
+def changed(old: str, new: str) -> str:
+    assert GOOD.count(old) == 1, old
+    return GOOD.replace(old, new)
+
+
+def paper_arm(length: float, radii: tuple, *sections: tuple) -> Arm:
+    """From the numbers as the paper prints them, in millimetres."""
+    return Arm(
+        Material(110e3, 0.5),
+        Body(length / 1e3, radii[0] / 1e3, radii[1] / 1e3),
+        tuple(Section(*(value / 1e3 for value in section)) for section in sections),
+    )
+
+
+# What is read ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('name', 'arm'),
+    [
+        ('table2', paper_arm(310, (15, 6.5), (310, 7.5, 1), (217, 3.5, 3.5), (93, 6, 6))),
+        ('table4', paper_arm(450, (15, 2), (450, 7.5, 1), (315, 3.5, 3.5), (135, 6, 6))),
+        ('fem', paper_arm(300, (10, 1.5), (300, 0.66, 1))),
+        ('prototype', paper_arm(270, (15, 7.4), (270, 5, 2.5))),
+    ],
+)
+def test_presets_hold_the_numbers_the_paper_prints(name: str, arm: Arm) -> None:
+    config = load_config(preset_path(f'renda2012_{name}'))
+    assert config.arm == arm
+    assert (config.model, config.stations, config.base_frame) == ('renda2012', 101, 'arm_base')
+
+
+def test_what_is_not_given_has_a_default(tmp_path: Path) -> None:
+    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': MINIMAL}}))
+    defaults = {p.name: p.default for p in PARAMETERS}
+    assert config.model == defaults['model'] == 'renda2012'
+    assert config.stations == defaults['stations'] == 101
+    assert config.base == Pose()
+    assert config.arm.material.poisson_ratio == 0.5
+    assert config.arm.tendon_names[0] == 'tendon_1_1'
+
+
+@pytest.mark.parametrize('node', ['/**', 'octo_arm_model', '/arm/octo_arm_model'])
+def test_any_node_name_or_wildcard_will_do(tmp_path: Path, node: str) -> None:
+    config = read(tmp_path, yaml.safe_dump({node: {'ros__parameters': MINIMAL}}))
+    assert config.arm.length == 0.4
+
+
+def test_dotted_names_will_do(tmp_path: Path) -> None:
+    dotted = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
+    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': dotted}}))
+    assert config.arm.sections == (Section(0.4, 0.008, 0.002),)
+
+
+@pytest.mark.parametrize(
+    ('number', 'value'),
+    [
+        ('110000', 110000.0),
+        ('1.1e5', 110000.0),
+        ('1e5', 1e5),
+        ('11e+4', 110000.0),
+        ('.11E6', 110000.0),
+        ('1.1e+5', 110000.0),
+    ],
+)
+def test_numbers_may_be_integers_or_scientific(tmp_path: Path, number: str, value: float) -> None:
+    config = read(tmp_path, changed('youngs_modulus: 110000.0', f'youngs_modulus: {number}'))
+    assert config.arm.material.youngs_modulus == value
+    assert isinstance(config.arm.material.youngs_modulus, float)
+
+
+def test_lists_may_mix_integers_and_scientific_numbers(tmp_path: Path) -> None:
+    config = read(tmp_path, changed('[0.0, 0.0, 0.0]', '[0, 1e-2, -2.5e-3]'))
+    assert config.base.position == (0.0, 0.01, -0.0025)
+
+
+def test_tendons_may_be_named(tmp_path: Path) -> None:
+    names = [f'motor{i}' for i in range(12)]
+    config = read(tmp_path, GOOD + f'    tendon_names: [{", ".join(names)}]\n')
+    assert config.arm.tendon_names == tuple(names)
+
+
+def test_a_solver_takes_model_stations_and_base_from_the_file(tmp_path: Path) -> None:
+    config = read(tmp_path, changed('model: renda2012', 'model: closed_form'))
+    solver = config.solver(stations=7)
+    assert (solver.model, solver.grid.s.size, solver.base) == ('closed_form', 7, config.base)
+    assert config.solver('renda2012').model == 'renda2012'
+
+
+# What is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', [p.name for p in PARAMETERS if p.default is None])
+def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path: Path, name: str) -> None:
+    line = next(row for row in GOOD.splitlines() if row.strip().startswith(name.split('.')[1]))
+    # Names are unique below their group but for length and the like: all presets hold them once.
+    parameter = next(p for p in PARAMETERS if p.name == name)
+    with pytest.raises(ConfigError) as refusal:
+        read(tmp_path, changed(line + '\n', ''))
+    expected = f'{name} is missing, expected {parameter.type_name}: {parameter.description}'
+    assert str(refusal.value) == f'{tmp_path / "arm.yaml"}: {expected}'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        (
+            'youngs_modulus:', 'young_modulus:',
+            'material.young_modulus is no parameter of the arm; did you mean '
+            'material.youngs_modulus?',
+        ),
+        ('    stations: 101', '    zzz: 1', 'zzz is no parameter of the arm; known are model, '),
+        ('stations: 101', 'stations: 101.5', 'stations is 101.5, expected integer'),
+        ('stations: 101', 'stations: true', 'stations is True, expected integer'),
+        ('stations: 101', 'stations: many', "stations is 'many', expected integer"),
+        ('model: renda2012', 'model: 2012', 'model is 2012, expected string'),
+        ('base_frame: arm_base', "base_frame: ''", "base_frame is '', expected the name of a fr"),
+        ('length: 0.45', "length: '0.45'", "body.length is '0.45', expected double"),
+        ('length: 0.45', 'length: [0.45]', 'body.length is [0.45], expected double'),
+        ('length: 0.45', 'length: yes', 'body.length is True, expected double'),
+        ('length: 0.45', 'length:', 'body.length is missing, expected double'),
+        ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
+        ('length: 0.45', 'length: .nan', 'body.length is nan, expected a finite number > 0 [m]'),
+        ('length: 0.45', 'length: .inf', 'body.length is inf, expected a finite number > 0 [m]'),
+        ('length: 0.45', 'length: 1e999', 'body.length is inf, expected a finite number > 0 [m]'),
+        ('length: 0.45', 'length: -0.45', 'body.length is -0.45, expected a finite number > 0'),
+        ('length: 0.45', 'length: 0', 'body.length is 0.0, expected a finite number > 0 [m]'),
+        (
+            'youngs_modulus: 110000.0', 'youngs_modulus: -1',
+            'material.youngs_modulus is -1.0, expected a finite number > 0 [Pa]',
+        ),
+        (
+            'poisson_ratio: 0.5', 'poisson_ratio: 0.6',
+            'material.poisson_ratio is 0.6, expected a number in (-1, 0.5] [-]',
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45',
+            'sections.anchorage is 0.45, expected double[]',
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.45, here, 0.135]',
+            "sections.anchorage is [0.45, 'here', 0.135], expected double[]",
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.46, 0.315, 0.135]',
+            'sections[1].anchorage is 0.46, expected at most the length of the arm, 0.45 [m]',
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.135, 0.315, 0.45]',
+            'sections[2].anchorage is 0.315, expected less than that of the section before it',
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.45, .nan, 0.135]',
+            'section.anchorage is nan, expected a finite number > 0 [m]',
+        ),
+        (
+            'offset_base: [0.0075, 0.0035, 0.006]', 'offset_base: [0.0075, 0.0035]',
+            'sections.offset_base has 2 values, expected 3 like sections.anchorage, one per sect',
+        ),
+        (
+            'offset_anchorage: [0.001, 0.0035, 0.006]', 'offset_anchorage: [0.003, 0.0035, 0.006]',
+            'sections[1].offset_anchorage is 0.003, expected at most the radius of the body at '
+            's = 0.45 m, 0.002 [m]',
+        ),
+        (
+            'offset_base: [0.0075, 0.0035, 0.006]', 'offset_base: [0.0075, -0.0035, 0.006]',
+            'section.offset_base is -0.0035, expected a finite distance >= 0 [m]',
+        ),
+        (
+            'position: [0.0, 0.0, 0.0]', 'position: [0.0, 0.0]',
+            'base.position is (0.0, 0.0), expected 3 finite numbers',
+        ),
+        (
+            'quaternion: [1.0, 0.0, 0.0, 0.0]', 'quaternion: [1.0, 1.0, 0.0, 0.0]',
+            'base.quaternion is (1.0, 1.0, 0.0, 0.0) of length 1.41421, expected x, y, z, w of',
+        ),
+        (
+            '    stations: 101', '    tendon_names: [A, B]',
+            "tendon_names is ['A', 'B'], expected 12 names, one per tendon",
+        ),
+    ],
+)  # fmt: skip
+def test_a_bad_value_is_named_with_what_was_expected(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        read(tmp_path, changed(old, new))
+    assert str(refusal.value).startswith(f'{tmp_path / "arm.yaml"}: {message}')
+    assert isinstance(refusal.value, OctoArmError)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', ": no node name at the top, expected '/**:' and ros__parameters below it"),
+        ('- 1\n- 2\n', ': no node name at the top'),
+        ('just words', ': no node name at the top'),
+        ('body:\n  length: 1.0\n', ': ros__parameters found below no node name, expected exactly'),
+        ('/**:\n  ros__parameters:\n', ': ros__parameters is None, expected parameters'),
+        (GOOD + 'other:\n  ros__parameters: {}\n', ": ros__parameters found below ['/**', 'other"),
+        ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
+        ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
+        (GOOD + '---\n' + GOOD, 'not valid YAML, but found another document'),
+        (changed('length: 0.45', 'length: !!python/object:os.system x'), ', line 16: not valid Y'),
+    ],
+)
+def test_what_is_no_parameter_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        read(tmp_path, text)
+    assert message in str(refusal.value)
+    assert str(refusal.value).startswith(str(tmp_path / 'arm.yaml'))
+
+
+@pytest.mark.parametrize(
+    ('text', 'key'),
+    [
+        (changed('    stations: 101', '    stations: 101\n    stations: 51'), 'stations'),
+        (changed('      length: 0.45', '      length: 0.45\n      length: 0.5'), 'length'),
+        (GOOD + GOOD, '/**'),
+    ],
+)
+def test_a_key_given_twice_is_refused(tmp_path: Path, text: str, key: str) -> None:
+    with pytest.raises(ConfigError, match=r"line \d+: not valid YAML, '.*' is given twice") as e:
+        read(tmp_path, text)
+    assert f"'{key}' is given twice" in str(e.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'nowhere\.yaml: No such file or directory$'):
+        load_config(tmp_path / 'nowhere.yaml')
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'Is a directory$'):
+        load_config(str(tmp_path))
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.yaml'
+    path.write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ConfigError, match=r'not a text file$'):
+        load_config(path)
+
+
+def test_an_unknown_preset_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match="'nothing', expected one of rao2021, renda2012_fem,"):
+        preset_path('nothing')
+
+
+@pytest.mark.parametrize(('name', 'value'), [('model', 'best'), ('stations', 2)])
+def test_a_solver_refuses_an_unknown_model_or_too_few_stations(
+    tmp_path: Path, name: str, value: object
+) -> None:
+    values = {**MINIMAL, name: value, 'stations': value if name == 'stations' else 101}
+    sections = {'anchorage': [0.4, 0.2], 'offset_base': [0, 0], 'offset_anchorage': [0, 0]}
+    values['sections'] = sections
+    text = yaml.safe_dump({'/**': {'ros__parameters': values}})
+    with pytest.raises(ConfigError, match=f'{name} is {value!r}, expected'):
+        read(tmp_path, text).solver()
+
+
+@pytest.mark.parametrize(
+    ('name', 'word'),
+    [
+        ('stations', 'integer'), ('model', 'string'), ('body.length', 'double'),
+        ('tendon_names', 'string[]'), ('sections.anchorage', 'double[]'),
+    ],
+)  # fmt: skip
+def test_types_are_named_in_the_words_of_ros(name: str, word: str) -> None:
+    assert next(p for p in PARAMETERS if p.name == name).type_name == word
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'length: 2001-99-99',
+        'length: !!int x',
+        'length: !!bool x',
+        'length: !!timestamp x',
+        'length: ' + '[' * 3000,
+        'length: ' + '9' * 400,
+        'length: &a [*a]',
+        'length: "\0"',
+    ],
+    ids=lambda text: text[:24],
+)
+def test_nonsense_in_the_file_is_one_line_that_names_it(tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'nonsense.yaml'
+    path.write_text(changed('length: 0.45', text))
+    with pytest.raises(ConfigError) as error:
+        load_config(path)
+    assert str(error.value).startswith(str(path))
+    assert '\n' not in str(error.value)
+
+
+def test_a_name_given_nested_and_dotted_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'twice.yaml'
+    path.write_text(changed('    body:', '    body.length: 0.9\n    body:'))
+    with pytest.raises(ConfigError, match=r'body\.length is given twice'):
+        load_config(path)

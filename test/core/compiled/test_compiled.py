@@ -1,0 +1,333 @@
+"""Machine code gives the shapes that NumPy gives, and hands on what it cannot solve."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from octo_arm_model import Backbone, Config, SolveError, Solver, load_config
+from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.compiled import kernels as loops
+from octo_arm_model.core.compiled import numba_build as machine_code
+from octo_arm_model.core.models.picard import TOLERANCE
+from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.logs import show_logs
+
+pytest.importorskip('numba')
+
+FIELDS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'residual', 'iterations')
+TABLE_4 = load_config(preset_path('renda2012_table4'))
+
+
+def both(config: Config, model: str) -> tuple[Solver, Solver]:
+    return config.solver(model, compiled=True), config.solver(model)
+
+
+@pytest.fixture
+def nothing_known(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
+    """As if numba had not been looked for yet, now and afterwards; what is logged then."""
+    caches = machine_code.find_shapes, machine_code.fault
+    logger = logging.getLogger('octo_arm_model')
+    for name in ('handlers', 'level', 'propagate'):
+        monkeypatch.setattr(logger, name, getattr(logger, name))
+    logged: list[tuple[str, bool]] = []
+    show_logs(lambda text, is_warning: logged.append((text, is_warning)))
+    for cached in caches:
+        cached.cache_clear()
+    yield logged
+    for cached in caches:
+        cached.cache_clear()
+
+
+def assert_alike(one: Backbone, other: Backbone, tolerance: float = 1e-12) -> None:
+    """Equal to rounding, on the scale of each quantity."""
+    for name in FIELDS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.shape == b.shape and a.dtype == b.dtype
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * max(1.0, np.abs(b).max()))
+
+
+def random_tensions(config: Config, count: int, part: float = 0.15) -> np.ndarray:
+    """Sets of tensions of which each tendon's alone would compress the arm by up to ``part``."""
+    highest = default_highest(config.arm, part)
+    return np.random.default_rng(1).random((count, *highest.shape)) * highest
+
+
+def test_every_arm_of_the_paper_comes_out_as_with_numpy(preset: Config, papers_model: str) -> None:
+    machine, numpy = both(preset, papers_model)
+    assert machine.is_compiled and not numpy.is_compiled
+    tensions = random_tensions(preset, 60)
+    assert_alike(machine.solve(tensions), numpy.solve(tensions))
+    one, other = machine.solve(tensions[7]), numpy.solve(tensions[7])
+    assert_alike(one, other)
+    np.testing.assert_allclose(one.twist, other.twist, atol=1e-11)
+
+
+@given(
+    st.lists(st.floats(0.0, 6.0) | st.just(0.0), min_size=12, max_size=12),
+    st.sampled_from(['renda2012', 'closed_form']),
+    st.sampled_from([4, 51, 101, 300]),
+)
+def test_any_tensions_come_out_as_with_numpy(
+    tensions: list[float], model: str, stations: int
+) -> None:
+    set_of_them = np.reshape(tensions, (3, 4))
+    solvers = (TABLE_4.solver(model, stations, compiled=flag) for flag in (True, False))
+    results: list[Backbone | str] = []
+    for solver in solvers:
+        try:
+            results.append(solver.solve(set_of_them))
+        except SolveError as error:
+            results.append(str(error))
+    one, other = results
+    if isinstance(one, str) or isinstance(other, str):
+        assert one == other
+    else:
+        # Whether one more sweep is needed may be a matter of rounding.
+        same = one.iterations == other.iterations
+        assert_alike(one, other, 1e-11 if same else 10.0 * TOLERANCE)
+
+
+@pytest.mark.parametrize('lead', [(), (0,), (1,), (3,), (2, 3)])
+def test_batches_have_the_shapes_and_bits_of_single_arms(
+    lead: tuple[int, ...], papers_model: str
+) -> None:
+    solver = TABLE_4.solver(papers_model, compiled=True)
+    tensions = random_tensions(TABLE_4, 6)[: int(np.prod(lead))].reshape(*lead, 3, 4)
+    found = solver.solve(tensions)
+    assert found.position.shape == (*lead, 101, 3) and found.residual.shape == lead
+    assert found.tau.shape == (*lead, 101) and found.tensions.shape == (*lead, 3, 4)
+    assert (found.twist is None) == (lead != ())
+    for index in np.ndindex(lead):
+        alone = solver.solve(tensions[index])
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(found, name)[index], getattr(alone, name))
+
+
+def test_it_stands_on_the_base_and_answers_with_its_own_arrays() -> None:
+    base = dataclasses.replace(
+        TABLE_4.base, position=(0.1, -0.2, 0.3), quaternion=(0.5, 0.5, 0.5, 0.5)
+    )
+    config = dataclasses.replace(TABLE_4, base=base)
+    machine, numpy = both(config, 'renda2012')
+    found = machine.solve(FETCHING_IN_SPACE)
+    assert_alike(found, numpy.solve(FETCHING_IN_SPACE))
+    kept = found.position.copy()
+    machine.solve(2.0 * np.array(FETCHING_IN_SPACE))
+    np.testing.assert_array_equal(found.position, kept)
+    for name in FIELDS:
+        assert not getattr(found, name).flags.writeable
+
+
+def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) -> None:
+    machine, numpy = both(TABLE_4, papers_model)
+    one, other = (
+        solver.sensitivity(solver.solve(FETCHING_IN_SPACE)).by_tension.pose
+        for solver in (machine, numpy)
+    )
+    np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+
+
+# Where it hands on -------------------------------------------------------------------------------
+
+
+def test_arms_too_hard_for_one_piece_are_solved_in_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine, numpy = both(TABLE_4, 'renda2012')
+    tensions = random_tensions(TABLE_4, 4)
+    # Sweeps over a whole panel diverge, see `test_renda2012`.
+    tensions[2] = [[0, 0, 0.5, 0], [0, 4, 4, 0], [0, 0, 0, 0]]
+    handed_on = []
+    original = Renda2012.solve
+
+    def watched(self: Renda2012, given: np.ndarray) -> object:
+        handed_on.append(given)
+        return original(self, given)
+
+    monkeypatch.setattr(Renda2012, 'solve', watched)
+    found = machine.solve(tensions)
+    assert len(handed_on) == 1
+    np.testing.assert_array_equal(handed_on[0].reshape(3, 4), tensions[2])
+    assert_alike(found, numpy.solve(tensions), 1e-11)
+    alone = machine.solve(tensions[2])
+    np.testing.assert_array_equal(alone.position, found.position[2])
+
+
+def test_an_arm_compressed_to_nothing_is_refused_by_name(papers_model: str) -> None:
+    machine, numpy = both(TABLE_4, papers_model)
+    tensions = random_tensions(TABLE_4, 5)
+    tensions[3] = default_highest(TABLE_4.arm, 2.0)
+    tensions[4] = default_highest(TABLE_4.arm, 3.0)
+    messages = []
+    for solver in (machine, numpy):
+        with pytest.raises(SolveError) as e:
+            solver.solve(tensions)
+        messages.append(str(e.value))
+    assert 'compress the arm to nothing' in messages[0]
+    assert messages[0] == messages[1] and 'in set 3' in messages[0]
+
+
+def test_what_the_loops_do_not_cover_is_solved_by_numpy(rod: Config) -> None:
+    assert not rod.solver('closed_form', compiled=True).is_compiled
+    assert not TABLE_4.solver('exact', compiled=True).is_compiled
+    tensions = random_tensions(rod, 2)
+    one, other = (
+        rod.solver('closed_form', compiled=flag).solve(tensions) for flag in (True, False)
+    )
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+# The loops themselves ----------------------------------------------------------------------------
+
+
+def test_as_plain_python_the_loops_do_the_same() -> None:
+    """Their arithmetic is what is written, whatever the compiler makes of it."""
+    solver = TABLE_4.solver('renda2012', 4, compiled=True)
+    found = solver.solve(FETCHING_IN_SPACE)
+    assert solver._compiled is not None and found.twist is not None
+    twist = np.empty_like(found.twist)
+    residual, sweeps = loops.find_twist(
+        solver._compiled._tables, np.ravel(FETCHING_IN_SPACE), twist
+    )
+    np.testing.assert_allclose(twist, found.twist, atol=1e-12 * np.abs(twist).max())
+    assert sweeps == found.iterations
+    np.testing.assert_allclose(residual, found.residual, rtol=1e-6)
+
+
+def test_two_stations_at_one_node_are_both_filled_in() -> None:
+    solver = TABLE_4.solver('closed_form', 11, compiled=True)
+    assert solver._compiled is not None
+    found = solver.solve(FETCHING_IN_SPACE)
+    tables = solver._compiled._tables
+    station_node = tables.station_node.copy()
+    station_node[3] = station_node[2]
+    position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
+    twist = np.array(found.twist)
+    loops.integrate_twist(tables._replace(station_node=station_node), twist, position, quaternion)
+    expected = found.position.copy()
+    expected[3] = expected[2]
+    np.testing.assert_allclose(position, expected, atol=1e-15)
+    assert np.isfinite(quaternion).all()
+
+
+def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:
+    solver = TABLE_4.solver('closed_form', compiled=True)
+    assert solver._compiled is not None
+    twist = np.empty((4, solver.grid.nodes.size))
+    _, sweeps = loops.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
+    assert sweeps < 0
+
+
+# The compiler ------------------------------------------------------------------------------------
+
+
+def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: Config) -> None:
+    solver = preset.solver(papers_model, 31, compiled=True)
+    for count in (0, 1, 5):
+        solver.solve(random_tensions(preset, count))
+    solver.solve(random_tensions(preset, 1)[0])
+    assert len(machine_code.find_shapes().signatures) == 1
+
+
+def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
+    files = {Path(file).name for file in machine_code.sources()}
+    assert files >= {'kernels.py', 'tables.py', 'picard.py', 'kinematics.py', 'quaternion.py'}
+    assert files >= {'paper_balance.py', 'numba_build.py'}
+
+
+def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
+    machine = machine_code.find_shapes()
+    assert machine_code._kept(machine)
+    # Loaded, and so nothing to say.
+    assert sum(machine.stats.cache_hits.values()) == 1 and not nothing_known
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Compiles next to nothing, and keeps it in a folder of its own, which this is."""
+
+    def find_shapes(*arguments: object) -> int:
+        return len(arguments)
+
+    numba = sys.modules['numba']
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    find_shapes.__qualname__ = 'find_shapes'
+    monkeypatch.setattr(machine_code, '_entry', lambda numba: find_shapes)
+    return tmp_path
+
+
+@pytest.mark.parametrize('suffix', ['nbi', 'nbc'])
+def test_what_was_kept_but_not_whole_is_made_anew(
+    quick: Path, suffix: str, nothing_known: list[tuple[str, bool]]
+) -> None:
+    machine_code.find_shapes()
+    (kept,) = quick.rglob(f'*.{suffix}')
+    size = kept.stat().st_size
+    kept.write_bytes(kept.read_bytes()[: size // 2])
+    machine_code.find_shapes.cache_clear()
+    assert machine_code.is_available()
+    assert kept.stat().st_size == size
+    assert [text for text, _ in nothing_known] == 2 * [
+        'compiling the models: some ten seconds, once on this machine'
+    ]
+
+
+def test_where_nothing_can_be_kept_it_compiles_all_the_same(
+    quick: Path, monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    caching = pytest.importorskip('numba.core.caching')
+
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError('No space left on device')
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, 'save', full)
+    assert machine_code.is_available() and machine_code.find_shapes().signatures
+
+    def nowhere(*arguments: object, **options: object) -> None:
+        raise RuntimeError('cannot cache function: no locator available')
+
+    monkeypatch.setattr(caching.CacheImpl, '__init__', nowhere)
+    machine_code.find_shapes.cache_clear()
+    machine_code.fault.cache_clear()
+    assert machine_code.is_available() and machine_code.find_shapes().signatures
+    assert not any(is_warning for _, is_warning in nothing_known)
+
+
+def test_without_numba_it_says_so_if_asked_for(
+    monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    monkeypatch.setitem(sys.modules, 'numba', None)
+    with pytest.raises(ModuleNotFoundError, match='numba'):
+        TABLE_4.solver(compiled=True)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    assert machine_code.fault() == '' and not nothing_known
+
+
+def test_a_numba_that_does_not_work_is_done_without(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, nothing_known: list[tuple[str, bool]]
+) -> None:
+    (tmp_path / 'numba.py').write_text("raise ImportError('Numba needs NumPy 2.3 or less')")
+    monkeypatch.delitem(sys.modules, 'numba')
+    monkeypatch.syspath_prepend(tmp_path)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    why = 'ImportError: Numba needs NumPy 2.3 or less'
+    assert nothing_known == [(f'solving without numba, which does not work: {why}', True)]
+    with pytest.raises(ImportError, match='Numba needs'):
+        TABLE_4.solver(compiled=True)
+
+
+def test_a_numba_told_not_to_compile_is_done_without(
+    monkeypatch: pytest.MonkeyPatch, nothing_known: list[tuple[str, bool]]
+) -> None:
+    monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
+    assert not TABLE_4.solver(compiled=None).is_compiled
+    assert machine_code.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'

@@ -1,0 +1,599 @@
+"""The model exact without loads: the least energy of every cross section, by other means."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import reference_exact as reference
+from differences import jacobian
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq, root
+from strategies import arms, fractions, loaded_arms, tensions_for
+
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    Constant,
+    Function,
+    Linear,
+    Material,
+    ProfiledBody,
+    RoutedSection,
+    Section,
+    SolveError,
+    Solver,
+    Table,
+    Tendon,
+)
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod import grid
+from octo_arm_model.core.section import elastic_laws as laws
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.newton import initial_strain, minimise
+from octo_arm_model.core.section.strain_measures import unscale
+
+LAWS = ('linear', 'neo_hookean')
+# Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
+PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
+THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+SILICONE = Material(1.1e5, 0.45)
+CONE = Body(0.4, 0.015, 0.006)
+HELICAL = Arm(
+    SILICONE,
+    CONE,
+    (
+        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
+        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
+    ),
+)
+THREE_TENDONS = Arm(
+    SILICONE,
+    CONE,
+    (Section(0.4, 0.008, 0.004, angles=THIRDS), Section(0.25, 0.01, 0.007, angles=THIRDS)),
+)
+THREE_TENSIONS = np.array([[0.5, 1.0, 0.0], [2.0, 0.5, 3.0]])
+UNIFORM_HELIX = Arm(
+    Material(1e6, 0.4),
+    Body(0.5, 0.01, 0.01),
+    (Section(0.5, 0.007, 0.007, angles=(0.4,), twist=(7.0,)),),
+)
+
+
+def strain_at(backbone: Backbone, i: int) -> np.ndarray:
+    """(kappa, lambda) at station ``i``, as the reference has it."""
+    stretch = 1.0 + backbone.q[i]
+    omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
+    return np.append(stretch * omega, stretch)
+
+
+def assert_least_energy(
+    arm: Arm, tensions: np.ndarray, law: str | reference.Fibre, backbone: Backbone, shear: bool
+) -> None:
+    for i in np.linspace(0, backbone.s.size - 1, 5).astype(int):
+        expected = reference.least_strain(arm, tensions, backbone.s[i], law, shear)
+        found = strain_at(backbone, i)
+        largest = np.abs(expected[:3]).max() + 1e-6 / arm.length
+        np.testing.assert_allclose(found[:3], expected[:3], atol=1e-8 * largest)
+        np.testing.assert_allclose(found[3], expected[3], atol=1e-9)
+
+
+# Against an optimiser and a root finder --------------------------------------------------------
+
+
+def test_the_references_resultants_are_the_slopes_of_its_energy() -> None:
+    strain = np.array([[20.0, 30.0, -15.0, 0.8]]).T
+    for law in LAWS:
+        cut = reference.Cut(HELICAL, np.array([0.1]), 2, THREE_TENSIONS, law)
+        slopes = jacobian(
+            lambda x: cut.energy(x[:, np.newaxis])[0], strain[:, 0], (1e-1, 1e-1, 1e-1, 1e-4)
+        )
+        np.testing.assert_allclose(cut.resultants(strain)[:, 0], slopes, rtol=1e-7)
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('seed', range(2))
+def test_strains_are_those_of_least_energy(preset: Config, law: str, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    largest = np.array(PAPER_SIZE[preset.arm.length])[:, np.newaxis]
+    shares = random.uniform(size=(len(largest), 4))
+    tensions = largest * shares / shares.sum(axis=1, keepdims=True)
+    if seed == 0:
+        tensions = largest * random.permuted([(1.0, 0.0, 0.0, 0.0)] * len(largest), axis=1)
+    backbone = Solver(preset.arm, 'exact', 31, material=law).solve(tensions)
+    assert_least_energy(preset.arm, tensions, law, backbone, False)
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('arm', [HELICAL, THREE_TENDONS], ids=['helical', 'three'])
+def test_so_they_are_of_helical_tendons_and_of_three(arm: Arm, law: str) -> None:
+    backbone = Solver(arm, 'exact', 31, material=law).solve(THREE_TENSIONS)
+    assert_least_energy(arm, THREE_TENSIONS, law, backbone, False)
+    twisted = np.abs(backbone.tau).max() > 1.0
+    assert twisted == (arm is HELICAL)
+
+
+def test_so_they_are_with_shear() -> None:
+    backbone = Solver(HELICAL, 'exact', 31, material='linear', shear=True).solve(THREE_TENSIONS)
+    assert_least_energy(HELICAL, THREE_TENSIONS, 'linear', backbone, True)
+    assert backbone.twist is not None
+    assert np.abs(backbone.twist[4:]).max() > 1e-3
+
+
+def test_beyond_the_last_anchorage_the_arm_is_as_it_was_made() -> None:
+    arm = Arm(SILICONE, CONE, (Section(0.3, 0.008, 0.004),))
+    backbone = Solver(arm, 'exact').solve([[1.0, 0.0, 2.0, 0.5]])
+    outside = backbone.s > 0.3
+    for name in ('tau', 'xi', 'k', 'q'):
+        np.testing.assert_array_equal(getattr(backbone, name)[outside], 0.0)
+        assert (getattr(backbone, name)[~outside] != 0.0).all() or name == 'tau'
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
+def test_equal_tendons_compress_by_the_scalar_equation(law: str, pull: float) -> None:
+    arm = Arm(SILICONE, CONE, (Section(0.4, 0.005, 0.005),))
+    backbone = Solver(arm, 'exact', 11, material=law).solve(np.full((1, 4), pull))
+    for s, q in zip(backbone.s, backbone.q):
+        load = 4.0 * pull / (1.1e5 * math.pi * float(arm.body.radius(s)) ** 2)
+        expected = -load
+        if law == 'neo_hookean':
+            expected = brentq(lambda x: (x - x**-2) / 3.0 + load, 0.05, 1.0, xtol=1e-14) - 1.0
+        assert q == pytest.approx(expected, abs=1e-10)
+    np.testing.assert_array_equal(backbone.tau, 0.0)
+    np.testing.assert_allclose([backbone.xi, backbone.k], 0.0, atol=1e-13)
+
+
+def test_a_helical_tendon_twists_and_bends_by_four_equations() -> None:
+    pull, y, rate = 20.0, 0.007, 14.0
+    backbone = Solver(UNIFORM_HELIX, 'exact', 41, material='linear').solve([[pull]])
+    area = math.pi * 1e-4
+    bending, axial = 1e6 * area * 1e-4 / 4.0, 1e6 * area
+    torsion = 2.0 * bending / 2.8
+    for i in (0, 13, 40):
+        phi = 0.4 + rate * backbone.s[i]
+        out, around = np.array([math.cos(phi), math.sin(phi)]), np.array([-math.sin(phi), 1.0])
+        around[1] = math.cos(phi)
+
+        def left(x: np.ndarray) -> np.ndarray:
+            # By hand, in the axes t, out, around: r = y e_out, r' = y rate e_around.
+            twist, about_out, about_around, stretch = x
+            u = np.array([stretch - y * about_around, 0.0, y * (twist + rate)])
+            unit = u / np.linalg.norm(u)
+            return np.array([
+                torsion * twist + pull * y * unit[2],
+                bending * about_out,
+                bending * about_around - pull * y * unit[0],
+                axial * (stretch - 1.0) + pull * unit[0],
+            ])  # fmt: skip
+
+        found = root(left, [0.0, 0.0, 0.0, 1.0], tol=1e-14).x
+        n, b = found[1] * out + found[2] * around
+        expected = np.array([found[0], n, b, found[3]])
+        np.testing.assert_allclose(strain_at(backbone, i), expected, rtol=1e-9, atol=1e-9)
+    assert np.ptp(backbone.tau) < 1e-8
+    assert backbone.tau[0] < -1.0
+
+
+# Balance ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('which', ['table4', 'helical', 'three'])
+def test_rod_and_tendons_balance_at_every_station(table4: Config, law: str, which: str) -> None:
+    arm, tensions = {
+        'table4': (table4.arm, np.array(FETCHING_IN_SPACE)),
+        'helical': (HELICAL, THREE_TENSIONS),
+        'three': (THREE_TENDONS, THREE_TENSIONS),
+    }[which]
+    backbone = Solver(arm, 'exact', material=law).solve(tensions)
+    for i, s in enumerate(backbone.s):
+        cut = reference.Cut(arm, s, int(backbone.section[i]), tensions, law, reference.FINE_DISC)
+        left = cut.resultants(strain_at(backbone, i)[:, np.newaxis])
+        moment, force = cut.scale
+        assert np.abs(left[:3]).max() <= 1e-10 * moment[0]
+        assert np.abs(left[3]) <= 1e-10 * force[0]
+    assert backbone.residual <= 1e-10
+
+
+def test_the_residual_is_that_of_the_balance_where_profiles_have_corners() -> None:
+    # Corners that no polynomial resolves: what is interpolated must have been found to be right.
+    s = np.linspace(0.0, 0.4, 9)
+    body = ProfiledBody(0.4, Table(tuple(s), tuple(0.01 + 0.003 * np.cos(4.0 * np.arange(9)))))
+    arm = Arm(SILICONE, body, (Section(0.4, 0.005, 0.004),))
+    backbone = Solver(arm, 'exact').solve([[0.7, 0.0, 0.0, 0.4]])
+    radius = body.radius(backbone.s)
+    for i in range(0, backbone.s.size, 7):
+        local = Arm(SILICONE, Body(0.4, radius[i], radius[i]), arm.sections)
+        cut = reference.Cut(
+            local, backbone.s[i], 1, np.array([0.7, 0, 0, 0.4]), 'neo_hookean', reference.FINE_DISC
+        )
+        left = cut.resultants(strain_at(backbone, i)[:, np.newaxis])
+        assert np.abs(left[:3]).max() <= 1e-10 * cut.scale[0][0]
+        assert np.abs(left[3]) <= 1e-10 * cut.scale[1][0]
+
+
+# Facts -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('seed', range(5))
+def test_parallel_tendons_bend_the_arm_in_the_papers_plane_to_rounding(
+    law: str, seed: int
+) -> None:
+    arm = Arm(SILICONE, CONE, (Section(0.4, 0.005, 0.005),))
+    t1, t2, t3, t4 = local_tensions = np.random.default_rng(seed).uniform(0.0, 0.8, 4)
+    _, n, b = Solver(arm, 'exact', material=law).solve(local_tensions[np.newaxis]).tip
+    # In the axes (b, -n); the base here is the frame itself.
+    assert math.atan2(-n, b) == pytest.approx(math.atan2(t3 - t1, t2 - t4), abs=1e-11)
+
+
+@pytest.mark.parametrize('panel', BENDING)
+def test_converging_tendons_bend_it_in_that_plane_but_for_their_slope_squared(
+    table2: Config, panel: str
+) -> None:
+    t1, t2, t3, t4 = BENDING[panel][0]
+    _, n, b = Solver(table2.arm, 'exact').solve(BENDING[panel]).tip
+    slope = table2.arm.sections[0].offset_slope
+    assert math.atan2(-n, b) == pytest.approx(math.atan2(t3 - t1, t2 - t4), abs=slope**2)
+
+
+@given(loaded_arms(max_sections=3), fractions(0.2, 5.0), st.sampled_from(LAWS))
+@settings(max_examples=20)
+def test_shapes_scale_with_the_arm(case: tuple[Arm, np.ndarray], scale: float, law: str) -> None:
+    arm, tensions = case
+    body = arm.body
+    assert isinstance(body, Body)
+    larger = Arm(
+        arm.material,
+        Body(scale * body.length, scale * body.radius_base, scale * body.radius_tip),
+        tuple(
+            Section(
+                scale * section.anchorage,
+                scale * section.offset_base,
+                scale * section.offset_anchorage,
+            )
+            for section in arm.sections
+            if isinstance(section, Section)
+        ),
+    )
+    try:
+        small = Solver(arm, 'exact', 31, material=law).solve(tensions)
+    except SolveError:
+        with pytest.raises(SolveError):
+            Solver(larger, 'exact', 31, material=law).solve(scale**2 * tensions)
+        return
+    large = Solver(larger, 'exact', 31, material=law).solve(scale**2 * tensions)
+    np.testing.assert_allclose(large.position, scale * small.position, atol=1e-8 * larger.length)
+    np.testing.assert_allclose(scale * large.k, small.k, rtol=1e-6, atol=1e-6 / arm.length)
+    np.testing.assert_allclose(large.q, small.q, atol=1e-8)
+
+
+@given(arms(max_sections=3), fractions(0.2, 5.0))
+@settings(max_examples=10)
+def test_stiffness_and_tensions_in_proportion_change_nothing(arm: Arm, scale: float) -> None:
+    tensions = np.full(arm.tension_shape, 0.02) * float(arm.material.youngs_modulus) * 1e-5
+    tensions = tensions * arm.length**2 * np.linspace(0.1, 1.0, tensions.size).reshape(-1, 4)
+    material = dataclasses.replace(
+        arm.material, youngs_modulus=scale * float(arm.material.youngs_modulus)
+    )
+    before = Solver(arm, 'exact', 31).solve(tensions)
+    after = Solver(dataclasses.replace(arm, material=material), 'exact', 31).solve(
+        scale * tensions
+    )
+    np.testing.assert_allclose(after.position, before.position, atol=1e-9 * arm.length)
+
+
+@pytest.mark.parametrize('shear', [False, True])
+def test_the_linear_law_reaches_the_same_strains_from_any_start(shear: bool) -> None:
+    nodes, section = np.linspace(0.0, 0.4, 9), np.repeat([2, 1], [6, 3])
+    energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS['linear'], shear)
+    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
+    usual = minimise(energy, local_tensions, initial_strain(energy, local_tensions)).strain
+    random = np.random.default_rng(0)
+    for _ in range(25):
+        start = random.normal(size=usual.shape)
+        start[:3] *= 50.0
+        found = minimise(energy, local_tensions, start).strain
+        np.testing.assert_allclose(found, usual, rtol=1e-7, atol=1e-7)
+
+
+# Energies and laws -----------------------------------------------------------------------------
+
+
+class MooneyRivlin:
+    """Incompressible rubber with a second constant: a (l^2 + 2/l - 3) + b (2 l + 1/l^2 - 3)."""
+
+    widens = True
+
+    def __init__(self, second: float) -> None:
+        self.a, self.b = (1.0 - second) / 6.0, second / 6.0
+
+    def value(self, stretch: FloatArray, bend: FloatArray) -> FloatArray:
+        """Energy over E A, for the tests alone."""
+        w = np.sqrt(stretch * stretch - bend)
+        total = stretch + w
+        first = stretch**2 + bend / 4 + 4 / total - 3
+        return self.a * first + self.b * (2 * stretch + 2 / (w * total) - 3)
+
+    def density(self, stretch: FloatArray, bend: FloatArray) -> laws.Density:
+        # The means over the disc of 1/l and 1/l^2 are 2/(l + w) and 2/(w (l + w)).
+        a, b = self.a, self.b
+        w = np.sqrt(np.where(stretch > 0.0, stretch * stretch - bend, np.nan))
+        sum_, w3, w5 = stretch + w, w**3, w**5
+        by_bend = (stretch + 2 * w) / (w3 * sum_**2)
+        quadratic = 3 * stretch**2 + 9 * stretch * w + 8 * w**2
+        return laws.Density(
+            a * (2 * stretch - 4 / (w * sum_)) + b * (2 - 2 / w3),
+            a * (0.25 + 2 / (w * sum_**2)) + b * by_bend,
+            a * (2 + 4 / w3) + b * 6 * stretch / w5,
+            -2 * a * by_bend - 3 * b / w5,
+            a * (stretch + 3 * w) / (w3 * sum_**3) + b * quadratic / (2 * w5 * sum_**3),
+        )
+
+    widening = laws.NeoHookean().widening
+
+
+def mooney_rivlin_fibre(second: float) -> reference.Fibre:
+    a, b = (1 - second) / 6, second / 6
+    return reference.Fibre(
+        lambda x: a * (x**2 + 2 / x - 3) + b * (2 * x + x**-2 - 3),
+        lambda x: a * (2 * x - 2 * x**-2) + b * (2 - 2 * x**-3),
+    )
+
+
+STRETCH_AND_BEND = st.tuples(fractions(0.3, 1.6), fractions(0.0, 0.6))
+
+
+@given(STRETCH_AND_BEND)
+def test_the_densities_of_every_law_are_derivatives(case: tuple[float, float]) -> None:
+    stretch, part = case
+    at = np.array([stretch, max(part * stretch**2, 1e-3)])
+
+    def density(law: laws.Law, x: np.ndarray) -> laws.Density:
+        return law.density(x[:1].copy(), x[1:].copy())
+
+    step = 1e-3 * at
+    for law in (*laws.LAWS.values(), MooneyRivlin(0.4)):
+        f = density(law, at)
+        second = jacobian(lambda x: np.concatenate(density(law, x)[:2]), at, step)
+        expected = np.array([
+            [f.by_stretch_stretch, f.by_stretch_bend], [f.by_stretch_bend, f.by_bend_bend]
+        ])[..., 0]  # fmt: skip
+        np.testing.assert_allclose(second, expected, rtol=1e-6, atol=1e-8)
+        width = law.widening(at[:1])
+        slopes = jacobian(lambda x: np.array(law.widening(x)[:2]), at[:1], step[:1])
+        np.testing.assert_allclose(slopes[:, 0, 0], [width[1][0], width[2][0]], rtol=1e-7)
+    rubber = MooneyRivlin(0.4)
+    slope = jacobian(lambda x: rubber.value(x[:1], x[1:])[0], at, step)
+    f = density(rubber, at)
+    np.testing.assert_allclose(slope, [f.by_stretch[0], f.by_bend[0]], rtol=1e-6, atol=1e-9)
+
+
+@given(STRETCH_AND_BEND)
+def test_the_laws_of_rubber_are_their_fibres_summed(case: tuple[float, float]) -> None:
+    stretch, part = case
+    place, area = reference.FINE_DISC
+    curve = math.sqrt(part) * stretch
+    fibres = stretch + curve * place[1]
+    for law, fibre in (
+        (laws.LAWS['neo_hookean'], reference.NEO_HOOKEAN),
+        (MooneyRivlin(0.4), mooney_rivlin_fibre(0.4)),
+    ):
+        f = law.density(np.array([stretch]), np.array([curve**2]))
+        stress = fibre.stress(fibres) * area / math.pi
+        assert f.by_stretch[0] == pytest.approx(stress.sum(), rel=1e-8, abs=1e-10)
+        # d/dc = 2 c d/dz.
+        slope = (stress * place[1]).sum()
+        assert 2.0 * curve * f.by_bend[0] == pytest.approx(slope, rel=1e-8, abs=1e-10)
+
+
+def test_all_laws_agree_where_strains_are_small() -> None:
+    one, none = np.ones(1), np.zeros(1)
+    for law in (*laws.LAWS.values(), MooneyRivlin(0.0), MooneyRivlin(0.9)):
+        f = law.density(one, none)
+        assert f.by_stretch[0] == pytest.approx(0.0, abs=1e-15)
+        assert f.by_stretch_stretch[0] == pytest.approx(1.0)  # E A
+        assert f.by_bend[0] == pytest.approx(0.125)  # E J, J = A R^2 / 4
+    tensions = 1e-4 * THREE_TENSIONS
+    linear, rubber = (Solver(THREE_TENDONS, 'exact', material=law).solve(tensions) for law in LAWS)
+    np.testing.assert_allclose(rubber.k, linear.k, rtol=1e-3, atol=1e-3 * linear.k.max())
+    np.testing.assert_allclose(rubber.q, linear.q, rtol=1e-3)
+
+
+def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(laws.LAWS, 'mooney_rivlin', MooneyRivlin(0.4))
+    monkeypatch.setitem(laws.LAWS, 'mooney_rivlin_0', MooneyRivlin(0.0))
+    backbone = Solver(HELICAL, 'exact', 31, material='mooney_rivlin').solve(THREE_TENSIONS)
+    fibre = mooney_rivlin_fibre(0.4)
+    assert_least_energy(HELICAL, THREE_TENSIONS, fibre, backbone, False)
+    same, usual = (
+        Solver(HELICAL, 'exact', 31, material=law).solve(THREE_TENSIONS)
+        for law in ('mooney_rivlin_0', 'neo_hookean')
+    )
+    np.testing.assert_allclose(same.position, usual.position, atol=1e-9)
+    assert np.abs(backbone.tip - usual.tip).max() > 1e-4
+
+
+# Shear with rubber is refused by the solver.
+@pytest.mark.parametrize(
+    ('law', 'shear'),
+    [('linear', False), ('linear', True), ('neo_hookean', False), ('neo_hookean', True)],
+)
+def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear: bool) -> None:
+    nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
+    energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS[law], shear)
+    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
+    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
+    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])
+
+    def at_both(x: np.ndarray) -> np.ndarray:
+        return np.tile(x[:, np.newaxis, np.newaxis], (1, 1, 2))
+
+    def tendons_energy(x: np.ndarray) -> np.ndarray:
+        return (local_tensions * energy.lengthening(at_both(x))[0]).sum(axis=(0, 1))
+
+    strain = at_both(at)
+    tendon_gradient = energy.tendon_gradient(strain, local_tensions)
+    np.testing.assert_allclose(
+        energy.tendon_derivatives(strain, local_tensions)[0],
+        tendon_gradient,
+        rtol=1e-12,
+        atol=1e-15,
+    )
+    np.testing.assert_allclose(
+        tendon_gradient[:, 0].T, jacobian(tendons_energy, at, steps), rtol=1e-7, atol=1e-9
+    )
+    for gradient, hessian in (
+        (
+            lambda x: energy.tendon_gradient(x, local_tensions),
+            energy.tendon_derivatives(strain, local_tensions)[1],
+        ),
+        (lambda x: energy.material(x)[0], energy.material(strain)[1]),
+    ):
+        expected = jacobian(lambda x: gradient(at_both(x)), at, steps)[:, 0]
+        scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+        np.testing.assert_allclose(
+            hessian[:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
+        )
+    lengths = jacobian(lambda x: energy.lengthening(at_both(x))[0][:, 0], at, steps)
+    acting = energy.active[:, 0]
+    np.testing.assert_allclose(
+        energy.lengthening(strain)[1][:, :, 0].transpose(1, 2, 0),
+        lengths * acting[..., np.newaxis],
+        atol=1e-9,
+    )
+
+    def physical(x: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        scaled = at_both(x)
+        if energy.law.widens:
+            scaled[:3] *= energy.law.widening(scaled[3])[0]
+        gradient, hessian = energy.material(scaled)
+        pulled, across = energy.tendon_derivatives(scaled, local_tensions)
+        gradient += pulled
+        hessian += across
+        return unscale(energy, at_both(x), gradient, hessian)
+
+    expected = jacobian(lambda x: physical(x)[0][:, 0], at, steps)
+    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(
+        physical(at)[1][:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
+    )
+    if not shear:
+        cut = reference.Cut(HELICAL, nodes[:1], 2, THREE_TENSIONS, law, reference.FINE_DISC)
+        expected_wrench = cut.resultants(at[:, np.newaxis])[:, 0]
+        np.testing.assert_allclose(physical(at)[0][:, 0, 0], expected_wrench, rtol=1e-9)
+
+
+# Any arm ---------------------------------------------------------------------------------------
+
+
+@given(loaded_arms(), st.sampled_from(LAWS))
+def test_any_arm_is_in_balance_or_an_error(case: tuple[Arm, np.ndarray], law: str) -> None:
+    arm, tensions = case
+    try:
+        backbone = Solver(arm, 'exact', 21, material=law).solve(tensions)
+    except SolveError:
+        # Sections that overlap compress more than each alone.
+        assert law == 'linear'
+        return
+    assert backbone.residual <= 1e-10
+    for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
+        assert np.isfinite(getattr(backbone, name)).all()
+    assert backbone.q.min() > -1.0
+
+
+@given(arms(), st.data(), fractions(0.5, 10.0))
+@settings(max_examples=40)
+def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(
+    arm: Arm, data: st.DataObject, load: float
+) -> None:
+    tensions = data.draw(tensions_for(arm, load))
+    for law in LAWS:
+        try:
+            backbone = Solver(arm, 'exact', 21, material=law).solve(tensions)
+        except SolveError:
+            continue
+        assert backbone.residual <= 1e-10
+        assert np.isfinite(backbone.position).all()
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_the_tip_converges_with_the_fourth_power_of_the_step(
+    monkeypatch: pytest.MonkeyPatch, law: str
+) -> None:
+    # Otherwise intervals are cut until the error is below what a user could see.
+    monkeypatch.setattr(grid, 'MIN_INTERVALS', 1)
+    monkeypatch.setattr(grid, 'STEP_PER_RADIUS', 1e9)
+    for arm, tensions in (
+        (UNIFORM_HELIX, np.array([[20.0]])),
+        (HELICAL, 0.5 * THREE_TENSIONS),
+    ):
+        finest = Solver(arm, 'exact', 2001, material=law).solve(tensions).tip
+        errors = np.array(
+            [
+                np.linalg.norm(Solver(arm, 'exact', n, material=law).solve(tensions).tip - finest)
+                for n in (41, 81, 161)
+            ]
+        )
+        orders = np.log2(errors[:-1] / errors[1:])
+        assert orders.min() >= 3.7
+        assert errors[-1] < 1e-5 * arm.length
+
+
+# Profiles --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_profiles_that_describe_the_same_arm_give_the_same_shape(law: str) -> None:
+    s = np.linspace(0.0, 0.4, 41)
+    radius = CONE.radius(s)
+
+    def routed(section: Section, kind: str) -> RoutedSection:
+        offset, tendons = section.offset(s), []
+        for angle in section.angles:
+            place = {
+                'table': Table(tuple(s), tuple(offset)),
+                'function': Function(section.offset, 0.4),
+                'linear': Linear(section.offset_base, section.offset_anchorage, section.anchorage),
+            }[kind]
+            tendons.append(Tendon(place, Constant(angle)))
+        return RoutedSection(section.anchorage, tuple(tendons))
+
+    expected = Solver(THREE_TENDONS, 'exact', material=law).solve(THREE_TENSIONS)
+    bodies = {
+        'table': ProfiledBody(0.4, Table(tuple(s), tuple(radius))),
+        'function': ProfiledBody(0.4, Function(CONE.radius, 0.4)),
+        'linear': CONE,
+    }
+    for kind, body in bodies.items():
+        arm = Arm(SILICONE, body, tuple(routed(x, kind) for x in THREE_TENDONS.sections))
+        found = Solver(arm, 'exact', material=law).solve(THREE_TENSIONS)
+        np.testing.assert_allclose(found.position, expected.position, atol=1e-8 * arm.length)
+        np.testing.assert_allclose(found.q, expected.q, atol=1e-8)
+
+
+def test_a_profile_of_moduli_is_the_arm_of_each_modulus_at_each_station() -> None:
+    s = np.linspace(0.0, 0.4, 5)
+    moduli = (1e5, 1.2e5, 1.5e5, 1.1e5, 0.9e5)
+    stiffer = Material(Table(tuple(s), moduli), Function(lambda s: 0.3 + 0.5 * s, 0.4))
+    backbone = Solver(dataclasses.replace(HELICAL, material=stiffer), 'exact', 41).solve(
+        THREE_TENSIONS
+    )
+    for where, modulus in zip(s, moduli):
+        i = int(np.abs(backbone.s - where).argmin())
+        local = dataclasses.replace(
+            HELICAL,
+            material=Material(
+                float(stiffer.youngs_modulus_at(backbone.s[i])), 0.3 + 0.5 * backbone.s[i]
+            ),
+        )
+        assert modulus == pytest.approx(float(stiffer.youngs_modulus_at(backbone.s[i])), rel=0.05)
+        expected = reference.least_strain(local, THREE_TENSIONS, backbone.s[i], 'neo_hookean')
+        np.testing.assert_allclose(strain_at(backbone, i), expected, rtol=1e-7, atol=1e-7)

@@ -1,0 +1,100 @@
+"""Quaternions, held against the axioms and against SciPy's rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product
+
+COMPONENTS = st.floats(-1.0, 1.0, allow_subnormal=False)
+XYZW = arrays(np.float64, (4,), elements=COMPONENTS)
+UNIT = XYZW.filter(lambda q: np.linalg.norm(q) > 0.1).map(lambda q: q / np.linalg.norm(q))
+VECTOR = arrays(np.float64, (3,), elements=COMPONENTS)
+
+
+def xyzw(quaternions: Quaternions) -> np.ndarray:
+    out = np.empty((*quaternions.a.shape, 4))
+    quaternions.write_xyzw(out)
+    return out
+
+
+def product(*factors: np.ndarray) -> np.ndarray:
+    result = Quaternions.from_xyzw(factors[0])
+    for factor in factors[1:]:
+        result = result.times(Quaternions.from_xyzw(factor))
+    return xyzw(result)
+
+
+def random_units(*shape: int) -> np.ndarray:
+    units = np.random.default_rng(2012).normal(size=(*shape, 4))
+    return units / np.linalg.norm(units, axis=-1, keepdims=True)
+
+
+def test_i_j_k_multiply_as_hamilton_carved() -> None:
+    i, j, k, one = np.eye(4)
+    np.testing.assert_array_equal(product(i, j), k)
+    np.testing.assert_array_equal(product(j, k), i)
+    np.testing.assert_array_equal(product(k, i), j)
+    np.testing.assert_array_equal(product(j, i), -k)
+    np.testing.assert_array_equal(product(i, j, k), -one)
+
+
+@given(XYZW)
+def test_components_are_read_and_written_in_the_order_x_y_z_w(q: np.ndarray) -> None:
+    np.testing.assert_array_equal(xyzw(Quaternions.from_xyzw(q)), q)
+
+
+@given(XYZW, XYZW, XYZW)
+def test_products_are_associative(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> None:
+    np.testing.assert_allclose(product(product(p, q), r), product(p, product(q, r)), atol=1e-14)
+
+
+@given(XYZW, XYZW)
+def test_the_norm_of_a_product_is_the_product_of_norms(p: np.ndarray, q: np.ndarray) -> None:
+    norm = np.linalg.norm(product(p, q))
+    assert norm == pytest.approx(np.linalg.norm(p) * np.linalg.norm(q), abs=1e-14)
+
+
+@given(UNIT, UNIT)
+def test_products_compose_rotations(p: np.ndarray, q: np.ndarray) -> None:
+    composed = (Rotation.from_quat(p) * Rotation.from_quat(q)).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat(product(p, q)).as_matrix(), composed, atol=1e-14)
+
+
+@given(UNIT, VECTOR)
+def test_vectors_are_turned_as_by_the_matrix(q: np.ndarray, v: np.ndarray) -> None:
+    turned = Quaternions.from_xyzw(q).rotate(Quaternions.from_vector(*v))
+    expected = Rotation.from_quat(q).apply(v)
+    np.testing.assert_allclose(xyzw(turned), [*expected, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize('batch', [(), (1,), (3,), (2, 3)])
+@pytest.mark.parametrize('count', [1, 2, 3, 170, 2049])
+def test_cumulative_products_equal_one_multiplication_after_another(
+    batch: tuple[int, ...], count: int
+) -> None:
+    factors = random_units(*batch, count)
+    original = factors.copy()
+    one_by_one = [factors[..., 0, :]]
+    for i in range(1, count):
+        one_by_one.append(product(one_by_one[-1], factors[..., i, :]))
+    at_once = xyzw(cumulative_product(Quaternions.from_xyzw(factors)))
+    np.testing.assert_allclose(at_once, np.stack(one_by_one, axis=-2), atol=1e-13)
+    np.testing.assert_array_equal(factors, original)
+
+
+def test_cumulative_products_leave_their_factors_alone() -> None:
+    factors = Quaternions.from_xyzw(random_units(1, 5))
+    before = xyzw(factors)
+    cumulative_product(factors)
+    np.testing.assert_array_equal(xyzw(factors), before)
+
+
+def test_long_products_of_unit_quaternions_stay_unit() -> None:
+    products = xyzw(cumulative_product(Quaternions.from_xyzw(random_units(2, 5000))))
+    np.testing.assert_allclose(np.linalg.norm(products, axis=-1), 1.0, atol=1e-13)

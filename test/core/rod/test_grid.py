@@ -1,0 +1,111 @@
+"""Stations and quadrature nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import arms
+
+from octo_arm_model import Arm, Config, ConfigError
+from octo_arm_model.core.rod.grid import MIN_INTERVALS, STEP_PER_RADIUS, StationGrid, panels_of
+
+STATION_COUNTS = st.integers(6, 150)
+
+
+def test_panels_go_from_base_to_tip_and_count_from_the_tip(table4: Config) -> None:
+    panels = [(p.start, p.stop, p.section) for p in panels_of(table4.arm)]
+    assert panels == [(0.0, 0.135, 3), (0.135, 0.315, 2), (0.315, 0.45, 1)]
+
+
+@given(arms(), STATION_COUNTS)
+def test_there_are_as_many_stations_as_asked_for(arm: Arm, count: int) -> None:
+    grid = StationGrid.build(arm, count)
+    assert grid.s.shape == grid.section.shape == grid.station_node.shape == (count,)
+
+
+@given(arms(), STATION_COUNTS)
+def test_stations_rise_from_base_to_tip_with_every_anchorage_among_them(
+    arm: Arm, count: int
+) -> None:
+    s = StationGrid.build(arm, count).s
+    assert s[0] == 0.0
+    assert s[-1] == arm.length
+    assert (np.diff(s) > 0.0).all()
+    assert {section.anchorage for section in arm.sections} <= set(s.tolist())
+
+
+@given(arms(), STATION_COUNTS)
+def test_a_station_belongs_to_the_outermost_section_whose_tendons_pass(
+    arm: Arm, count: int
+) -> None:
+    grid = StationGrid.build(arm, count)
+    passing = [sum(section.anchorage >= s for section in arm.sections) for s in grid.s]
+    # Section i from the tip is passed by the tendons of sections 1 to i.
+    assert grid.section.tolist() == passing
+
+
+@given(arms(), STATION_COUNTS)
+def test_nodes_are_interval_ends_then_middles(arm: Arm, count: int) -> None:
+    grid = StationGrid.build(arm, count)
+    ends = grid.nodes[: grid.step.size + 1]
+    np.testing.assert_array_equal(grid.nodes[grid.station_node], grid.s)
+    np.testing.assert_array_equal(grid.node_section[grid.station_node], grid.section)
+    np.testing.assert_array_equal(np.diff(ends), grid.step)
+    np.testing.assert_allclose(grid.nodes[ends.size :], 0.5 * (ends[1:] + ends[:-1]), rtol=1e-15)
+
+
+@given(arms(), STATION_COUNTS)
+def test_an_anchorage_has_one_node_on_each_side_and_no_interval_spans_it(
+    arm: Arm, count: int
+) -> None:
+    grid = StationGrid.build(arm, count)
+    sides = grid.node_section[: grid.step.size + 1]
+    inner = [section.anchorage for section in arm.sections if section.anchorage < arm.length]
+    assert (grid.step == 0.0).sum() == len(inner)
+    np.testing.assert_array_equal(np.diff(sides) != 0, grid.step == 0.0)
+    np.testing.assert_array_equal(grid.nodes[:-1][: grid.step.size][grid.step == 0.0], inner[::-1])
+
+
+@given(arms(), STATION_COUNTS)
+def test_intervals_are_short_against_arm_and_radius(arm: Arm, count: int) -> None:
+    grid = StationGrid.build(arm, count)
+    thinnest = arm.body.radius(grid.nodes[1 : grid.step.size + 1])
+    assert grid.step.max() <= 1.03 * arm.length / MIN_INTERVALS
+    # A stretch between stations is cut by its own smallest radius.
+    assert (grid.step <= STEP_PER_RADIUS * thinnest + 0.03 * arm.length / MIN_INTERVALS).all()
+
+
+def test_stations_are_spread_evenly(table4: Config) -> None:
+    gaps = np.diff(StationGrid.build(table4.arm, 101).s)
+    assert gaps.max() < 1.1 * gaps.min()
+
+
+@pytest.mark.parametrize(
+    ('stations', 'message'),
+    [
+        (3, 'stations is 3, expected at least 4 for both ends of the arm and every anchorage'),
+        (0, 'stations is 0, expected at least 4'),
+        (-5, 'stations is -5, expected at least 4'),
+        (101.0, 'stations is 101.0, expected an integer'),
+        (True, 'stations is True, expected an integer'),
+        ('101', "stations is '101', expected an integer"),
+    ],
+)
+def test_refused_station_counts_are_named(table4: Config, stations: object, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        StationGrid.build(table4.arm, stations)  # type: ignore[arg-type]
+
+
+def test_the_fewest_stations_are_both_ends_and_the_anchorages(table4: Config) -> None:
+    grid = StationGrid.build(table4.arm, 4)
+    assert grid.s.tolist() == [0.0, 0.135, 0.315, 0.45]
+    assert grid.section.tolist() == [3, 3, 2, 1]
+
+
+def test_the_grid_is_read_only(table4: Config) -> None:
+    grid = StationGrid.build(table4.arm)
+    for array in (value for value in vars(grid).values() if value is not grid.panels):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 1

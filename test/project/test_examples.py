@@ -1,0 +1,34 @@
+"""The examples run as they stand."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from checkout import ROOT
+
+EXAMPLES = sorted((ROOT / 'examples').glob('[1-4]_*.py'))
+
+
+@pytest.mark.parametrize('example', EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(example):
+    ran = subprocess.run(
+        [sys.executable, example], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout
+
+
+def test_the_loop_closes():
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    ran = subprocess.run(
+        [sys.executable, ROOT / 'examples' / '5_control_loop.py', '6'],
+        cwd=ROOT,
+        env=dict(os.environ, ROS_DOMAIN_ID=str(181 + os.getpid() % 40)),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert float(ran.stdout.splitlines()[-1].split()[3]) < 10.0  # [mm], of a circle of 50 mm

@@ -1,0 +1,24 @@
+"""The node under abuse, for as long as a test may take; `benchmarks/soak.py` has the rest."""
+
+import os
+import sys
+
+import pytest
+from checkout import ROOT
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+import soak
+
+DOMAIN = 82 + 2 * (os.getpid() % 8)
+
+
+def test_the_node_stands_abuse(capfd):
+    rows = soak.run(0.004, DOMAIN)
+    outcome = dict(row[-2:] for row in rows)
+    assert outcome['killed and started again'].endswith('s later')
+    assert 'no wrong shape' in outcome['5 changes of parameters']
+    assert len(rows) == 5

@@ -1,0 +1,478 @@
+"""The simulator as a process of its own, commanded over real DDS."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from octo_arm_msgs.msg import TendonTensions
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from octo_arm_model import load_config
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.parameters import PARAMETERS
+
+DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
+CONFIG_FILE = preset_path('renda2012_table4')
+EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
+CONFIG = load_config(CONFIG_FILE)
+NAMES = list(CONFIG.arm.tendon_names)
+SLACK = np.zeros(12)
+PLANE, SPACE = np.ravel(FETCHING_IN_PLANE), np.ravel(FETCHING_IN_SPACE)
+COMMANDS = {
+    'tendon_commands': TendonTensions,
+    'tendon_commands/array': Float64MultiArray,
+    'tendon_commands/joint_state': JointState,
+}
+# Every test with nodes of its own gets a domain of its own.
+DOMAINS = itertools.count(101 + os.getpid() % 80)
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def make_executor(context):
+    """The quickest there is: the simulator publishes much."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return rclpy.executors.SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def start(module, *arguments, domain):
+    return subprocess.Popen(
+        [sys.executable, '-m', f'octo_arm_model.{module}', *arguments],
+        env=dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1'),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def start_node(module, domain, *parameters, files=(CONFIG_FILE,)):
+    arguments = [word for file in files for word in ('--params-file', str(file))]
+    arguments += [word for parameter in parameters for word in ('-p', parameter)]
+    return start(f'ros.{module}', '--ros-args', *arguments, domain=domain)
+
+
+def stop(process, how=signal.SIGINT):
+    process.send_signal(how)
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert 'Traceback' not in complaints, complaints
+    assert process.returncode == 0, complaints
+
+
+class Controller:
+    """Commands tensions and keeps what the load cells read."""
+
+    def __init__(self, domain):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node(f'controller_{domain}', context=self.context)
+        self.executor = make_executor(self.context)
+        self.executor.add_node(self.node)
+        self.publishers = {
+            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in COMMANDS.items()
+        }
+        self.measured = self.hear(TendonTensions, 'tendon_tensions')
+        self.effective = self.hear(TendonTensions, 'ground_truth/tendon_tensions')
+        self.health = self.hear(DiagnosticArray, '/diagnostics')
+        self.logs = self.hear(Log, '/rosout')
+
+    def hear(self, kind, topic):
+        heard = []
+        self.node.create_subscription(kind, topic, heard.append, 1000)
+        return heard
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def wait(self, condition, what):
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
+            # Each call is one message: none may wait for long.
+            self.executor.spin_once(timeout_sec=0.05)
+            for _ in range(20):
+                self.executor.spin_once(timeout_sec=0.0)
+
+    def command(self, tensions, topic='tendon_commands', names=NAMES):
+        values = np.ravel(np.asarray(tensions, dtype=float))
+        if topic == 'tendon_commands':
+            message = TendonTensions(name=names, tension=values)
+        elif topic == 'tendon_commands/array':
+            message = Float64MultiArray(data=values)
+        else:
+            message = JointState(name=names, effort=values)
+        self.publishers[topic].publish(message)
+
+    def reach(self, tensions, topic='tendon_commands', tolerance=1e-9):
+        """Command tensions until they are measured; returns what was on the way there."""
+        self.measured.clear()
+        self.effective.clear()
+
+        def is_there():
+            self.command(tensions, topic)
+            read = self.measured
+            return read and np.allclose(read[-1].tension, tensions, rtol=0.0, atol=tolerance)
+
+        self.wait(is_there, f'tensions {tensions}')
+        return np.array([message.tension for message in self.measured])
+
+    def call(self, kind, name, request):
+        service = self.node.create_client(kind, name)
+        self.wait(service.service_is_ready, f'the service {name}')
+        answer = service.call_async(request)
+        self.wait(answer.done, f'an answer of {name}')
+        return answer.result()
+
+    def change(self, **values):
+        """Set parameters together; returns whether they were taken, and why not."""
+        parameters = [
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        name = 'octo_arm_sim/set_parameters_atomically'
+        result = self.call(SetParametersAtomically, name, request).result
+        return result.successful, result.reason
+
+
+@pytest.fixture(scope='module')
+def shared():
+    domain = next(DOMAINS)
+    process = start_node('simulator_node', domain)
+    controller = Controller(domain)
+    try:
+        for topic in COMMANDS:
+            controller.reach(PLANE, topic)
+            controller.reach(SLACK, topic)
+        yield controller
+        assert process.poll() is None, 'the simulator died'
+    finally:
+        controller.close()
+        stop(process)
+
+
+@pytest.fixture
+def controller(shared):
+    """The simulator, perfect and slack."""
+    try:
+        yield shared
+    finally:
+        perfect = {p.name.replace('.', '__'): p.default for p in PARAMETERS}
+        assert shared.change(**perfect) == (True, '')
+        shared.reach(SLACK)
+
+
+@pytest.mark.parametrize('topic', COMMANDS)
+def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic) -> None:
+    for tensions in (PLANE, SPACE, SLACK):
+        controller.reach(tensions, topic, tolerance=0.0)
+    message = controller.measured[-1]
+    assert message.name == NAMES
+    assert message.header.frame_id == 'arm_base'
+    assert abs(message.header.stamp.sec - time.time()) < DEADLINE
+
+
+def test_readings_come_at_their_rate_by_their_own_stamps(controller) -> None:
+    for rate in (200.0, 50.0):
+        assert controller.change(rate=rate) == (True, '')
+        controller.reach(SLACK)
+        controller.measured.clear()
+        controller.wait(lambda: len(controller.measured) > 40, 'readings')
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+        # The median: single readings are late on a busy machine.
+        assert np.median(np.diff(stamps)) == pytest.approx(1.0 / rate, rel=0.25)
+
+
+def test_lag_is_seen_and_is_the_exponential_between_stamps(controller) -> None:
+    lag = 0.3
+    assert controller.change(winches__lag=lag) == (True, '')
+    controller.reach(PLANE, tolerance=0.01)
+    seen = np.array([m.tension[10] for m in controller.measured])
+    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    rising = np.flatnonzero((seen[:-1] > 0.0) & (seen[:-1] < 12.0))
+    assert rising.size > 5
+    left = (13.0 - seen[rising + 1]) / (13.0 - seen[rising])
+    np.testing.assert_allclose(left, np.exp(-np.diff(at)[rising] / lag), rtol=1e-4)
+
+
+def test_limits_are_kept_and_the_rate_is_that_between_stamps(controller) -> None:
+    limits = {
+        'winches__slack_floor': 0.1,
+        'winches__force_limit': 5.0,
+        'winches__rate_limit': 10.0,
+    }
+    assert controller.change(**limits) == (True, '')
+    seen = controller.reach(np.clip(PLANE, 0.1, 5.0))
+    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    assert (np.abs(np.diff(seen, axis=0)) <= 10.0 * np.diff(at)[:, np.newaxis] + 1e-4).all()
+    assert seen.max() == 5.0
+    assert len(seen) > 10
+
+
+def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -> None:
+    noisy = {'load_cells__noise_stddev': 0.2, 'load_cells__resolution': 0.25}
+    assert controller.change(**noisy) == (True, '')
+    controller.command(PLANE)
+    controller.measured.clear()
+    controller.wait(
+        lambda: len(controller.measured) > 50 and len(controller.effective) > 50, 'readings'
+    )
+    read = np.array([message.tension for message in controller.measured[10:]])
+    assert (read >= 0.0).all()
+    assert len(np.unique(read[:, 10])) > 2
+    np.testing.assert_array_equal(read, 0.25 * np.round(read / 0.25))
+    np.testing.assert_array_equal(controller.effective[-1].tension, PLANE)
+
+
+def test_lost_readings_are_not_published_but_the_truth_is(controller) -> None:
+    assert controller.change(load_cells__drop_probability=1.0) == (True, '')
+    controller.measured.clear()
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 20, 'the truth')
+    # One may have been under way.
+    assert len(controller.measured) <= 2
+
+
+def test_a_relaxing_arm_follows_later_than_its_tensions_are_measured(controller) -> None:
+    assert controller.change(relaxation__ratio=0.5, relaxation__time=0.2) == (True, '')
+    controller.reach(PLANE)
+    stamp = next(m.header.stamp for m in controller.measured if m.tension[10] == 13.0)
+    controller.wait(
+        lambda: np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3), 'the creep'
+    )
+    at_once = next(m for m in controller.effective if m.header.stamp == stamp)
+    assert at_once.tension[10] == pytest.approx(13.0 / 1.5, rel=0.05)
+
+
+BAD = {
+    'negative': (np.where(PLANE == 13.0, -1.0, PLANE), NAMES, 'tension of tendon_3_3 is -1.0 N'),
+    'nan': (np.where(PLANE == 13.0, np.nan, PLANE), NAMES, 'tension of tendon_3_3 is nan N'),
+    'too few': (PLANE[:11], NAMES[:11], 'no tension for tendon tendon_3_4'),
+    'unknown': (PLANE, [*NAMES[:11], 'elbow'], 'unknown tendon elbow'),
+}
+
+
+@pytest.mark.parametrize('case', BAD)
+def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
+    controller, case
+) -> None:
+    values, names, reason = BAD[case]
+    controller.reach(SPACE)
+    controller.health.clear()
+
+    def is_told():
+        controller.command(values, names=names)
+        told = [status.message for message in controller.health for status in message.status]
+        logged = [log.msg for log in controller.logs]
+        return all(
+            any('refused: ' in m and reason in m for m in those) for those in (told, logged)
+        )
+
+    controller.wait(is_told, 'the refusal in diagnostics and log')
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 3, 'readings')
+    np.testing.assert_array_equal(controller.measured[-1].tension, SPACE)
+    controller.reach(PLANE)
+
+
+def test_bytes_that_are_no_message_are_refused(controller) -> None:
+    controller.reach(SPACE)
+    for data in (b'', b'\x00\x01', bytes(range(80))):
+        controller.publishers['tendon_commands'].publish(data)
+    controller.reach(PLANE, 'tendon_commands/array')
+
+
+def test_parameters_are_described_with_their_unit_and_range(controller) -> None:
+    request = DescribeParameters.Request(names=[parameter.name for parameter in PARAMETERS])
+    answer = controller.call(DescribeParameters, 'octo_arm_sim/describe_parameters', request)
+    for parameter, descriptor in zip(PARAMETERS, answer.descriptors, strict=True):
+        assert descriptor.description == parameter.description
+        assert descriptor.additional_constraints == parameter.range
+
+
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ({'winches__lag': -1.0}, 'winches.lag is -1.0, expected a finite time >= 0 [s]'),
+        ({'winches__lag': 0.5, 'rate': 0.0}, 'rate is 0.0, expected a finite number > 0 [Hz]'),
+        ({'profile__name': 'dance'}, "no profile 'dance'"),
+        ({'profile__name': 'bending'}, 'these tensions are for renda2012_table2'),
+        ({'body__length': -1.0}, 'body.length is -1.0'),
+    ],
+)
+def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) -> None:
+    is_taken, why = controller.change(**values)
+    assert not is_taken
+    assert reason in why
+    # Neither a lag nor another rate.
+    assert controller.reach(PLANE)[-1].tolist() == PLANE.tolist()
+
+
+def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None:
+    expected = find_profile('fetching', CONFIG.arm)
+    controller.measured.clear()
+    assert controller.change(profile__name='fetching', profile__speed=20.0)[0]
+    peak = SLACK
+
+    def is_over():
+        nonlocal peak
+        if controller.measured:
+            peak = np.max([m.tension for m in controller.measured], axis=0)
+        return np.allclose(peak, expected.tensions.max(axis=0), rtol=0.05) and not any(
+            controller.measured[-1].tension
+        )
+
+    controller.wait(is_over, 'the end of the profile')
+    assert controller.change(profile__loop=True)[0]
+    assert controller.change(profile__name='fetching')[0]
+    for _ in range(2):
+        controller.measured.clear()
+        controller.wait(
+            lambda: any(m.tension[9] > 6.0 for m in controller.measured), 'another round'
+        )
+    controller.reach(SPACE)
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 30, 'readings')
+    assert all(np.array_equal(m.tension, SPACE) for m in controller.measured)
+
+
+def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> None:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    tips = controller.hear(PoseWithCovarianceStamped, 'tip_pose')
+    domain = controller.context.get_domain_id()
+    process = start_node('node.main', domain)
+    solver = CONFIG.solver()
+    try:
+        assert controller.change(winches__lag=0.05) == (True, '')
+        for tensions in (PLANE, SPACE):
+            expected = solver.solve(tensions.reshape(3, 4)).tip
+
+            def is_there(tensions=tensions, expected=expected):
+                controller.command(tensions)
+                place = tips[-1].pose.pose.position if tips else None
+                return place and np.allclose([place.x, place.y, place.z], expected, atol=1e-6)
+
+            controller.wait(is_there, 'the shape of the command')
+        # The answers are those of the readings: with their stamps.
+        readings = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in controller.measured}
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in tips[-20:-5]}
+        assert stamps <= readings
+    finally:
+        stop(process)
+
+
+def test_a_profile_is_played_from_the_command_line(controller) -> None:
+    domain = controller.context.get_domain_id()
+    process = start('cli.main', 'play', 'fetching_in_plane', '--speed', '10', domain=domain)
+    controller.measured.clear()
+    controller.wait(lambda: process.poll() is not None, 'the end of the profile')
+    assert (*process.communicate(), process.returncode) == ('', '', 0)
+    controller.wait(lambda: not any(controller.measured[-1].tension), 'slack tendons')
+    peak = np.max([message.tension for message in controller.measured], axis=0)
+    np.testing.assert_allclose(peak, PLANE, rtol=1e-9)
+
+
+def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -> None:
+    heard = controller.hear(TendonTensions, 'tendon_commands')
+    domain = controller.context.get_domain_id()
+    process = start(
+        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', domain=domain
+    )
+    controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
+    process.send_signal(signal.SIGINT)
+    controller.wait(lambda: process.poll() is not None, 'the release')
+    assert (*process.communicate(), process.returncode) == ('', '', 0)
+    controller.wait(lambda: not any(heard[-1].tension), 'slack tendons')
+    force = np.array([message.tension[10] for message in heard])
+    release = force[np.argmax(force) :]
+    assert (np.diff(release) <= 0.0).all()
+    assert len(np.unique(release)) > 10
+
+
+def test_nobody_to_play_to_is_an_error_that_says_what_to_start() -> None:
+    process = start(
+        'cli.main', 'play', 'ramps', '--topic', 'unheard', '--wait', '0.1', domain=next(DOMAINS)
+    )
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 2
+    assert complaints.startswith('octo-arm: error: nobody subscribes to /unheard: start octo_arm_')
+
+
+def test_under_simulated_time_winches_move_with_that_clock() -> None:
+    domain = next(DOMAINS)
+    process = start_node('simulator_node', domain, 'use_sim_time:=true', 'winches.rate_limit:=1.0')
+    controller = Controller(domain)
+    clock = controller.node.create_publisher(Clock, '/clock', 10)
+    later = itertools.count(0, 20_000_000)  # [ns]: two readings a look
+
+    def advanced(second):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = second, next(later) % 1_000_000_000
+        clock.publish(message)
+        controller.command(PLANE)
+        return controller.measured and controller.measured[-1].header.stamp.sec == second
+
+    try:
+        # A bag that begins anew plays an earlier clock.
+        for second in (5000, 5003, 4000, 4002):
+            controller.wait(lambda second=second: advanced(second), f'a reading at {second} s')
+    finally:
+        controller.close()
+        stop(process)
+    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    force = np.array([message.tension[10] for message in controller.measured])
+    assert force[-1] > 4.0
+    moved = np.minimum(force[:-1] + np.maximum(np.diff(at), 0.0), 13.0)
+    np.testing.assert_allclose(force[1:], moved, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'complaint'),
+    [
+        ('winches.lag:=1', 'winches.lag is an integer, expected double'),
+        ('profile.name:=nowhere.csv', 'nowhere.csv: No such file or directory'),
+    ],
+)
+def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(parameter, complaint):
+    process = start_node('simulator_node', next(DOMAINS), parameter)
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert complaint in complaints
+    assert 'Traceback' not in complaints
+
+
+def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters() -> None:
+    domain = next(DOMAINS)
+    process = start(
+        'ros.simulator_node', '--ros-args', '--params-file', str(CONFIG_FILE), '--params-file',
+        str(EXAMPLE), '-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down', domain=domain,
+    )  # fmt: skip
+    controller = Controller(domain)
+    try:
+        heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
+        controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
+        assert heard[-1].tension[0] <= 0.03
+    finally:
+        controller.close()
+        stop(process)

@@ -1,0 +1,393 @@
+"""Command profiles: movements that are built in, files, and what is refused of them."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from octo_arm_model import Config, TensionError
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.simulation.commands import find_profile, profile_names, transition
+from octo_arm_model.simulation.profile import INTERPOLATIONS, Profile
+from octo_arm_model.simulation.profile_files import read_profile, write_csv
+
+ANY_ARM = ('ramps', 'steps', 'sweeps')
+
+
+@st.composite
+def profiles(draw: st.DrawFn) -> Profile:
+    """Profiles of two tendons, slack ones and equal rows among them."""
+    count = draw(st.integers(2, 8))
+    gaps = draw(st.lists(st.floats(1e-3, 10.0), min_size=count, max_size=count))
+    pull = st.just(0.0) | st.floats(1e-3, 20.0)
+    rows = draw(st.lists(st.tuples(pull, pull), min_size=count, max_size=count))
+    return Profile(np.cumsum(gaps), np.array(rows), draw(st.sampled_from(INTERPOLATIONS)))
+
+
+# Interpolation ----------------------------------------------------------------------------------
+
+
+@given(profiles())
+def test_a_profile_goes_through_its_rows(profile) -> None:
+    np.testing.assert_allclose(profile.at(profile.times), profile.tensions, atol=1e-12)
+    assert profile.times[0] == 0.0
+    assert profile.duration == profile.times[-1]
+
+
+@given(profiles(), st.floats(-5.0, 100.0))
+def test_between_two_rows_tensions_never_leave_their_range(profile, time) -> None:
+    row = np.clip(np.searchsorted(profile.times, time) - 1, 0, len(profile.times) - 2)
+    low, high = np.sort(profile.tensions[row : row + 2], axis=0)
+    if time > profile.duration:
+        low = high = profile.tensions[-1]
+    tensions = profile.at(time)
+    assert (tensions >= low - 1e-9).all()
+    assert (tensions <= high + 1e-9).all()
+    assert (tensions >= 0.0).all()
+
+
+@given(profiles(), st.lists(st.floats(-5.0, 100.0), min_size=1, max_size=5))
+def test_many_times_are_asked_at_once(profile, times) -> None:
+    together = profile.at(np.array([times]))
+    assert together.shape == (1, len(times), 2)
+    for time, tensions in zip(times, together[0]):
+        np.testing.assert_allclose(profile.at(time), tensions, atol=1e-12)
+
+
+@given(profiles(), st.floats(0.0, 1.0), st.integers(0, 5))
+def test_a_loop_begins_anew(profile, part, rounds) -> None:
+    time = 0.999 * part * profile.duration
+    again = profile.at(time + rounds * profile.duration, loop=True)
+    if profile.interpolation != 'steps':
+        np.testing.assert_allclose(again, profile.at(time), atol=1e-6)
+
+
+def test_smooth_begins_and_ends_at_rest_and_rests_in_postures() -> None:
+    profile = Profile([0.0, 1.0, 2.0, 5.0], [[0.0], [4.0], [4.0], [1.0]])
+    moments = np.array([0.0, 1.0, 1.5, 2.0, 5.0])
+    speed = (profile.at(moments + 1e-6) - profile.at(moments - 1e-6)) / 2e-6
+    np.testing.assert_allclose(speed, 0.0, atol=1e-4)
+    assert profile.at(0.5)[0] == pytest.approx(2.0)
+
+
+def test_steps_hold_and_linear_is_straight() -> None:
+    rows = [0.0, 1.0, 3.0], [[0.0], [2.0], [6.0]]
+    times = np.array([0.0, 0.5, 0.999, 1.0, 2.0, 2.999, 3.0, 9.0])
+    held = Profile(*rows, 'steps').at(times).ravel()
+    assert held.tolist() == [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 6.0, 6.0]
+    straight = Profile(*rows, 'linear').at(times).ravel()
+    np.testing.assert_allclose(straight, [0.0, 1.0, 1.998, 2.0, 4.0, 5.998, 6.0, 6.0])
+
+
+def test_a_transition_is_smooth_and_takes_tensions_as_an_arm_shapes_them() -> None:
+    way = transition(np.full((3, 4), 1.0), np.zeros((3, 4)), 2.0)
+    assert way.duration == 2.0
+    np.testing.assert_allclose(way.at(1.0), np.full(12, 0.5))
+    with pytest.raises(ProfileError, match=r'row 2: time is 0.0, expected more than 0.0'):
+        transition(np.zeros(4), np.ones(4), 0.0)
+
+
+def test_profiles_do_not_change_behind_their_back() -> None:
+    times = np.array([5.0, 6.0])
+    profile = Profile(times, np.zeros((2, 1)))
+    times[0] = 9.0
+    assert profile.times.tolist() == [0.0, 1.0]
+    with pytest.raises(ValueError, match='read-only'):
+        profile.tensions[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ('times', 'rows', 'complaint'),
+    [
+        ([0.0, 1.0, 1.0], [[0.0]] * 3, 'row 3: time is 1.0, expected more than 1.0 [s]'),
+        ([0.0, np.nan, 1.0], [[0.0]] * 3, 'row 2: time is nan, expected a finite number [s]'),
+        ([0.0, 1.0], [[0.0, 1.0], [0.0, -1.0]], 'row 2: tension 2 is -1.0, expected a finite'),
+        ([0.0, 1.0], [[0.0, np.inf], [0.0, 1.0]], 'row 1: tension 2 is inf'),
+        ([0.0], [[0.0]], '1 row(s), expected at least two'),
+        ([0.0, 1.0], [[0.0]] * 3, 'times are (2,) and tensions (3, 1)'),
+    ],
+)
+def test_what_is_no_profile_is_refused_by_its_row(times, rows, complaint) -> None:
+    with pytest.raises(ProfileError) as caught:
+        Profile(times, rows)
+    assert complaint in str(caught.value)
+
+
+def test_an_unknown_interpolation_is_refused() -> None:
+    with pytest.raises(ProfileError, match="is 'cubic', expected smooth, linear, steps"):
+        Profile([0.0, 1.0], [[0.0], [1.0]], 'cubic')
+
+
+# Movements --------------------------------------------------------------------------------------
+
+
+def test_every_movement_of_every_arm_can_be_answered_by_its_model(preset: Config) -> None:
+    solver = preset.solver()
+    assert set(ANY_ARM) < set(profile_names(preset.arm))
+    for name in profile_names(preset.arm):
+        profile = find_profile(name, preset.arm)
+        times = np.linspace(0.0, profile.duration, 60)
+        shape = solver.solve(profile.at(times).reshape(-1, *preset.arm.tension_shape))
+        moved = np.linalg.norm(shape.tip - shape.tip[0], axis=-1).max()
+        assert moved > 0.1 * preset.arm.length, name
+        for end in (0.0, profile.duration):
+            assert not profile.at(end).any(), f'{name} does not begin and end slack'
+
+
+def test_movements_of_any_arm_are_for_rods_of_three_tendons_too(rod: Config) -> None:
+    assert tuple(profile_names(rod.arm)) == ANY_ARM
+    with pytest.raises(ProfileError, match='four tendons in section 1, this arm has 3'):
+        find_profile('rotating', rod.arm)
+
+
+def test_the_papers_tensions_are_held(table2: Config, table4: Config) -> None:
+    for arm, name, postures in (
+        (table4.arm, 'fetching_in_plane', [FETCHING_IN_PLANE]),
+        (table4.arm, 'fetching_in_space', [FETCHING_IN_SPACE]),
+        (table4.arm, 'fetching', [FETCHING_IN_PLANE, FETCHING_IN_SPACE]),
+        (table2.arm, 'bending_b', [BENDING['B']]),
+        (table2.arm, 'bending', list(BENDING.values())),
+    ):
+        profile = find_profile(name, arm)
+        tensions = profile.at(np.arange(0.0, profile.duration, 0.01)).reshape(-1, 3, 4)
+        moments = [(tensions == np.array(posture)).all(axis=(1, 2)) for posture in postures]
+        assert all(is_there.sum() > 90 for is_there in moments), name
+        assert (np.diff([np.argmax(is_there) for is_there in moments]) > 0).all(), name
+
+
+def test_the_papers_tensions_are_refused_where_they_are_of_no_use(
+    table4: Config, prototype: Config
+) -> None:
+    assert 'bending' not in profile_names(table4.arm)
+    with pytest.raises(ProfileError, match=r'are for renda2012_table2, and would compress'):
+        find_profile('bending', table4.arm)
+    with pytest.raises(ProfileError, match=r'are for 3 sections of 4 tendons, such as renda'):
+        find_profile('fetching_in_space', prototype.arm)
+    with pytest.raises(ProfileError, match='highest does not go with tensions of the paper'):
+        find_profile('fetching', table4.arm, 1.0)
+
+
+def test_the_bending_plane_goes_round_steadily(table2: Config) -> None:
+    profile = find_profile('rotating', table2.arm)
+    times = np.linspace(0.3, 0.7, 200) * profile.duration
+    t1, t2, t3, t4 = profile.at(times)[:, :4].T
+    turned = np.diff(np.unwrap(np.arctan2(t3 - t1, t2 - t4)))
+    np.testing.assert_allclose(turned, turned.mean(), rtol=0.01)
+    assert abs(turned.sum()) > 2.0 * np.pi
+    assert not profile.tensions[:, 4:].any()
+
+
+@pytest.mark.parametrize('name', ANY_ARM)
+def test_tendons_are_pulled_one_by_one_up_to_their_highest(table4: Config, name: str) -> None:
+    highest = np.arange(1.0, 13.0).reshape(3, 4)
+    profile = find_profile(name, table4.arm, highest)
+    assert ((profile.tensions > 0.0).sum(axis=1) <= 1).all()
+    np.testing.assert_allclose(profile.tensions.max(axis=0), highest.ravel(), rtol=0.01)
+    first = np.argmax(profile.tensions > 0.0, axis=0)
+    assert (np.diff(first) > 0).all()
+
+
+def test_sweeps_sweep_up_in_frequency(prototype: Config) -> None:
+    profile = find_profile('sweeps', prototype.arm)
+    tensions = profile.tensions[:, 0]
+    inside = tensions[1:-1]
+    peaks = 1 + np.flatnonzero((inside > tensions[:-2]) & (inside >= tensions[2:]) & (inside > 0))
+    periods = np.diff(profile.times[peaks])
+    assert (np.diff(periods) < 0.0).all()
+    assert periods[-1] < 0.5 * periods[0]
+
+
+@pytest.mark.parametrize(
+    'highest', [-1.0, np.nan, np.inf, 'much', [1.0, 2.0], [[1.0], [2.0, 3.0]]]
+)
+def test_highest_tensions_that_are_none_are_refused(table4: Config, highest: object) -> None:
+    with pytest.raises(TensionError, match='highest'):
+        find_profile('ramps', table4.arm, highest)
+
+
+def test_an_unknown_name_is_answered_with_those_there_are(prototype: Config) -> None:
+    with pytest.raises(ProfileError) as caught:
+        find_profile('dance', prototype.arm)
+    assert str(caught.value) == (
+        "no profile 'dance', expected a .csv or .yaml file or one of rotating, ramps, steps, "
+        'sweeps'
+    )
+
+
+# Files ------------------------------------------------------------------------------------------
+
+CSV = """\
+tendon_1_2, time, tendon_1_1, tendon_1_3, tendon_1_4
+
+1, 10, 0, 0, 0
+2, 11.5, 1e-1, 0, 0
+"""
+YAML = """\
+# by hand
+interpolation: linear
+times: [0, 1, 2.5]
+tensions:
+  - [0, 0, 0, 0]
+  - [1, 0, 0, 1e-1]
+  - [0, 0, 2, 0]
+"""
+
+
+def written(tmp_path: Path, text: str | bytes, suffix: str) -> Path:
+    path = tmp_path / f'profile{suffix}'
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_csv_columns_are_taken_by_name_and_time_from_the_first_row(
+    tmp_path: Path, prototype: Config
+) -> None:
+    profile = find_profile(str(written(tmp_path, CSV, '.csv')), prototype.arm)
+    assert profile.times.tolist() == [0.0, 1.5]
+    assert profile.tensions.tolist() == [[0.0, 1.0, 0.0, 0.0], [0.1, 2.0, 0.0, 0.0]]
+    assert profile.interpolation == 'smooth'
+
+
+def test_yaml_rows_are_in_the_order_of_the_tendons(tmp_path: Path, prototype: Config) -> None:
+    profile = find_profile(str(written(tmp_path, YAML, '.yaml')), prototype.arm)
+    assert profile.times.tolist() == [0.0, 1.0, 2.5]
+    assert profile.tensions[1].tolist() == [1.0, 0.0, 0.0, 0.1]
+    assert profile.interpolation == 'linear'
+
+
+def test_a_written_profile_is_read_again(tmp_path: Path, table4: Config) -> None:
+    profile = find_profile('fetching', table4.arm)
+    file = io.StringIO()
+    write_csv(file, profile.times, profile.tensions, table4.arm)
+    again = read_profile(written(tmp_path, file.getvalue(), '.csv'), table4.arm)
+    np.testing.assert_array_equal(again.times, profile.times)
+    np.testing.assert_array_equal(again.tensions, profile.tensions)
+
+
+HEADER = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n'
+
+
+@pytest.mark.parametrize(
+    ('suffix', 'text', 'complaint'),
+    [
+        ('.csv', HEADER + '0,0,0,0,0\n1,0,nan,0,0\n', ", line 3: tendon_1_2 is 'nan', expected a"),
+        ('.csv', HEADER + '0,0,0,0,0\n1,0,-2,0,0\n', ", line 3: tendon_1_2 is '-2', expected a"),
+        ('.csv', HEADER + '0,0,0,0,0\n\n0,0,0,0,0\n', ', line 4: row 2: time is 0.0, expected m'),
+        (
+            '.csv',
+            HEADER + 'inf,0,0,0,0\n1,0,0,0,0\n',
+            ", line 2: time is 'inf', expected a finite",
+        ),
+        ('.csv', HEADER + '0,0,0,0,0\n1,0,0,0\n', ', line 3: 4 values, expected 5 as in the'),
+        ('.csv', HEADER + '0,0,0,0,0\n1,,0,0,0\n', ", line 3: tendon_1_1 is '', expected a"),
+        ('.csv', HEADER + '0,0,0,0,0\n', ': 1 row(s), expected at least two'),
+        ('.csv', HEADER, ': no rows, expected at least two'),
+        ('.csv', '', ': no rows, expected at least two'),
+        ('.csv', '0,0,0,0,0\n1,0,0,0,0\n', ', line 1: header is 0, 0, 0, 0, 0; expected time, '),
+        ('.csv', HEADER.replace('1_4', '9_9'), 'tendon_9_9; expected time, tendon_1_1'),
+        ('.csv', HEADER.replace('1_4', '1_1'), 'line 1: header is'),
+        ('.csv', b'\xff\xfe\x00', ': not a text file'),
+        ('.csv', '"' + 'x' * 200000, ': not what its suffix says'),
+        ('.yaml', YAML.replace('2.5', '1'), ', line 3: row 3: time is 1.0, expected more'),
+        ('.yaml', YAML.replace('1e-1', '.nan'), ", line 6: tendon_1_4 is '.nan', expected a"),
+        ('.yaml', YAML.replace('0, 0, 2, 0', '0, 0, 2'), ', line 7: 3 values, expected 4: tendon'),
+        ('.yaml', YAML.replace('2.5]', '2, 3]'), ', line 5: 3 rows of tensions, expected 4'),
+        ('.yaml', YAML.replace('1e-1', '[1]'), ', line 6: a list where one value was expected'),
+        ('.yaml', YAML.replace('linear', 'cubic'), ": interpolation is 'cubic', expected smooth"),
+        ('.yaml', YAML.replace('times', 'time'), ", line 3: 'time' is unknown or given twice"),
+        ('.yaml', YAML + 'times: [1]\n', ", line 8: 'times' is unknown or given twice"),
+        ('.yaml', 'times: 3\ntensions: []\n', ', line 1: times is no list'),
+        ('.yaml', 'times: [1, 2]\n', ', line 1: tensions is no list'),
+        ('.yaml', '- 1\n', ', line 1: expected times: and tensions:'),
+        ('.yaml', '', ', line 1: expected times: and tensions:'),
+        ('.yaml', 'times: [1,\n', ', line 2: not valid YAML'),
+        ('.yaml', '[' * 3000, 'not what its suffix says'),
+    ],
+)
+def test_bad_files_are_refused_in_one_line_that_names_theirs(
+    tmp_path: Path, prototype: Config, suffix: str, text: str | bytes, complaint: str
+) -> None:
+    path = written(tmp_path, text, suffix)
+    with pytest.raises(ProfileError) as caught:
+        read_profile(path, prototype.arm)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert complaint in message
+    assert '\n' not in message
+
+
+# The command line -------------------------------------------------------------------------------
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    status = main(arguments)
+    return status, *capsys.readouterr()
+
+
+def test_the_list_is_that_of_the_arm(capsys: pytest.CaptureFixture[str], table2: Config) -> None:
+    status, out, err = run(capsys, 'play', '--list', '--config', 'renda2012_table2')
+    assert (status, err) == (0, '')
+    assert [line.split()[0] for line in out.splitlines()] == list(profile_names(table2.arm))
+    assert '9.0 s  fetching in space' in out
+
+
+def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, table4: Config
+) -> None:
+    out = tmp_path / 'fetching.csv'
+    arguments = ('play', 'fetching', '--csv', str(out), '--speed', '2', '--rate', '10')
+    assert run(capsys, *arguments) == (0, f'{out}\n', '')
+    expected = find_profile('fetching', table4.arm)
+    profile = read_profile(out, table4.arm)
+    assert profile.duration == pytest.approx(0.5 * expected.duration)
+    assert len(profile.times) == 1 + round(5.0 * expected.duration)
+    np.testing.assert_allclose(profile.tensions, expected.at(2.0 * profile.times), atol=1e-6)
+
+
+def test_a_profile_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip('matplotlib')
+    picture = tmp_path / 'ramps.png'
+    status, out, _ = run(capsys, 'play', 'ramps', '--highest', '2', '--plot', str(picture))
+    assert (status, out) == (0, f'{picture}\n')
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        ((), 'expected either PROFILE or --list'),
+        (('ramps', '--list'), 'expected either PROFILE or --list'),
+        (('bending',), 'these tensions are for renda2012_table2'),
+        (('ramps', '--speed', '0'), '--speed is 0.0, expected a finite number > 0'),
+        (('ramps', '--rate', 'nan'), '--rate is nan, expected 1.0 to 1000.0 [Hz]'),
+        (('ramps', '--highest', '['), '--highest is not JSON'),
+        (('ramps', '--config', 'nowhere'), "no preset arm 'nowhere'"),
+        (('nowhere.csv',), 'nowhere.csv: No such file'),
+    ],
+)
+def test_wrong_input_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], complaint: str
+) -> None:
+    status, out, err = run(capsys, 'play', *arguments)
+    assert (status, out) == (2, '')
+    assert complaint in err
+    assert err.count('\n') == 1
+
+
+def test_without_ros_playing_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'rclpy', None)
+    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.profile_player', raising=False)
+    status, _, err = run(capsys, 'play', 'ramps')
+    assert status == 2
+    assert 'playing needs ROS 2' in err
+    assert 'rclpy is missing' in err

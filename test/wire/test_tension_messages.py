@@ -1,0 +1,69 @@
+"""Tensions out of messages, whichever library read them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from octo_arm_model import TensionError, load_config
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.wire.tension_messages import (
+    tensions_from_array,
+    tensions_from_joint_state,
+    tensions_from_tendon_tensions,
+)
+
+ARM = load_config(preset_path('renda2012_table4')).arm
+NAMES = list(ARM.tendon_names)
+VALUES = np.arange(12.0)
+
+
+def array(data, *sizes, offset=0):
+    dimensions = [SimpleNamespace(size=size) for size in sizes]
+    return SimpleNamespace(data=data, layout=SimpleNamespace(dim=dimensions, data_offset=offset))
+
+
+def test_names_decide_the_order_not_the_position_in_the_message():
+    shuffled = np.random.default_rng(1).permutation(12)
+    names = [NAMES[i] for i in shuffled]
+    joint_state = SimpleNamespace(name=names, effort=VALUES[shuffled])
+    tendon_tensions = SimpleNamespace(name=names, tension=VALUES[shuffled])
+    expected = VALUES.reshape(3, 4)
+    np.testing.assert_array_equal(tensions_from_joint_state(joint_state, ARM), expected)
+    np.testing.assert_array_equal(tensions_from_tendon_tensions(tendon_tensions, ARM), expected)
+
+
+@pytest.mark.parametrize('sizes', [(), (12,), (3, 4)])
+def test_array_is_row_major_from_the_tip(sizes):
+    message = array(VALUES, *sizes)
+    np.testing.assert_array_equal(tensions_from_array(message, ARM), VALUES.reshape(3, 4))
+
+
+@pytest.mark.parametrize(
+    ('sizes', 'offset', 'count', 'complaint'),
+    [
+        ((), 0, 11, r'data has 11 values, expected 12'),
+        ((), 0, 0, r'data has 0 values, expected 12'),
+        ((4, 3), 0, 12, r'layout is \(4, 3\)'),
+        ((3, 4), 1, 12, r'data_offset 1'),
+    ],
+)
+def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
+    message = array(np.zeros(count), *sizes, offset=offset)
+    with pytest.raises(TensionError, match=complaint):
+        tensions_from_array(message, ARM)
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'complaint'),
+    [
+        (NAMES, VALUES[:-1], 'name has 12 entries but tension has 11'),
+        (NAMES[:-1], VALUES[:-1], 'no tension for tendon tendon_3_4'),
+        ([*NAMES, 'spare'], np.zeros(13), 'unknown tendon spare'),
+        ([*NAMES, NAMES[0]], np.zeros(13), 'more than once: tendon_1_1'),
+        ([], [], 'no tension for tendon tendon_1_1'),
+    ],
+)
+def test_names_that_do_not_fit_are_refused(names, values, complaint):
+    with pytest.raises(TensionError, match=complaint):
+        tensions_from_tendon_tensions(SimpleNamespace(name=names, tension=values), ARM)
