@@ -82,6 +82,9 @@ class SimulatorNode(Node):
             self._command: FloatArray = np.zeros(len(tendons))
         else:
             self._hardware.change(config.hardware)
+            if (self._command > config.limits).any():
+                self._command = np.minimum(self._command, config.limits)
+                self.get_logger().warning('tendons go down to their new limits')
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
         if before is None or config.rate != before.rate:

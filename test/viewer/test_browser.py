@@ -1,7 +1,9 @@
 """The viewer in a real browser: what is pulled there, and what is seen."""
 
+import contextlib
 import io
 import signal
+import socket
 
 import numpy as np
 import pytest
@@ -164,6 +166,55 @@ def test_a_node_that_is_gone_is_missed_and_one_that_comes_back_is_shown(setup, b
     browser.sliders()[8].send_keys(Keys.ARROW_RIGHT)
     setup.wait_for(lambda: setup.tensions()[8] > 0.0, 'a tension')
     browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
+
+
+def test_the_first_view_is_brought_back_by_its_button(setup, browser):
+    slacken(setup, browser)
+
+    def still():
+        before = None
+        while before != (before := body_pixels(browser.picture()).tobytes()):
+            pass
+        return np.frombuffer(before, bool)
+
+    browser.press('Show the whole arm')
+    browser.leave()
+    first = still()
+    browser.turn(-250)
+    assert (first & ~still()).sum() > 0.2 * first.sum()
+    browser.press('Show the whole arm')
+    browser.leave()
+    browser.until(lambda: (first ^ still()).sum() < 0.1 * first.sum(), 'the first view')
+
+
+def test_an_arm_that_passes_through_itself_is_told_of(setup, browser):
+    slacken(setup, browser)
+    assert browser.text('overlap') == ''
+    setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
+    browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
+    setup.client.command(np.zeros(12))
+    browser.until(lambda: browser.text('overlap') == '', 'the note going away')
+
+
+def test_a_link_does_not_have_the_page_take_orders_from_elsewhere(setup):
+    heard = []
+    elsewhere = socket.create_server(('127.0.0.1', 0))
+    elsewhere.settimeout(0.0)
+    browser = Browser('about:blank')
+    try:
+        for parameter in ('websocket=ws', 'playbackPath=http'):
+            address = f'{parameter}://127.0.0.1:{elsewhere.getsockname()[1]}/'
+            browser.driver.get(f'{setup.url}/?{address}')
+            browser.until(
+                lambda: any('Content Security Policy' in c for c in browser.complaints()),
+                'the browser refusing to connect',
+            )
+            with contextlib.suppress(BlockingIOError):
+                heard.append(elsewhere.accept())
+    finally:
+        browser.close()
+        elsewhere.close()
+    assert heard == []
 
 
 def test_the_console_has_no_errors(browser):

@@ -69,7 +69,8 @@ class Page:
         gui = server.gui
         self._text = gui.add_html(numbers.live(client))
         self._overlap = gui.add_html('')
-        gui.add_button('Show the whole arm', icon=viser.Icon.FOCUS_CENTERED).on_click(self._look)
+        whole = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
+        whole.on_click(self._look)
         tabs = gui.add_tab_group()
         with tabs.add_tab('Tendons'):
             self._controls = Controls(
