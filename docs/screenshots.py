@@ -29,7 +29,7 @@ from octo_arm_model.viewer.address import free_port, url  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
 
 WIDTH, HEIGHT = 1280, 860  # of the window; the page is a little less high
-_ROUND = -300  # pixels
+_ROUND = 165  # pixels
 COLOURS = 255  # of a picture, which is plenty, and a third of its size
 
 
