@@ -43,7 +43,7 @@ setup(
             'selenium',
         ],
         'validation': ['scikit-fem'],
-        'viewer': ['viser>=1.1'],
+        'viewer': ['viser>=1.1', 'websockets>=14', 'msgspec'],
     },
     zip_safe=False,
     entry_points={

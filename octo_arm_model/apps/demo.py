@@ -139,7 +139,7 @@ def _viewing(
     except ModuleNotFoundError as error:
         print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
         return _watching(client)
-    server = stack.enter_context(serving(options.host, options.port))
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
     return Viewer(server, client, always=True).step
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.cli.options import read_json
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
@@ -25,7 +26,8 @@ Pull the tendons of an arm along a profile: publish its tensions on tendon_comma
 simulator octo_arm_sim or real winches listen. PROFILE is a movement of --list, or a file. A CSV
 file has the columns time [s] and one of tensions [N] for each tendon, by name; a YAML file has
 times:, tensions: (a row for each time, tendons from the tip) and, if wanted, interpolation:
-smooth, linear or steps. At the end, and at Ctrl-C, the tendons are let go smoothly.
+smooth, linear or steps. What goes beyond a tendon's limit (tendon_limits of the arm) is not
+played. At the end, and at Ctrl-C, the tendons are let go smoothly.
 """
 _EPILOG = """\
 examples:
@@ -100,7 +102,8 @@ def _run(options: argparse.Namespace) -> None:
     lowest, highest = _RATES
     if not lowest <= options.rate <= highest:
         raise ArmDefinitionError('--rate', options.rate, f'{lowest} to {highest} [Hz]')
-    arm = find_config(options.config).arm
+    config = find_config(options.config)
+    arm = config.arm
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
@@ -113,7 +116,7 @@ def _run(options: argparse.Namespace) -> None:
     if options.csv or options.plot:
         _write(options, profile, arm)
     else:
-        _play(options, profile, arm)
+        _play(options, profile, config)
 
 
 def _listing(arm: Arm) -> str:
@@ -146,7 +149,7 @@ def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
         print(options.plot)
 
 
-def _play(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
+def _play(options: argparse.Namespace, profile: Profile, config: Config) -> None:
     try:
         from octo_arm_model.ros.profile_player import play
     except ModuleNotFoundError as error:
@@ -156,7 +159,7 @@ def _play(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
     try:
         play(
             profile,
-            arm,
+            config,
             topic=options.topic,
             speed=options.speed,
             loop=options.loop,

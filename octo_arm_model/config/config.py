@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.build import build_arm, build_loads, build_uncertainty
+from octo_arm_model.config.build import build_arm, build_limits, build_loads, build_uncertainty
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
@@ -56,6 +56,8 @@ class Config:
         uncertainty: how well tensions, material and tendons are known.
         markers_rate: how often the node publishes markers at most [Hz]; 0 for every shape.
         limits: what its diagnostics warn of.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
+            the arm bears, see `simulation.limits`.
     """
 
     arm: Arm
@@ -70,6 +72,7 @@ class Config:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     markers_rate: float = 0.0
     limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
+    tendon_limits: tuple[float, ...] = ()
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -100,8 +103,9 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
+        arm = build_arm(given)
         return cls(
-            arm=build_arm(given),
+            arm=arm,
             base=base,
             model=given['model'],
             stations=given['stations'],
@@ -113,6 +117,7 @@ class Config:
             uncertainty=uncertainty,
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
             limits=_limits(given),
+            tendon_limits=build_limits(given, arm),
         )
 
     def solver(

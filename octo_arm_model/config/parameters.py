@@ -188,6 +188,9 @@ PARAMETERS = (
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
+    Parameter('tendon_limits', float,
+              'largest tension that may be commanded of each tendon [N], section by section from '
+              'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
               (0.0, 0.0, 0.0), is_array=True),
     Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,

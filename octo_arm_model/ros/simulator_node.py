@@ -23,7 +23,6 @@ from rclpy.timer import Timer
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import tensions_message
@@ -34,6 +33,7 @@ from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 
 
@@ -78,6 +78,9 @@ class SimulatorNode(CheckedNode):
             self._command: FloatArray = np.zeros(len(tendons))
         else:
             self._hardware.change(config.hardware)
+            if (self._command > config.limits).any():
+                self._command = np.minimum(self._command, config.limits)
+                self.get_logger().warning('tendons go down to their new limits')
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
         if before is None or config.rate != before.rate:
@@ -92,7 +95,7 @@ class SimulatorNode(CheckedNode):
         self._counts['commands'] += 1 + older
         try:
             tensions, _ = inbox.read(data, arm)
-            self._command = check_tensions(arm, tensions).ravel()
+            self._command = check_command(arm, tensions, self._config.limits)
         except OctoArmError as error:
             self._counts['refused'] += 1
             self._reason = f'{inbox.topic}: {in_short(error)}'

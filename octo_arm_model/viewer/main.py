@@ -20,6 +20,7 @@ examples:
   octo_arm_viewer                      # the arm of the node in the root namespace
   octo_arm_viewer --namespace arm_3    # one arm of several
   octo_arm_viewer --host 0.0.0.0       # seen from other machines too; whoever sees it can pull
+  octo_arm_viewer --host 0.0.0.0 --allow-origin http://arm.lab:8080   # and under this name
 
 It shows what the node publishes, and commands nothing until a slider or button is used.
 """
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         start_ros(given[own:])
         client = ArmClient(Node('octo_arm_viewer'), options.namespace)
-        with serving(options.host, options.port) as server:
+        with serving(options.host, options.port, options.allow_origin) as server:
             viewer = Viewer(server, client)
             while not is_over():
                 viewer.step()
