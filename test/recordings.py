@@ -12,11 +12,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
 STEP = 10**6  # between messages [ns]
-TENDON_TENSIONS, ARRAY, JOINT_STATE = (kind for kind, _ in READERS.values())
+TENDON_TENSIONS, ARRAY, JOINT_STATE = (
+    TENSION_TOPICS[f'tendon_tensions{suffix}'].type_name
+    for suffix in ('', '/array', '/joint_state')
+)
 TYPES = known_types()
 
 

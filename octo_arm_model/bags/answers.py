@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -15,8 +14,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_batches import Bulk
-from octo_arm_model.wire.cdr_templates import BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'
 _ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change
@@ -59,12 +57,11 @@ class Answers:
         self._last: Backbone | None = None
         self._newest: int | None = None
         grid = self._solver.grid
-        self._writer = BackboneWriter(
-            config.base_frame, config.model, grid.s, grid.section, config.arm.tendon_names
-        )
+        what = config.base_frame, config.model, grid.s, grid.section
+        self._writer = BackboneWriter(*what, config.arm.tendon_names)
+        self._batch_writer = BackboneBatchWriter(*what)
         is_plain = not (config.loads.any or lengths or config.uncertainty.is_any)
         self.is_quick = is_plain and self._is_alike()
-        self._bulk = self._learn() if self.is_quick else ()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
@@ -110,14 +107,8 @@ class Answers:
             if isinstance(result, SolveError):
                 answers.append(Answer((), str(result), is_failure=True))
                 continue
-            poses = result.position, result.quaternion
-            strains = np.stack([result.tau, result.xi, result.k, result.q], axis=1)
-            tip = (*(pose[:, -1:] for pose in poses), np.zeros((len(strains), 1, 6 * 6)))
-            columns = [
-                bulk.write(stamps[part], numbers, part.start)
-                for bulk, numbers in zip(self._bulk, (poses, poses, (strains,), tip))
-            ]
-            answers += map(Answer, zip(*columns))
+            messages = self._batch_writer.write(result, stamps[part], part.start)
+            answers += map(Answer, messages)
         return answers
 
     def _solve(
@@ -157,19 +148,3 @@ class Answers:
         except SolveError:
             return False
         return True
-
-    def _learn(self) -> tuple[Bulk, ...]:
-        """Messages by the hundred, on each of the topics."""
-        rest = self._solver.solve(0.0 * self._solver.rest_lengths)
-        writer = self._writer
-
-        def filled(value: float) -> Backbone:
-            arrays = {name: np.full_like(getattr(rest, name), value) for name in _ARRAYS}
-            return dataclasses.replace(rest, **arrays)
-
-        def tip_pose(backbone: Backbone, sec: int, nanosec: int) -> bytes:
-            covariance = np.full((6, 6), backbone.position[0, 0])
-            return writer.tip_pose(backbone, covariance, sec, nanosec)
-
-        kinds = (writer.path, writer.poses, writer.strains, tip_pose)
-        return tuple(Bulk(kind, filled) for kind in kinds)

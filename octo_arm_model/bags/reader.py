@@ -19,7 +19,7 @@ from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import types_for
 from octo_arm_model.core.errors import BagError
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
 
 
 class Record(NamedTuple):

@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
@@ -29,7 +30,11 @@ from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import run
-from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
+from octo_arm_model.ros.node.tension_subscription import (
+    TOPICS,
+    TensionInput,
+    TensionSubscription,
+)
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
@@ -63,7 +68,10 @@ class SimulatorNode(CheckedNode):
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
-        self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
+        self._inputs = [
+            TensionSubscription(self, topic, self._current_arm, self._on_command, TOPIC)
+            for topic in TOPICS
+        ]
         check_overrides(self)
         # Time of ROS may stand still; how the node is doing is told all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -88,19 +96,23 @@ class SimulatorNode(CheckedNode):
                 self.destroy_timer(self._timer)
             self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
 
-    def _on_command(self, inbox: Inbox, data: bytes, older: int) -> None:
-        """Take a command; it ends the profile."""
+    def _current_arm(self) -> Arm:
+        assert self._config is not None  # it subscribes once configured
+        return self._config.arm
+
+    def _on_command(self, given: TensionInput) -> None:
+        """Follow a command from now on, and no longer the profile."""
         assert self._config is not None
-        arm = self._config.arm
-        self._counts['commands'] += 1 + older
+        self._counts['commands'] += 1 + given.older
         try:
-            tensions, _ = inbox.read(data, arm)
-            self._command = check_command(arm, tensions, self._config.limits)
+            if isinstance(given.tensions, OctoArmError):
+                raise given.tensions
+            self._command = check_command(self._config.arm, given.tensions, self._config.limits)
         except OctoArmError as error:
             self._counts['refused'] += 1
-            self._reason = f'{inbox.topic}: {in_short(error)}'
+            self._reason = f'{given.topic}: {in_short(error)}'
             self.get_logger().warning(
-                f'{inbox.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
+                f'{given.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._is_playing = False
