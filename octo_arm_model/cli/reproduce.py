@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Compute the paper's figures and tables anew and check the claims of its text, with all three
-models, and write them on one page to hold beside the paper: OUTDIR/renda2012.html, which needs no
-other file and no network, and the same for print, OUTDIR/renda2012.pdf. Takes some ten seconds;
-needs matplotlib.
+models, and write them on one page: OUTDIR/renda2012.html, which needs no other file and no
+network. A browser prints it on A4. Takes about five seconds; needs matplotlib.
 """
 _EPILOG = """\
 example:
@@ -48,17 +47,15 @@ def _run(options: argparse.Namespace) -> int:
     # Before the work and not after it: is there what draws, and somewhere to write?
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
-    from octo_arm_model.reproduce.page.pdf_pages import as_pdf
 
     options.outdir.mkdir(parents=True, exist_ok=True)
     claims = [claim() for claim in CLAIMS]
     bar = Bar(sys.stderr, 'pictures')
     blocks = _counting(content.blocks(claims), bar)
-    html, pdf = options.outdir / 'renda2012.html', options.outdir / 'renda2012.pdf'
+    html = options.outdir / 'renda2012.html'
     html.write_text(as_html(blocks), encoding='utf-8')
-    pdf.write_bytes(as_pdf(blocks))
     bar.leave()
-    print(html, pdf, content.summary(claims), sep='\n')
+    print(html, content.summary(claims), sep='\n')
     failed = [claim for claim in claims if claim.fails]
     for claim in failed:
         print(f'octo-arm: does not hold: {claim.says} ({claim.where})', file=sys.stderr)
@@ -67,8 +64,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _counting(blocks: Sequence[Block], bar: Bar) -> list[Block]:
     """``blocks``, whose pictures move the ``bar`` when they are drawn: all else takes no time."""
-    # Each is drawn for the screen and for print.
-    total = 2 * sum(isinstance(block, Picture) for block in blocks)
+    total = sum(isinstance(block, Picture) for block in blocks)
     numbers = itertools.count(1)
 
     def counting(picture: Picture) -> Picture:

@@ -40,9 +40,8 @@ STYLE: Any = {
     'grid.linewidth': 0.5,
     'xtick.major.width': 0.6,
     'ytick.major.width': 0.6,
-    # The same page comes out the same; text of the PDF can be selected.
+    # Names inside an SVG file are derived from this: the same figure gives the same file.
     'svg.hashsalt': 'octo_arm_model',
-    'pdf.fonttype': 42,
 }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import itertools
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -218,38 +217,6 @@ def test_the_page_needs_nothing_else(page: ElementTree.Element, folder: Path) ->
         assert kind == 'data:image/svg+xml;base64'
         svg = base64.b64decode(data)
         assert ElementTree.fromstring(svg).tag == '{http://www.w3.org/2000/svg}svg'
-
-
-def test_the_pdf_has_pages(folder: Path) -> None:
-    data = (folder / 'renda2012.pdf').read_bytes()
-    assert data.startswith(b'%PDF')
-    assert len(re.findall(rb'/Type /Page\b', data)) > 5
-
-
-def test_pages_of_the_pdf_hold_what_is_on_them(claims: list[Claim]) -> None:
-    pytest.importorskip('matplotlib')
-    from octo_arm_model.reproduce.page import content, pdf_pages
-
-    boxes = [pdf_pages._box(block) for block in content.blocks(claims)]
-    pages = pdf_pages._pages(boxes)
-    assert list(itertools.chain(*pages)) == boxes
-    for page in pages:
-        assert sum(box.height for box in page) < pdf_pages._PAGE[1] - 100.0
-        assert not page[-1].is_heading
-
-
-@pytest.mark.parametrize('width', [60.0, 200.0, 480.0])
-def test_lines_of_the_pdf_are_no_wider_than_they_may_be(width: float) -> None:
-    pytest.importorskip('matplotlib')
-    from octo_arm_model.reproduce.page.wrapping import Type, width_of, wrap
-
-    kind, bold = Type(), Type(weight='bold')
-    words = 'every word of a long enough sentence about 0.5 % of L and −30° '.split(' ')[:-1]
-    lines = wrap([(' '.join(words), kind), (' '.join(words), bold)], width)
-    assert ' '.join(text for line in lines for text, _ in line) == typeset(' '.join(words * 2))
-    for line in lines:
-        used = sum(width_of(text, kind) for text, kind in line)
-        assert used < width + 3.0
 
 
 def test_the_same_picture_comes_out_the_same() -> None:

@@ -25,7 +25,6 @@ from octo_arm_model.reproduce.page.document import (
 from octo_arm_model.reproduce.plotting import STYLE
 
 _CSS = """
-@page { size: A4; margin: 18mm 20mm; }
 html { font: 17px/1.45 'STIX Two Text', 'Times New Roman', Times, serif; color: #111;
   background: #fff; }
 body { max-width: 46rem; margin: 3rem auto; padding: 0 1rem; }
@@ -57,7 +56,15 @@ tr:last-child td { border-bottom: 1px solid #111; }
 .holds { color: #1b6e3c; }
 .fails { color: #b3261e; }
 @media (max-width: 34rem) { .findings { display: block; } .findings dt { margin-top: .3rem; } }
-@media print { html { font-size: 10.5pt; } body { max-width: none; margin: 0; padding: 0; } }
+@media print {
+  @page { size: A4; margin: 18mm 20mm; }
+  html { font-size: 10.5pt; }
+  body { max-width: none; margin: 0; padding: 0; print-color-adjust: exact; }
+  .table { overflow: visible; }
+  table { font-size: 7.5pt; }
+  th, td { padding: .15rem .2rem; }
+  p { orphans: 3; widows: 3; }
+}
 """
 
 
