@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from workspaces import HIGHEST
 
 from octo_arm_model import MODELS, Config, load_config
+from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled.numba_build import is_available
 
@@ -63,6 +65,12 @@ def rod() -> Config:
 def prototype() -> Config:
     """Arm of the tank, one section."""
     return load_config(preset_path('renda2012_prototype'))
+
+
+@pytest.fixture(scope='session')
+def cloud(table4: Config) -> Workspace:
+    """Tips of the arm of the fetching simulations, in four chunks."""
+    return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
 @pytest.fixture

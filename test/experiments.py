@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,22 @@ from octo_arm_model.experiment.recording.steady_windows import Window
 PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
 ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
+STEPS = HELD[1:]
+TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the config says 1.1e5
 FAR = Alignment(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
 
 
 def one_tendon(tension: float) -> np.ndarray:
     return np.array([tension, 0.0, 0.0, 0.0])
+
+
+PULLS = tuple(one_tendon(tension) for tension in STEPS)
+
+
+def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarray:
+    """An arc in the plane z = 0 from the origin along x [m]."""
+    at = np.linspace(0.0, angle, count)
+    return radius * np.stack([np.sin(at), 1.0 - np.cos(at), 0.0 * at], axis=1)
 
 
 def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
@@ -52,6 +64,30 @@ def shapes(
         )
         for line, pulled in zip(lines, tensions, strict=True)
     ]
+
+
+def measured(
+    model: str = 'closed_form',
+    seed: int = 0,
+    noise: float = 0.0,
+    wrong: float = 0.0,
+    pulls: tuple[np.ndarray, ...] = PULLS,
+    count: int = 61,
+    parameters: dict | None = None,
+    **changes: float,
+) -> list[Shape]:
+    """Steps of an arm of modulus `TRUE`; ``wrong`` is the stddev of each step's tension [N]."""
+    rng = np.random.default_rng(seed)
+    changes = {'material__youngs_modulus': TRUE, **(parameters or {}), **changes}
+    pulled = [np.maximum(pull + wrong * rng.standard_normal() * (pull > 0.0), 0.0)
+              for pull in pulls]  # fmt: skip
+    lines = [midline(model, pull, count, **changes) for pull in pulled]
+    return shapes(lines, pulls, rng, noise, frames=8)
+
+
+def tips(steps: list[Shape]) -> list[Shape]:
+    """The same ``steps`` of which the tips alone were measured."""
+    return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]
 
 
 def staircase(
@@ -145,3 +181,19 @@ def description(**changes: Any) -> Sample:
 def bag_of(path: Path, samples: Sequence[Sample]) -> Path:
     """A bag of ``samples`` in order of receipt."""
     return write_bag(path, sorted(samples, key=lambda sample: sample.received_ns))
+
+
+def staircase_bag(path: Path, held: Sequence[float], see: Callable[[float, int], Sample]) -> Path:
+    """A bag of tensions held for 2 s each, and of what a camera saw ``see`` meanwhile, at 10 Hz.
+
+    ``see`` makes the message for a tension [N] and a stamp [ns].
+    """
+    time, pulled = staircase(held, hold=2.0)
+    seen = np.arange(0.0, time[-1], 0.1)
+    samples = [description(), *tension_samples(time, pulled)]
+    samples += [
+        see(tension, nanoseconds(at))
+        for at, tension in zip(seen, np.interp(seen, time, pulled))
+        if tension in held
+    ]
+    return bag_of(path, samples)
