@@ -16,10 +16,12 @@ from scipy.optimize import least_squares, minimize
 
 from octo_arm_model.analysis.targets import Target
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import SolveError, TargetError, TensionError
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import SolveError, TargetError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendon_sums import check_highest
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
 
@@ -47,13 +49,17 @@ class Stiffness:
 
     def __post_init__(self) -> None:
         """Validate."""
-        direction = np.array(self.direction, dtype=np.float64)
-        if direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
+        direction = real_numbers(self.direction)
+        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
             raise TargetError(
-                f'stiffness direction is {self.direction!r}, expected three numbers, not all zero'
+                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
+                'zero'
             )
-        if not (np.isfinite(self.value) and self.value > 0.0):
-            raise TargetError(f'stiffness is {self.value!r}, expected a finite number > 0 [N/m]')
+        value = real_numbers(self.value)
+        if value is None or value.shape or not 0.0 < value < np.inf:
+            raise TargetError(
+                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
+            )
         object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:
@@ -109,20 +115,21 @@ def find_tensions(
         SolveError: if the model has no answer anywhere it was tried.
     """
     arm = solver.arm
-    limit = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    for name, value in zip(arm.tendon_names, limit.tolist(), strict=True):
-        if not 0.0 < value < np.inf:
-            raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
-            )
+    limit = check_highest(arm, highest)
     search = _Search(solver, target, limit, stiffness)
     drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
-        given = np.asarray(start, dtype=np.float64).reshape(-1) / limit
-        if given.shape != limit.shape or not ((given >= 0.0) & (given <= 1.0)).all():
-            raise TensionError(f'start is {start!r}, expected tensions from 0 to {highest!r} [N]')
-        starts.insert(0, given)
+        given = real_numbers(start)
+        if (
+            given is None
+            or given.size != limit.size
+            or not ((given.ravel() >= 0.0) & (given.ravel() <= limit)).all()
+        ):
+            raise TensionError(
+                f'start is {shown(start)}, expected tensions from 0 to {shown(highest)} [N]'
+            )
+        starts.insert(0, given.ravel() / limit)
     enough = REACHED * arm.length
     best: FloatArray | None = None
     for first in starts:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import TargetError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import TargetError, shown
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 
@@ -29,17 +30,15 @@ class Target(Protocol):
 
 
 def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    given = real_numbers(value)
+    array = np.array(np.nan if given is None else given)
     fits = array.ndim == len(shape) and all(
         size in (wanted, array.shape[i]) if wanted < 0 else size == wanted
         for i, (size, wanted) in enumerate(zip(array.shape, shape, strict=False))
     )
     if not fits or not array.size or not np.isfinite(array).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
-        raise TargetError(f'{name} is {value!r}, expected {words} finite number(s)')
+        raise TargetError(f'{name} is {shown(value)}, expected {words} finite number(s)')
     return array
 
 
@@ -187,8 +186,8 @@ class BackboneShape:
         # So that the error is the root mean square distance.
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
-    def _stations(self, backbone: Backbone) -> FloatArray:
-        return np.abs(backbone.s - self.s[:, np.newaxis]).argmin(axis=1)
+    def _stations(self, backbone: Backbone) -> IntArray:
+        return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Every point less the wanted one."""

@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.core.section.tendon_sums import check_tensions
 
 # Large enough to hide the cost of a call, small enough for one refused set, after which a chunk
 # is solved set by set, to cost little. Other chunks would change the last bits of results.
 CHUNK = 64
-_MOST_SAMPLES = 2**30  # points of the Sobol sequence
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,11 @@ def sample_workspace(
             not cover the arm, processes end before their work does, or Dask is missing, does not
             answer or fails.
     """
-    count = _whole('samples', samples, 1, _MOST_SAMPLES)
+    most = min(MAX_SAMPLES, MAX_SAMPLED_TENSIONS // len(config.arm.tendons))
+    count = _whole('samples', samples, 1, most)
     number = _whole('seed', seed, 0)
     if processes is not None:
-        processes = _whole('processes', processes, 1)
+        processes = _whole('processes', processes, 1, MAX_PROCESSES)
         if scheduler is not None:
             raise ConfigError(
                 f'processes is {processes} and scheduler is {scheduler!r}, expected one of them'
@@ -121,7 +122,7 @@ def _whole(name: str, value: object, low: int, high: int | None = None) -> int:
     except TypeError:
         number = low - 1
     if isinstance(value, bool) or number < low or (high is not None and number > high):
-        raise ConfigError(f'{name} is {value!r}, expected {limits}')
+        raise ConfigError(f'{name} is {shown(value)}, expected {limits}')
     return number
 
 

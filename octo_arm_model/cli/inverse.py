@@ -14,8 +14,7 @@ from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPositio
 from octo_arm_model.cli.options import add_config, read_config, read_json
 from octo_arm_model.cli.report import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, TensionError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.solver import Solver
 
 _DESCRIPTION = """\
@@ -75,22 +74,12 @@ def _run(options: argparse.Namespace) -> int:
     stiffness = None
     if options.stiffness:
         stiffness = Stiffness(np.array(options.stiffness[:3]), options.stiffness[3])
-    highest = default_highest(config.arm)
+    highest: Any = default_highest(config.arm)
     if options.highest is not None:
-        highest = _read_highest(options.highest, config.arm)
+        highest = read_json(options.highest, '--highest', "'[[0.5,0.5,0.5,0.5]]'")
     found = find_tensions(solver, _target(options), highest, stiffness=stiffness)
     print(json.dumps(_as_dict(found, solver)) if options.json else _summary(found, config.arm))
     return 0 if found.reached else 1
-
-
-def _read_highest(text: str, arm: Arm) -> FloatArray:
-    given = read_json(text, '--highest', "'[[0.5,0.5,0.5,0.5]]'")
-    try:
-        return np.broadcast_to(np.array(given, dtype=np.float64), arm.tension_shape)
-    except (TypeError, ValueError):
-        raise TensionError(
-            f'--highest is {text}, expected one number or shape {arm.tension_shape}'
-        ) from None
 
 
 def _target(options: argparse.Namespace) -> Target:

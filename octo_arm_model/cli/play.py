@@ -16,6 +16,7 @@ from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.core.limits import MAX_PROFILE_ROWS
 from octo_arm_model.simulation.commands import TOPIC, Profile, find_profile, profile_names
 from octo_arm_model.simulation.profile_files import write_csv
 
@@ -127,6 +128,11 @@ def _listing(arm: Arm) -> str:
 
 def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
     duration = profile.duration / options.speed
+    if duration * options.rate > MAX_PROFILE_ROWS - 1:
+        raise ConfigError(
+            f'{options.profile} is {duration * options.rate:.6g} rows at this --speed and --rate, '
+            f'expected at most {MAX_PROFILE_ROWS}'
+        )
     times = np.linspace(0.0, duration, max(2, 1 + round(duration * options.rate)))
     tensions = profile.at(options.speed * times)
     if options.csv:

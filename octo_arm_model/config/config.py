@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from octo_arm_model.config.build import build_arm, build_loads, build_uncertainty
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
@@ -129,7 +128,7 @@ def load_config(path: str | Path) -> Config:
             the file.
     """
     with _naming(path):
-        return Config.from_parameters(_parse(_read(path)))
+        return Config.from_parameters(_parse(read_text(path, MAX_YAML_BYTES)))
 
 
 def load_parameters(path: str | Path) -> dict[str, Any]:
@@ -139,7 +138,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
         ConfigError: if the file cannot be read or is none; the message names the file.
     """
     with _naming(path):
-        return _parse(_read(path))
+        return _parse(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
@@ -157,57 +156,21 @@ def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     plain = {
         name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
     }
-    return yaml.safe_dump({'/**': {'ros__parameters': plain}}, sort_keys=True)
-
-
-def _read(path: str | Path) -> str:
-    return Path(path).read_text(encoding='utf-8')
+    return dump_yaml({'/**': {'ros__parameters': plain}})
 
 
 def _parse(text: str) -> dict[str, Any]:
-    return _flatten(_ros_parameters(yaml.load(text, _Loader)))
+    return _flatten(_ros_parameters(load_yaml(text)))
 
 
 @contextlib.contextmanager
 def _naming(path: str | Path) -> Iterator[None]:
     """Whatever goes wrong with a parameter file, as an error that names it."""
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f'{path}: not a text file') from error
-    except yaml.YAMLError as error:
-        line = getattr(error, 'problem_mark', None)
-        where = f', line {line.line + 1}' if line else ''
-        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
-        raise ConfigError(f'{path}{where}: not valid YAML, {problem}') from error
-    except OctoArmError as error:
-        raise ConfigError(f'{path}: {error}') from error
-    except (AttributeError, KeyError, RecursionError, ValueError) as error:
-        # What the YAML library raises for tags, dates and nesting that make no sense.
-        raise ConfigError(f'{path}: not valid YAML, {error}') from error
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that reads 1e5 as the number it is, like ROS, and refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        mapping = super().construct_mapping(node, deep)
-        if len(mapping) < len(node.value):
-            keys = [key.value for key, _ in node.value]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise yaml.MarkedYAMLError(
-                problem=f'{twice!r} is given twice', problem_mark=node.start_mark
-            )
-        return mapping
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
-    list('-+.0123456789'),
-)
+    with reading(path, ConfigError):
+        try:
+            yield
+        except OctoArmError as error:
+            raise ConfigError(f'{path}: {error}') from error
 
 
 def _ros_parameters(document: object) -> Mapping[str, Any]:
@@ -225,7 +188,7 @@ def _ros_parameters(document: object) -> Mapping[str, Any]:
         )
     parameters = document[nodes[0]]['ros__parameters']
     if not isinstance(parameters, dict):
-        raise ConfigError(f'ros__parameters is {parameters!r}, expected parameters')
+        raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
     return parameters
 
 
@@ -251,4 +214,4 @@ def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) 
         if name not in known:
             close = difflib.get_close_matches(str(name), known, n=1)
             hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
-            raise ConfigError(f'{name} is no parameter of {owner}; {hint}')
+            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

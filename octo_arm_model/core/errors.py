@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+_SHOWN = 200  # characters of a value in a message
+
+
+def shown(value: object) -> str:
+    """``value`` as messages show it: in one line, and of a long one its beginning."""
+    text = ' '.join(repr(value).splitlines())
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+
 
 class OctoArmError(Exception):
     """Base of every error this package raises on purpose."""
@@ -17,7 +25,7 @@ class ArmDefinitionError(OctoArmError, ValueError):
 
     def __init__(self, field: str, value: object, expected: str) -> None:
         """Say which ``field`` holds which ``value`` and what was ``expected``."""
-        super().__init__(f'{field} is {value!r}, expected {expected}')
+        super().__init__(f'{field} is {shown(value)}, expected {expected}')
         self.field = field
         self.value = value
         self.expected = expected

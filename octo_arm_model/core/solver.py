@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.errors import ConfigError, ConvergenceError, LoadError, SolveError
+from octo_arm_model.core.errors import ConfigError, ConvergenceError, LoadError, SolveError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.equilibrium import Condition
 from octo_arm_model.core.loaded.load_resultants import LoadTable
@@ -311,15 +312,13 @@ def _keep_freed_memory() -> None:
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
-    try:
-        array = np.asarray(tip_wrench)
-    except ValueError:  # rows of different length
-        array = np.asarray(None)
-    if array.dtype.kind not in 'fiu' or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+    array = real_numbers(tip_wrench)
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
         raise LoadError(
-            f'tip_wrench is {tip_wrench!r}, expected force and moment: (..., 6) finite numbers'
+            f'tip_wrench is {shown(tip_wrench)}, expected force and moment: (..., 6) finite '
+            'numbers'
         )
-    return array.astype(np.float64)
+    return array.copy()
 
 
 @functools.lru_cache(maxsize=16)

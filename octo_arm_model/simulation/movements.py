@@ -17,9 +17,10 @@ from octo_arm_model.config.paper_data import (
     Tensions,
 )
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ProfileError, TensionError
+from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendon_sums import check_highest
 from octo_arm_model.simulation.profile import Profile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
@@ -107,18 +108,7 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
     """Largest tension of every tendon (tendons,) [N]."""
     if highest is None:
         return default_highest(arm, _COMPRESSION).ravel()
-    try:
-        given = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    except (TypeError, ValueError):
-        raise TensionError(
-            f'highest is {highest!r}, expected one number or shape {arm.tension_shape}'
-        ) from None
-    for name, value in zip(arm.tendon_names, given.tolist(), strict=True):
-        if not 0.0 < value < np.inf:
-            raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
-            )
-    return given
+    return check_highest(arm, highest)
 
 
 def _one_by_one(

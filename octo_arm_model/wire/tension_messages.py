@@ -5,6 +5,7 @@ The node gets them from ROS and the bag tools from `rosbags`: other classes with
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,9 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NAME
+
+_LISTED = 20
 
 
 def tensions_from_tendon_tensions(message: Any, arm: Arm) -> FloatArray:
@@ -62,18 +66,25 @@ def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm
         raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
     tension_of = dict(zip(names, values))
     if len(tension_of) < len(names):
-        repeated = sorted({name for name in names if list(names).count(name) > 1})
-        raise TensionError(f'tendon named more than once: {", ".join(repeated)}')
-    unknown = [name for name in names if name not in arm.tendon_names]
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+        raise TensionError(f'tendon named more than once: {_listed(repeated)}')
+    known = set(arm.tendon_names)
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise TensionError(
-            f'unknown tendon {", ".join(unknown)}; this arm has {", ".join(arm.tendon_names)}'
+            f'unknown tendon {_listed(unknown)}; this arm has {_listed(arm.tendon_names)}'
         )
     missing = [name for name in arm.tendon_names if name not in tension_of]
     if missing:
-        raise TensionError(f'no tension for tendon {", ".join(missing)}')
+        raise TensionError(f'no tension for tendon {_listed(missing)}')
     ordered = [tension_of[name] for name in arm.tendon_names]
     return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names for a message, of many or long ones not all."""
+    text = ', '.join(name[:MAX_NAME] for name in names[:_LISTED])
+    return f'{text} and {len(names) - _LISTED} more' if len(names) > _LISTED else text
 
 
 # Topics of tensions, with the type of their messages and how these are read.

@@ -130,7 +130,7 @@ def test_all_may_be_refused(table4: Config) -> None:
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
-        ({'samples': 0}, r'samples is 0, expected a whole number >= 1 and <= 1073741824'),
+        ({'samples': 0}, r'samples is 0, expected a whole number >= 1 and <= 1048576'),
         ({'samples': -4}, 'samples is -4, expected'),
         ({'samples': 2.5}, r'samples is 2\.5, expected'),
         ({'samples': '8'}, "samples is '8', expected"),

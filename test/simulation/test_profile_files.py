@@ -100,7 +100,7 @@ HEADER = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n'
         ('.yaml', '- 1\n', ', line 1: expected times: and tensions:'),
         ('.yaml', '', ', line 1: expected times: and tensions:'),
         ('.yaml', 'times: [1,\n', ', line 2: not valid YAML'),
-        ('.yaml', '[' * 3000, 'not what its suffix says'),
+        ('.yaml', '[' * 3000, 'line 1: not valid YAML, nested more than 20 deep'),
     ],
 )
 def test_bad_files_are_refused_in_one_line_that_names_theirs(

@@ -12,9 +12,11 @@ import numpy as np
 from octo_arm_model.core.arm.validation import not_negative, vector
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
+_AT_MOST_POINTS = f'at most {MAX_TABLE_POINTS}'
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class DistributedLoad:
     def __post_init__(self) -> None:
         """Validate."""
         name = 'loads.distributed'
+        if len(self.s) > MAX_TABLE_POINTS:
+            raise ArmDefinitionError(f'{name}: number of points', len(self.s), _AT_MOST_POINTS)
         s = tuple(not_negative(f'{name}.s', value, 'arc coordinate', 'm') for value in self.s)
         if len(s) < 2 or min(np.diff(s)) <= 0.0:
             raise ArmDefinitionError(f'{name}.s', s, 'at least two, increasing [m]')
@@ -105,8 +109,12 @@ class Loads:
             object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
         density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
         object.__setattr__(self, 'fluid_density', density)
-        object.__setattr__(self, 'points', tuple(self.points))
-        object.__setattr__(self, 'distributed', tuple(self.distributed))
+        for name in ('points', 'distributed'):
+            given = tuple(getattr(self, name))
+            if len(given) > MAX_POINT_LOADS:
+                expected = f'at most {MAX_POINT_LOADS}'
+                raise ArmDefinitionError(f'number of loads.{name}', len(given), expected)
+            object.__setattr__(self, name, given)
 
     @property
     def any(self) -> bool:
