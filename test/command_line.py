@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import pytest
@@ -11,6 +12,13 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 
 TENSIONS = json.dumps(FETCHING_IN_SPACE)
 SOLVE = ('solve', 'renda2012_table4', '--tensions')
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
+from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import Comparison, compare
@@ -36,27 +37,24 @@ ERRORS = ('tip', 'mean', 'max', 'hausdorff')
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'compare',
-        help='compare the model with midlines in a bag',
-        description=_DESCRIPTION,
-        epilog=_EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        'compare the model with midlines in a bag',
+        _DESCRIPTION,
+        _EXAMPLES + EPILOG,
     )
     add_recording(parser)
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for tables and pictures')
-    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
-    parser.set_defaults(run=_run)
+    add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
+    add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> int:
     out = options.out
     if out is not None:
-        import matplotlib  # noqa: F401 - said before the work and not after it
-
-        if out.exists() and not out.is_dir():
-            raise ConfigError(f'--out is {str(out)!r}, a file, expected a folder')
-        out.mkdir(parents=True, exist_ok=True)
+        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
+    check_out(out, folder=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
     notes = [*observations.notes, *notes]

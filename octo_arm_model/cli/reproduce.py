@@ -7,9 +7,9 @@ import dataclasses
 import itertools
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from octo_arm_model.cli.options import add_path, new_command
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.page.document import Block, Picture
@@ -30,31 +30,30 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 """
 
 
-def add_command(commands: argparse._SubParsersAction[Any]) -> None:
+def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'reproduce',
-        help="compute the paper's figures, tables and claims anew, on one page",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        "compute the paper's figures, tables and claims anew, on one page",
+        _DESCRIPTION,
+        _EPILOG,
     )
-    parser.add_argument('outdir', metavar='OUTDIR', type=Path, help='folder for the page')
-    parser.set_defaults(run=_run)
+    add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Before the work and not after it: is there what draws, and somewhere to write?
+    # Imported before the work, so that a missing matplotlib is reported at once.
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
 
     options.outdir.mkdir(parents=True, exist_ok=True)
     claims = [claim() for claim in CLAIMS]
-    bar = Bar(sys.stderr, 'pictures')
-    blocks = _counting(content.blocks(claims), bar)
     html = options.outdir / 'renda2012.html'
-    html.write_text(as_html(blocks), encoding='utf-8')
-    bar.leave()
+    with Bar('pictures') as bar:
+        page = as_html(_counting(content.blocks(claims), bar))
+    html.write_text(page, encoding='utf-8')
     print(html, content.summary(claims), sep='\n')
     failed = [claim for claim in claims if claim.fails]
     for claim in failed:
@@ -63,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _counting(blocks: Sequence[Block], bar: Bar) -> list[Block]:
-    """``blocks``, whose pictures move the ``bar`` when they are drawn: all else takes no time."""
+    """``blocks`` whose pictures advance the ``bar`` when they are drawn."""
     total = sum(isinstance(block, Picture) for block in blocks)
     numbers = itertools.count(1)
 
