@@ -1,7 +1,7 @@
 """How large what is given from outside may be: one table, checked where each thing enters.
 
 What an arm costs grows in proportion to its stations, to its intervals and to its tendons at each
-of them. Within these bounds every model answers within seconds and a gigabyte.
+of them. Within these bounds every model answers within seconds and half a gigabyte.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ MAX_INTERVALS = 20_000  # of the quadrature; see `grid`
 MAX_SECTIONS = 64
 MAX_TENDONS = 256
 # A node of the grid at which a tendon is tabulated; there are two nodes to an interval.
-MAX_TENDON_NODES = 1_000_000
+MAX_TENDON_NODES = 500_000
 MAX_POINT_LOADS = 256
 MAX_TABLE_POINTS = 1_000  # of each table along s: radius, modulus, path, distributed force
 MAX_NAME = 255  # characters of a frame, a tendon or a path

@@ -236,7 +236,7 @@ class Solver:
             return derivatives(self._sections, self.grid, problem, state, tensions)
         _, frames = node_frames(twist[:, np.newaxis], self.grid, self._base)
         return papers_derivatives(
-            self._statics, self._sections, self.grid, twist, frames, tensions
+            self._statics, self._sections, self.grid, twist, frames, tensions, self._batch
         )
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:

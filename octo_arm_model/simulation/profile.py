@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_PROFILE_ROWS
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
@@ -24,7 +26,8 @@ class Profile:
     straight, and ``steps`` holds each row until the next.
 
     Attributes:
-        times: (n,) [s], increasing, at least two; counted from the first.
+        times: (n,) [s], increasing, at least two and at most `MAX_PROFILE_ROWS`; counted from the
+            first.
         tensions: (n, tendons) [N], finite, none negative, in the order of `Arm.tendon_names`.
         interpolation: one of `INTERPOLATIONS`.
 
@@ -41,13 +44,17 @@ class Profile:
         if self.interpolation not in INTERPOLATIONS:
             expected = ', '.join(INTERPOLATIONS)
             raise ProfileError(f'interpolation is {self.interpolation!r}, expected {expected}')
-        times = np.array(self.times, dtype=np.float64)
-        tensions = np.array(self.tensions, dtype=np.float64)
+        given = real_numbers(self.times), real_numbers(self.tensions)
+        if given[0] is None or given[1] is None:
+            raise ProfileError('times and tensions are expected to be numbers')
+        times, tensions = given[0].copy(), given[1].copy()
         if times.ndim != 1 or tensions.ndim != 2 or len(times) != len(tensions):
             raise ProfileError(
                 f'times are {times.shape} and tensions {tensions.shape}, expected (n,) and '
                 '(n, tendons)'
             )
+        if len(times) > MAX_PROFILE_ROWS:
+            raise ProfileError(f'{len(times)} rows, expected at most {MAX_PROFILE_ROWS}')
         if len(times) < 2:
             raise ProfileError(f'{len(times)} row(s), expected at least two')
         for row, time in enumerate(times.tolist()):

@@ -16,7 +16,11 @@ from octo_arm_model import (
     Config,
     ConfigError,
     ConvergenceError,
+    LoadError,
+    Loads,
     Material,
+    OctoArmError,
+    PointLoad,
     Pose,
     Section,
     SolveError,
@@ -24,9 +28,11 @@ from octo_arm_model import (
     load_config,
     solve,
 )
-from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.analysis.inverse import Stiffness, default_highest, find_tensions
+from octo_arm_model.analysis.targets import TipPosition
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.limits import MAX_STATIONS
 
 # Different in every tendon; no two sections pull in one plane.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
@@ -346,3 +352,36 @@ def test_where_following_leads_nowhere_the_arm_begins_anew(monkeypatch):
     again = solver.follow([[1.0, 0.0, 0.0, 0.0]], first)
     np.testing.assert_array_equal(first.position, again.position)
     assert started == [False, True, False]
+
+
+# Sizes and booleans ----------------------------------------------------------------------------
+
+
+def test_booleans_are_no_numbers(table4: Config) -> None:
+    solver = table4.solver('exact', 11)
+    tensions = np.zeros((3, 4))
+    for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
+        with pytest.raises(LoadError, match='tip_wrench is .*, expected force and moment'):
+            solver.solve(tensions, wrench)
+    for build in (
+        lambda: Pose((True, 0.0, 0.0)),
+        lambda: Loads(gravity=(0.0, False, 0.0)),
+        lambda: PointLoad(0.1, (True, 0.0, 0.0)),
+        lambda: TipPosition([0.1, True, 0.0]),
+        lambda: Stiffness(np.array([1.0, 0.0, 0.0]), True),
+        lambda: Stiffness([True, 0.0, 0.0], 1.0),
+        lambda: find_tensions(solver, TipPosition([0.4, 0.0, 0.0]), True),
+    ):
+        with pytest.raises(OctoArmError, match=r'is .*True|is .*False'):
+            build()
+
+
+def test_the_most_stations_are_solved(table4: Config, model: str) -> None:
+    # What was a table of stations times intervals would not fit into memory.
+    coarse, fine = (table4.solver(model, n) for n in (101, MAX_STATIONS))
+    tensions = np.array(FETCHING_IN_SPACE)
+    np.testing.assert_allclose(
+        fine.solve(tensions).tip, coarse.solve(tensions).tip, atol=1e-6 * table4.arm.length
+    )
+    with pytest.raises(ConfigError, match='stations is 10001, expected at most 10000'):
+        table4.solver(model, MAX_STATIONS + 1)

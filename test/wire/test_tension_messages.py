@@ -67,3 +67,10 @@ def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
 def test_names_that_do_not_fit_are_refused(names, values, complaint):
     with pytest.raises(TensionError, match=complaint):
         tensions_from_tendon_tensions(SimpleNamespace(name=names, tension=values), ARM)
+
+
+def test_a_refusal_does_not_grow_with_the_message():
+    for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
+        with pytest.raises(TensionError) as refusal:
+            tensions_from_tendon_tensions(SimpleNamespace(name=names, tension=names), ARM)
+        assert len(str(refusal.value)) < 1000

@@ -8,7 +8,6 @@ border of two panels is the end of two intervals, one for each side, with one of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 
@@ -116,7 +115,7 @@ class StationGrid:
             )
         counts = _share_intervals([panel.length for panel in panels], int(stations) - 1)
         all_knots = np.array(sorted({*arm.knots, *knots}))
-        most = min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
+        most = _most_intervals(arm)
         ends: list[FloatArray] = []
         end_panel: list[int] = []
         stations_s, station_section, station_node = [], [], []
@@ -132,7 +131,7 @@ class StationGrid:
             ends.append(panel_ends)
             end_panel += [number] * panel_ends.size
         if len(end_panel) > most + 1:
-            _refuse_intervals(arm, len(end_panel) - 1)
+            raise _too_many_intervals(arm)
         all_ends = np.concatenate(ends)
         middles = 0.5 * (all_ends[:-1] + all_ends[1:])
         node_panel = np.array(end_panel + end_panel[:-1])
@@ -168,12 +167,16 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
     return counts
 
 
-def _refuse_intervals(arm: Arm, count: float) -> NoReturn:
-    raise ConfigError(
-        f'this arm takes {count:.6g} intervals at which to evaluate {len(arm.tendons)} tendons, '
-        f'expected at most {MAX_INTERVALS}, and {MAX_TENDON_NODES // 2} times a tendon: it is too '
-        'thin for its length, or has too many stations or tabulated points'
+def _too_many_intervals(arm: Arm) -> ConfigError:
+    return ConfigError(
+        f'this arm takes more than {_most_intervals(arm)} intervals of integration, the most with '
+        f'{len(arm.tendons)} tendons: it is too thin for its length, or has too many stations or '
+        'tabulated points'
     )
+
+
+def _most_intervals(arm: Arm) -> int:
+    return min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
 
 
 def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
@@ -191,8 +194,8 @@ def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
     with np.errstate(over='ignore'):
         pieces = np.maximum(np.ceil(np.diff(stations) / longest * (1.0 - _SAME)), 1.0)
     # Before there is an array of that size.
-    if not (total := float(pieces.sum())) <= room:
-        _refuse_intervals(arm, total)
+    if not pieces.sum() <= room:
+        raise _too_many_intervals(arm)
     numbers = np.cumsum([0, *pieces.astype(np.int64)])
     return np.interp(np.arange(numbers[-1] + 1), numbers, stations)
 

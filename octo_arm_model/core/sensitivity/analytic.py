@@ -76,8 +76,11 @@ def papers_derivatives(
     twist: FloatArray,
     frames: Quaternions,
     tensions: FloatArray,
+    batch: int,
 ) -> Sensitivity:
     """Of ``twist`` (4, nodes) and ``frames``, a solution of one of the paper's models.
+
+    ``batch`` of them are solved at once.
 
     Their equations are analytic in the tensions: solved with one of them moved by a small
     imaginary number, the imaginary part is the derivative (Squire and Trapp 1998). No digits are
@@ -86,7 +89,9 @@ def papers_derivatives(
     """
     step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
     moved = tensions + 1j * step * np.eye(tensions.size)
-    by_tension = statics.solve(moved).twist.imag / step
+    parts = [moved[first : first + batch] for first in range(0, len(moved), batch)]
+    twists = [statics.solve(part).twist.imag for part in parts]
+    by_tension = np.concatenate(twists, axis=1) / step
     changes = np.zeros((6, tensions.size + 1, twist.shape[1]))
     changes[:4, :-1] = by_tension
     changes[:4, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
