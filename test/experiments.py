@@ -15,7 +15,7 @@ from octo_arm_model.config.config import Config, load_parameters, parameters_as_
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.curves import resample
-from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import Window
 
@@ -54,7 +54,7 @@ def shapes(
     rng: np.random.Generator | None = None,
     noise: float = 0.0,
     frames: int = 5,
-) -> list[Shape]:
+) -> list[MeasuredShape]:
     """Steps with ``frames`` noisy copies of each of the true ``lines``."""
     rng = rng or np.random.default_rng(0)
     return [
@@ -75,7 +75,7 @@ def measured(
     count: int = 61,
     parameters: dict | None = None,
     **changes: float,
-) -> list[Shape]:
+) -> list[MeasuredShape]:
     """Steps of an arm of modulus `TRUE`; ``wrong`` is the stddev of each step's tension [N]."""
     rng = np.random.default_rng(seed)
     changes = {'material__youngs_modulus': TRUE, **(parameters or {}), **changes}
@@ -85,7 +85,7 @@ def measured(
     return shapes(lines, pulls, rng, noise, frames=8)
 
 
-def tips(steps: list[Shape]) -> list[Shape]:
+def tips(steps: list[MeasuredShape]) -> list[MeasuredShape]:
     """The same ``steps`` of which the tips alone were measured."""
     return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from arm_mesh import Mesh
 from cases import Case
-from elasticity import ElasticArm, Report, Shape
+from elasticity import ElasticArm, Report, SolidShape
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.core.hints import FloatArray
@@ -33,7 +33,7 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
         SolveError: if a load is not reached.
     """
     arms: dict[Mesh, ElasticArm] = {}
-    shapes: dict[Mesh, list[Shape]] = {}
+    shapes: dict[Mesh, list[SolidShape]] = {}
     for mesh in case.meshes:
         tell = _telling(report, f'{case.name}, mesh {mesh}')
         arms[mesh] = ElasticArm(case.arm, mesh, case.pulled, case.contact)
@@ -95,7 +95,7 @@ def _variant(
     case: Case,
     change: dict[str, Any],
     base: ElasticArm,
-    shapes: list[Shape],
+    shapes: list[SolidShape],
     models: dict[str, list[Backbone]],
     report: Report,
 ) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def _telling(report: Report, what: str) -> Report:
     return lambda line: report(f'{what}: {line}')
 
 
-def _apart(some: Sequence[Backbone | Shape], others: Sequence[Backbone | Shape]) -> FloatArray:
+def _apart(some: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]) -> FloatArray:
     """Distances of the tips [m]."""
     apart = [np.linalg.norm(a.tip - b.tip) for a, b in zip(some, others, strict=True)]
     return np.array(apart, dtype=np.float64)
@@ -134,7 +134,7 @@ def _percent(case: Case, lengths: FloatArray) -> list[float]:
     return [round(float(x), 3) for x in 100.0 / case.arm.length * lengths]
 
 
-def _angle(backbone: Backbone, shape: Shape) -> float:
+def _angle(backbone: Backbone, shape: SolidShape) -> float:
     """Between the tangents of the two tips [deg]."""
     x, y, z, w = backbone.quaternion[-1]
     tangent = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 from solid import Solid
-from tendon_potential import Tendon
+from tendon_potential import SolidTendon
 
 from octo_arm_model import Arm, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -45,7 +45,7 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Shape:
+class SolidShape:
     """Equilibrium of an elastic arm; places in the axes t, n, b of the base.
 
     Attributes:
@@ -98,7 +98,7 @@ class ElasticArm:
         self.mesh = ArmMesh(arm, mesh, half, contact.disc)
         self.solid = Solid(self.mesh, arm.material, _DISC_FACTOR)
         self.tendons = [
-            Tendon(self.mesh, arm, number, contact.sheath, contact.steps) for number in pulled
+            SolidTendon(self.mesh, arm, number, contact.sheath, contact.steps) for number in pulled
         ]
         self._free = np.flatnonzero(~self._fixed(contact.clamped))
         # Displacements and pressures of one size, for the pivots.
@@ -115,7 +115,7 @@ class ElasticArm:
         tensions: Sequence[Sequence[float]],
         report: Report = lambda line: None,
         guesses: Sequence[FloatArray] = (),
-    ) -> Iterator[Shape]:
+    ) -> Iterator[SolidShape]:
         """Equilibria at each of ``tensions``, followed from the unloaded arm or near ``guesses``.
 
         Raises:
@@ -264,11 +264,11 @@ class ElasticArm:
     def _displacement(self, state: FloatArray) -> FloatArray:
         return state[: self.solid.displacements].reshape(-1, 3)
 
-    def _shape(self, tensions: FloatArray, state: FloatArray, residual: float) -> Shape:
+    def _shape(self, tensions: FloatArray, state: FloatArray, residual: float) -> SolidShape:
         moved = self._displacement(state)
         places = self.mesh.nodes.T + moved
         double = 2.0 if self.mesh.half else 1.0
-        return Shape(
+        return SolidShape(
             tensions=tuple(float(t) for t in tensions),
             s=self.mesh.nodes[0][self._axis],
             midline=self.midline(moved),

@@ -25,7 +25,7 @@ _RIM = 8  # points of a sheath's rim
 _RINGS, _SPOKES = 6, 16  # of the points of a section
 
 
-class Tendon:
+class SolidTendon:
     """One tendon, laid through a mesh. Energies and forces are those per newton of tension."""
 
     def __init__(

@@ -14,7 +14,7 @@ from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_op
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
-from octo_arm_model.experiment.compare import Comparison, compare
+from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
 
 _DESCRIPTION = """\
@@ -80,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
     """One entry for each model and step; errors in per cent of the length, None where unknown."""
     table = []
     for comparison in comparisons:
@@ -108,7 +108,7 @@ def rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
 
 
 def as_dict(
-    comparisons: Sequence[Comparison], observations: Observations, notes: Sequence[str]
+    comparisons: Sequence[ModelComparison], observations: Observations, notes: Sequence[str]
 ) -> dict[str, Any]:
     """Everything in SI units but the errors, which are in per cent of the length."""
     return {
@@ -138,7 +138,7 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
             writer.writerow([*(row[name] for name in plain), *row['tensions']])
 
 
-def summary(comparisons: Sequence[Comparison], notes: Sequence[str]) -> str:
+def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str:
     """The tables for people."""
     lines = [*notes]
     for comparison in comparisons:

@@ -22,7 +22,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.core.limits import MAX_PROFILE_ROWS
-from octo_arm_model.simulation.commands import TOPIC, Profile, find_profile, profile_names
+from octo_arm_model.simulation.commands import TOPIC, CommandProfile, find_profile, profile_names
 from octo_arm_model.simulation.profile_files import write_csv
 from octo_arm_model.terminal import StatusLine
 
@@ -104,7 +104,7 @@ def _listing(arm: Arm) -> str:
     )
 
 
-def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
+def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> None:
     duration = profile.duration / options.speed
     if duration * options.rate > MAX_PROFILE_ROWS - 1:
         raise ConfigError(
@@ -124,7 +124,7 @@ def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
         print(options.plot)
 
 
-def _play(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
+def _play(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> None:
     try:
         from octo_arm_model.ros.profile_player import play
     except ModuleNotFoundError as error:

@@ -15,7 +15,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
     MidlineErrors,
     fraction_at_start,
@@ -36,14 +36,14 @@ class StepComparison:
     """
 
     number: int
-    shape: Shape
+    shape: MeasuredShape
     measured: FloatArray
     backbone: Backbone
     errors: MidlineErrors
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """All steps of one model.
 
     Attributes:
@@ -70,11 +70,11 @@ class Comparison:
 
 
 def compare(
-    shapes: Sequence[Shape],
+    shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
     alignment: Alignment | None,
-) -> Comparison:
+) -> ModelComparison:
     """Hold ``model`` of the arm of ``parameters`` against measured ``shapes``.
 
     Without ``alignment`` one is fitted, the same for all steps: it then hides whatever of the
@@ -87,7 +87,7 @@ def compare(
     """
     config = Config.from_parameters(parameters)
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
-    answered: list[tuple[int, Shape, Backbone]] = []
+    answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
     for number, shape in enumerate(shapes, start=1):
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
@@ -110,6 +110,6 @@ def compare(
         fraction_at_start(measured, backbone.position, check=True)
         errors = midline_errors(measured, backbone.position)
         steps.append(StepComparison(number, shape, measured, backbone, errors))
-    return Comparison(
+    return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
     )

@@ -23,7 +23,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.simulation.commands import TOPIC, transition
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _LOOK = 0.05  # [s] between looks
@@ -34,7 +34,7 @@ Report = Callable[[str, float, float], None]
 
 
 def play(
-    profile: Profile,
+    profile: CommandProfile,
     arm: Arm,
     *,
     topic: str,
@@ -148,7 +148,7 @@ class _Player:
         self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
 
     def play(
-        self, profile: Profile, speed: float, loop: bool, report: Callable[[float, float], None]
+        self, profile: CommandProfile, speed: float, loop: bool, report: Callable[[float, float], None]
     ) -> None:
         """Send ``profile`` to its last row, or until one more interruption."""
         allowed = self._interruptions.count

@@ -21,7 +21,7 @@ from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import check_highest
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
 HOLD_TIME = 1.0  # [s] in each posture
@@ -45,7 +45,7 @@ class Movement:
     """
 
     description: str
-    profile: Callable[[Arm, ArrayLike | None], Profile]
+    profile: Callable[[Arm, ArrayLike | None], CommandProfile]
     objection: Callable[[Arm], str]
 
 
@@ -54,7 +54,7 @@ class Movement:
 
 def _postures(
     postures: Sequence[Tensions], preset: str, arm: Arm, highest: ArrayLike | None
-) -> Profile:
+) -> CommandProfile:
     """From rest through ``postures`` and back, each held for a while."""
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
@@ -65,7 +65,7 @@ def _postures(
     rows = [rest] * 2 + [np.ravel(posture) for posture in postures for _ in range(2)] + [rest] * 2
     times = np.cumsum([0.0] + [HOLD_TIME, MOVE_TIME] * len(postures) + [HOLD_TIME, MOVE_TIME])
     times = np.append(times, times[-1] + HOLD_TIME)
-    return Profile(times, np.array(rows))
+    return CommandProfile(times, np.array(rows))
 
 
 def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str:
@@ -113,7 +113,7 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
 
 def _one_by_one(
     times: FloatArray, wave: FloatArray, interpolation: str, arm: Arm, highest: ArrayLike | None
-) -> Profile:
+) -> CommandProfile:
     """Every tendon in turn along ``wave``, parts of its largest tension at ``times`` [s]."""
     peaks = _highest(arm, highest)
     count, duration = len(peaks), times[-1]
@@ -124,17 +124,17 @@ def _one_by_one(
         rows[first : first + len(times), tendon] = peak * wave
     starts = duration * np.arange(count)
     all_times = np.append((starts[:, np.newaxis] + times[:-1]).ravel(), count * duration)
-    return Profile(all_times, rows, interpolation)
+    return CommandProfile(all_times, rows, interpolation)
 
 
-def _sweep(arm: Arm, highest: ArrayLike | None) -> Profile:
+def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     times = np.arange(0.0, SWEEP_TIME + 0.5 * SAMPLE, SAMPLE)
     low, high = SWEEP
     periods = low * times + 0.5 * (high - low) / SWEEP_TIME * times**2
     return _one_by_one(times, 0.5 - 0.5 * np.cos(2.0 * np.pi * periods), 'linear', arm, highest)
 
 
-def _rotating(arm: Arm, highest: ArrayLike | None) -> Profile:
+def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     """Section 6.1 of the paper, gone round: tensions whose bending plane turns steadily."""
     objection = _rotating_objection(arm)
     if objection:
@@ -145,7 +145,7 @@ def _rotating(arm: Arm, highest: ArrayLike | None) -> Profile:
     pull = (rise**2 * (3.0 - 2.0 * rise))[:, np.newaxis] * np.maximum(np.cos(angle), 0.0)
     rows = np.zeros((len(times), len(arm.tendons)))
     rows[:, :4] = _highest(arm, highest)[:4].min() * pull
-    return Profile(times, rows, 'linear')
+    return CommandProfile(times, rows, 'linear')
 
 
 def _rotating_objection(arm: Arm) -> str:

@@ -15,7 +15,7 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
@@ -79,7 +79,7 @@ class SimulatorConfig:
     base_frame: str
     rate: float
     hardware: Hardware
-    profile: Profile | None
+    profile: CommandProfile | None
     speed: float
     loop: bool
 

@@ -18,7 +18,7 @@ INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class CommandProfile:
     """Commanded tensions over time.
 
     Between rows, ``smooth`` is a cubic through them that begins and ends at rest and never leaves
@@ -108,11 +108,11 @@ class Profile:
         return PchipInterpolator(times, rows, axis=0)
 
 
-def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> Profile:
+def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
     """A smooth way from tensions ``start`` to ``stop``, (tendons,) or as an arm shapes them [N].
 
     Raises:
         ProfileError: if they are no tensions or ``duration`` is not > 0 [s].
     """
     rows = np.array([np.ravel(start), np.ravel(stop)], dtype=np.float64)
-    return Profile(np.array([0.0, duration]), rows)
+    return CommandProfile(np.array([0.0, duration]), rows)

@@ -18,7 +18,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 
 
 class _Row(NamedTuple):
@@ -41,7 +41,7 @@ class _LineError(Exception):
         super().__init__(f'line {line}: {problem}')
 
 
-def read_profile(path: str | Path, arm: Arm) -> Profile:
+def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
     A CSV file has a header, ``time`` and the names of all tendons in any order, and below it
@@ -55,7 +55,7 @@ def read_profile(path: str | Path, arm: Arm) -> Profile:
         return _read(path, arm)
 
 
-def _read(path: str | Path, arm: Arm) -> Profile:
+def _read(path: str | Path, arm: Arm) -> CommandProfile:
     is_csv = Path(path).suffix == '.csv'
     text = read_text(path, MAX_PROFILE_BYTES if is_csv else MAX_YAML_BYTES)
     rows: list[_Row] = []
@@ -64,7 +64,7 @@ def _read(path: str | Path, arm: Arm) -> Profile:
         if not rows:
             raise ProfileError('no rows, expected at least two')
         numbers = np.array([_numbers(row, arm) for row in rows])
-        return Profile(numbers[:, 0], numbers[:, 1:], interpolation)
+        return CommandProfile(numbers[:, 0], numbers[:, 1:], interpolation)
     except csv.Error as error:
         raise ProfileError(f'{path}: not what its suffix says, {error}') from error
     except _LineError as error:

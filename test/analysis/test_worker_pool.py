@@ -18,7 +18,7 @@ from octo_arm_model import (
     Function,
     Material,
 )
-from octo_arm_model.analysis import worker_pool as module
+from octo_arm_model.analysis import worker_pool
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
 
@@ -34,14 +34,14 @@ def test_by_default_processes_are_started_where_they_pay(
     table4: Config, cloud: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started = []
-    in_pool = module._in_pool
+    in_pool = worker_pool._in_pool
     monkeypatch.setattr(
-        module, '_in_pool', lambda *given: started.append(given) or in_pool(*given)
+        worker_pool, '_in_pool', lambda *given: started.append(given) or in_pool(*given)
     )
-    monkeypatch.setattr(module.os, 'sched_getaffinity', lambda pid: {0, 1}, raising=False)
+    monkeypatch.setattr(worker_pool.os, 'sched_getaffinity', lambda pid: {0, 1}, raising=False)
     assert_same(sample_workspace(table4, HIGHEST, 4 * CHUNK), cloud)
     assert not started
-    monkeypatch.setattr(module, '_POOL_START', 0.0)
+    monkeypatch.setattr(worker_pool, '_POOL_START', 0.0)
     assert_same(sample_workspace(table4, HIGHEST, 4 * CHUNK), cloud)
     assert len(started) == 1
 
@@ -97,7 +97,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(
     table4: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('distributed')
-    monkeypatch.setattr(module, '_CONNECT', 0.2)
+    monkeypatch.setattr(worker_pool, '_CONNECT', 0.2)
     with socket.socket() as taken:  # bound, but nobody listens
         taken.bind(('127.0.0.1', 0))
         deaf = f'tcp://127.0.0.1:{taken.getsockname()[1]}'

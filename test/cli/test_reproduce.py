@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from octo_arm_model import MODELS
-from octo_arm_model.cli import reproduce as cli
+from octo_arm_model.cli import reproduce
 from octo_arm_model.cli.main import main
 from octo_arm_model.reproduce.claims.claim import Claim, Finding
 from octo_arm_model.reproduce.page.document import Heading
@@ -24,7 +24,7 @@ def test_a_claim_that_fails_is_said_and_is_status_1(
     claim = Claim(
         'The arm is straight.', 'section 8', '', dict.fromkeys(MODELS, Finding('2 mm', False))
     )
-    monkeypatch.setattr(cli, 'CLAIMS', (lambda: claim,))
+    monkeypatch.setattr(reproduce, 'CLAIMS', (lambda: claim,))
     monkeypatch.setattr(content, 'blocks', lambda claims: [Heading('Title', 1), *claims])
     assert main(['reproduce', str(tmp_path)]) == 1
     out, err = capsys.readouterr()

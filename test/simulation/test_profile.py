@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.simulation.commands import transition
-from octo_arm_model.simulation.profile import INTERPOLATIONS, Profile
+from octo_arm_model.simulation.profile import INTERPOLATIONS, CommandProfile
 
 
 @st.composite
-def profiles(draw: st.DrawFn) -> Profile:
+def profiles(draw: st.DrawFn) -> CommandProfile:
     """Profiles of two tendons, slack ones and equal rows among them."""
     count = draw(st.integers(2, 8))
     gaps = draw(st.lists(st.floats(1e-3, 10.0), min_size=count, max_size=count))
     pull = st.just(0.0) | st.floats(1e-3, 20.0)
     rows = draw(st.lists(st.tuples(pull, pull), min_size=count, max_size=count))
-    return Profile(np.cumsum(gaps), np.array(rows), draw(st.sampled_from(INTERPOLATIONS)))
+    return CommandProfile(np.cumsum(gaps), np.array(rows), draw(st.sampled_from(INTERPOLATIONS)))
 
 
 @given(profiles())
@@ -59,7 +59,7 @@ def test_a_loop_begins_anew(profile, part, rounds) -> None:
 
 
 def test_smooth_begins_and_ends_at_rest_and_rests_in_postures() -> None:
-    profile = Profile([0.0, 1.0, 2.0, 5.0], [[0.0], [4.0], [4.0], [1.0]])
+    profile = CommandProfile([0.0, 1.0, 2.0, 5.0], [[0.0], [4.0], [4.0], [1.0]])
     moments = np.array([0.0, 1.0, 1.5, 2.0, 5.0])
     speed = (profile.at(moments + 1e-6) - profile.at(moments - 1e-6)) / 2e-6
     np.testing.assert_allclose(speed, 0.0, atol=1e-4)
@@ -69,9 +69,9 @@ def test_smooth_begins_and_ends_at_rest_and_rests_in_postures() -> None:
 def test_steps_hold_and_linear_is_straight() -> None:
     rows = [0.0, 1.0, 3.0], [[0.0], [2.0], [6.0]]
     times = np.array([0.0, 0.5, 0.999, 1.0, 2.0, 2.999, 3.0, 9.0])
-    held = Profile(*rows, 'steps').at(times).ravel()
+    held = CommandProfile(*rows, 'steps').at(times).ravel()
     assert held.tolist() == [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 6.0, 6.0]
-    straight = Profile(*rows, 'linear').at(times).ravel()
+    straight = CommandProfile(*rows, 'linear').at(times).ravel()
     np.testing.assert_allclose(straight, [0.0, 1.0, 1.998, 2.0, 4.0, 5.998, 6.0, 6.0])
 
 
@@ -85,7 +85,7 @@ def test_a_transition_is_smooth_and_takes_tensions_as_an_arm_shapes_them() -> No
 
 def test_profiles_do_not_change_behind_their_back() -> None:
     times = np.array([5.0, 6.0])
-    profile = Profile(times, np.zeros((2, 1)))
+    profile = CommandProfile(times, np.zeros((2, 1)))
     times[0] = 9.0
     assert profile.times.tolist() == [0.0, 1.0]
     with pytest.raises(ValueError, match='read-only'):
@@ -105,10 +105,10 @@ def test_profiles_do_not_change_behind_their_back() -> None:
 )
 def test_what_is_no_profile_is_refused_by_its_row(times, rows, complaint) -> None:
     with pytest.raises(ProfileError) as caught:
-        Profile(times, rows)
+        CommandProfile(times, rows)
     assert complaint in str(caught.value)
 
 
 def test_an_unknown_interpolation_is_refused() -> None:
     with pytest.raises(ProfileError, match="is 'cubic', expected smooth, linear, steps"):
-        Profile([0.0, 1.0], [[0.0], [1.0]], 'cubic')
+        CommandProfile([0.0, 1.0], [[0.0], [1.0]], 'cubic')

@@ -12,11 +12,11 @@ from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, Sol
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.fitting.pairing import first_alignment, residuals, residuals_change
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
 # Residuals count as none below this part of the length: recordings are no better.
@@ -36,7 +36,7 @@ class Problem:
         length: of the arm [m].
     """
 
-    def __init__(self, shapes: Sequence[Shape], unknowns: Unknowns) -> None:
+    def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
         """Fit ``unknowns`` to ``shapes``."""
         self.shapes, self.unknowns = tuple(shapes), unknowns
         self.length = unknowns.arm.length
@@ -84,7 +84,7 @@ class Problem:
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss that the residuals at ``x`` ask for [m]."""
         away = [self.residuals(x, step) for step in range(len(self.shapes))]
-        return robust.scale_of(np.concatenate(away), _FINEST * self.length)
+        return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
 
     def minimise(
         self, x: FloatArray, scale: float, steps: Sequence[int] | None = None
@@ -113,7 +113,7 @@ class Problem:
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
         found = least_squares(
             fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
-            x_scale=[u.scale for u in unknowns], loss=robust.loss, f_scale=scale, ftol=_TOLERANCE,
+            x_scale=[u.scale for u in unknowns], loss=robust_loss.loss, f_scale=scale, ftol=_TOLERANCE,
             xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
@@ -147,7 +147,7 @@ class Problem:
         return x, scale
 
 
-def fit_alignment(shapes: Sequence[Shape], parameters: Mapping[str, Any], model: str) -> Alignment:
+def fit_alignment(shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str) -> Alignment:
     """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
 
     Raises:

@@ -25,7 +25,7 @@ from octo_arm_model.experiment.fitting.uncertainty import (
 )
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 
 # So many fits at most: of more steps several are left out at once.
 _MOST_FOLDS = 20
@@ -84,7 +84,7 @@ class Identification:
 
 
 def identify(
-    shapes: Sequence[Shape],
+    shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
     fits: Sequence[str] = ('youngs_modulus',),

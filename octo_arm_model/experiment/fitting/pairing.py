@@ -13,7 +13,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.recording.alignment import Alignment, align
 from octo_arm_model.experiment.recording.curves import along, along_change, place_change
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
@@ -65,5 +65,5 @@ def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]
     alignment = align(camera, base)
     for _ in range(_ROUNDS):
         away = alignment.to_base(camera) - base
-        alignment = align(camera, base, robust.weights(away, robust.scale_of(away, finest)))
+        alignment = align(camera, base, robust_loss.weights(away, robust_loss.scale_of(away, finest)))
     return alignment

@@ -26,7 +26,7 @@ _FEW = 5
 
 
 @dataclass(frozen=True)
-class Shape:
+class MeasuredShape:
     """What was measured in one steady step.
 
     Attributes:
@@ -52,7 +52,7 @@ class Shape:
         return float(self.window.tensions.sum())
 
 
-def mean_shape(window: Window, lines: Sequence[FloatArray]) -> Shape:
+def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
     """Shape that ``lines`` (n, 3), from base to tip, agree on; those of one point are tips."""
     is_tip = len(lines[0]) == 1
     fraction = np.linspace(0.0, 1.0, POINTS)
@@ -70,7 +70,7 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> Shape:
         middle = resample(fine, fraction)
     noise = float(np.sqrt((_distance(stack[kept], middle) ** 2).mean()))
     left_out = int((~kept).sum())
-    return Shape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
+    return MeasuredShape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
 
 
 def _distance(stack: FloatArray, middle: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
-from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule, steady_windows
@@ -47,7 +47,7 @@ class Observations:
         notes: how they were got at, in words.
     """
 
-    shapes: tuple[Shape, ...]
+    shapes: tuple[MeasuredShape, ...]
     offset: float
     notes: tuple[str, ...]
 

@@ -20,7 +20,7 @@ TIPS = ('geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceSt
 _LENGTHS = (0.02, 2.0)
 
 
-class Skip(NamedTuple):
+class SkippedMessage(NamedTuple):
     """A message that was left out.
 
     Attributes:
@@ -55,7 +55,7 @@ class Recording:
     frame_time: FloatArray
     frames: tuple[FloatArray, ...]
     frame_id: str
-    skipped: tuple[Skip, ...] = ()
+    skipped: tuple[SkippedMessage, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -99,14 +99,14 @@ def read_recording(
         notes: list[str] = []
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
-        skipped: list[Skip] = []
+        skipped: list[SkippedMessage] = []
         stamps: list[int] = []
         rows: list[FloatArray] = []
         total = reader.count([topic, measured])
         for done, reading in enumerate(read_tensions(reader, topic, arm)):
             progress(done, total)
             if reading.tensions is None:
-                skipped.append(Skip(topic, reading.stamp_ns, reading.reason))
+                skipped.append(SkippedMessage(topic, reading.stamp_ns, reading.reason))
             else:
                 stamps.append(reading.stamp_ns)
                 rows.append(reading.tensions.ravel())
@@ -141,7 +141,7 @@ def _in_order(
     return np.asarray(1e-9 * (given[order] - origin)), np.asarray(order)
 
 
-def _first(skipped: list[Skip]) -> str:
+def _first(skipped: list[SkippedMessage]) -> str:
     """Why, for an error."""
     return f'; {len(skipped)} were left out, the last as {skipped[-1].reason}' if skipped else ''
 
@@ -157,7 +157,7 @@ class _Frames:
         self.frame_id: str | None = None
         self._reader, self._topic, self._length = reader, topic, length
 
-    def read(self, skipped: list[Skip]) -> Iterator[tuple[int, FloatArray]]:
+    def read(self, skipped: list[SkippedMessage]) -> Iterator[tuple[int, FloatArray]]:
         """Stamps [ns] and points; what cannot be used goes to ``skipped``."""
         from octo_arm_model.bags.reader import stamp_of
 
@@ -168,7 +168,7 @@ class _Frames:
                 stamp = stamp_of(message, stamp)
                 yield stamp, self._points(message, record.type_name)
             except OctoArmError as error:
-                skipped.append(Skip(self._topic, stamp, str(error)))
+                skipped.append(SkippedMessage(self._topic, stamp, str(error)))
 
     def _points(self, message: Any, type_name: str) -> FloatArray:
         """Points of a message, checked.

@@ -32,7 +32,7 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
-class Table:
+class DataTable:
     """A table; all columns but the first are numbers.
 
     Attributes:
@@ -65,7 +65,7 @@ class Picture:
     draw: Callable[[FigureBase], None]
 
 
-Block: TypeAlias = Heading | Paragraph | Table | Picture | Claim
+Block: TypeAlias = Heading | Paragraph | DataTable | Picture | Claim
 
 
 def verdict(holds: bool | None) -> str:

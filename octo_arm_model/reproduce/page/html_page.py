@@ -18,7 +18,7 @@ from octo_arm_model.reproduce.page.document import (
     Heading,
     Paragraph,
     Picture,
-    Table,
+    DataTable,
     typeset,
     verdict,
 )
@@ -89,7 +89,7 @@ def _element(block: Block) -> str:
             return f'<h{level}>{_text(text)}</h{level}>'
         case Paragraph(text):
             return f'<p>{_text(text)}</p>'
-        case Table():
+        case DataTable():
             return _table(block)
         case Picture():
             return _figure(block)
@@ -97,7 +97,7 @@ def _element(block: Block) -> str:
             return _claim(block)
 
 
-def _table(table: Table) -> str:
+def _table(table: DataTable) -> str:
     head = ''.join(f'<th>{_text(name)}</th>' for name in table.header)
     rows = '\n'.join(
         '<tr>' + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in table.rows
