@@ -12,7 +12,7 @@ setup(
     description='Shape of a tendon-driven soft arm from the tensions of its tendons.',
     license='Apache-2.0',
     maintainer='octo_arm_model maintainers',
-    maintainer_email='maintainers@octo-arm-model.example.org',
+    maintainer_email='unset@octo-arm-model.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed']},
     data_files=[

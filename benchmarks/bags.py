@@ -4,12 +4,11 @@ On one core, for the arm of Table 4. Every message of the recording is another s
 Written is the answer of the node: path, poses, strains and tip pose of 101 stations, 19 kB for
 every message, beside a copy of the message itself.
 
-    python benchmarks/bags.py [--seconds 60] [--folder /dev/shm]
+    python benchmarks/bags.py [--brief] [--seconds 60] [--folder /dev/shm]
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import tempfile
@@ -21,6 +20,7 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
+from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Config, load_config
 from octo_arm_model.bags.answers import Answers
@@ -85,8 +85,9 @@ def read_all(source: Path, config: Config) -> None:
 
 def main() -> None:
     """Record, replay and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seconds', type=float, default=20.0, help='of the recording')
+    parser = make_parser(__doc__)
+    length = 0.1 if IS_BRIEF else 20.0
+    parser.add_argument('--seconds', type=float, default=length, help='of the recording')
     parser.add_argument('--folder', type=Path, help='where to write (default: that of temp files)')
     options = parser.parse_args()
     if hasattr(os, 'sched_setaffinity'):

@@ -13,7 +13,7 @@ All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/
 that whatever else the machine does is no node's own. What the processor spends on an answer, one
 by one, depends least on that; it holds the threads of DDS as well.
 
-    python benchmarks/node.py
+    python benchmarks/node.py [--brief]
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
+from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
@@ -54,11 +55,12 @@ COMMANDS = {
     'ours': ['-m', 'octo_arm_model.ros.node.main', *QUIET, '--params-file', str(CONFIG_FILE)],
 }
 OTHERS = ('floor', 'plain', 'naive')
-TURNS = 3
-QUESTIONS = 1000
+TURNS = 1 if IS_BRIEF else 3
+QUESTIONS = 20 if IS_BRIEF else 1000
 LONGEST_LOOP = 4.0  # [s] of questions one by one
 RATES = (250, 500, 1000, 2000, 3000, 4000, 5000, 6500, 8000, 10000, 12000)  # [Hz]
-BURST = 1.0  # [s] at each rate
+MOST_RATES = 1 if IS_BRIEF else len(RATES)
+BURST = 0.2 if IS_BRIEF else 1.0  # [s] at each rate
 RISE = 1.03  # what one of the next two higher rates has to bring for more to be tried
 DEADLINE = 20.0  # [s] for a node to start or answer
 OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
@@ -217,7 +219,7 @@ class Client:
     def sustained(self) -> tuple[float, int]:
         """Most answers in a second [Hz], and the rate of questions it took [Hz]."""
         best, best_rate, in_vain = 0.0, 0, 0
-        for rate in RATES:
+        for rate in RATES[:MOST_RATES]:
             answered = self._burst(rate)
             in_vain = 0 if answered > RISE * best else in_vain + 1
             best, best_rate = max((best, best_rate), (answered, rate))
@@ -279,6 +281,7 @@ def measure(kind: str, domain: int) -> Measured:
 
 def main() -> None:
     """Print the table."""
+    make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     first_domain = 82 + 4 * (os.getpid() % 4)
     turns = [
@@ -302,7 +305,7 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    if sys.argv[1:]:
+    if sys.argv[1:2] and sys.argv[1] in OTHERS:
         answer_for_ever(sys.argv[1])
     else:
         main()

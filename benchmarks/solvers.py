@@ -5,7 +5,7 @@ the kinematics (1) likewise, read out at 101 stations. Everything is timed in th
 reported as ratios; the errors are against the same equations at tight tolerances. Loads: see
 `loaded_bvp`.
 
-    python benchmarks/solvers.py
+    python benchmarks/solvers.py [--brief]
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from brief import IS_BRIEF, make_parser
 from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
 from octo_arm_model import MODELS, Arm, Config, Loads, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.compiled import is_available
+from octo_arm_model.core.compiled.numba_build import is_available
 
 STATIONS = 101
-BATCH = 10_000
+BATCH = 100 if IS_BRIEF else 10_000
+MOST_REPEATS = 2 if IS_BRIEF else 1000
 
 
 class PaperWay:
@@ -121,7 +123,7 @@ class PaperWay:
 def seconds(work: Callable[[], object], repeats: int) -> float:
     """Median time of ``work`` [s]."""
     times = []
-    for _ in range(repeats):
+    for _ in range(min(repeats, MOST_REPEATS)):
         start = time.perf_counter()
         work()
         times.append(time.perf_counter() - start)
@@ -130,6 +132,7 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
 
 def main() -> None:
     """Print the tables."""
+    make_parser(__doc__).parse_args()
     config = load_config(preset_path('renda2012_table4'))
     arm = config.arm
     solvers = {model: Solver(arm, model, STATIONS) for model in MODELS}
@@ -180,7 +183,8 @@ def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
     print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
     print(f'{"way":24}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
     for way, solver in solvers.items():
-        single = seconds(lambda: [solver.solve(x) for x in sets[:500]], 3) / 500
+        some = sets[:500]
+        single = seconds(lambda: [solver.solve(x) for x in some], 3) / len(some)
         batch = seconds(lambda: solver.solve(sets), 3) / BATCH
         print(f'{way:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
 

@@ -5,7 +5,7 @@ browser looking. The browser draws without a graphics card, which takes all ther
 machine; it runs at a lower priority, so that what is measured is the viewer, not the drawing.
 Numbers depend on the machine, ratios less so. Needs chromium and chromedriver.
 
-    python benchmarks/viewer.py
+    python benchmarks/viewer.py [--brief]
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
+from brief import IS_BRIEF, make_parser
 from node import COMMANDS, Client, question
 from rclpy.node import Node
 
@@ -31,7 +32,7 @@ from octo_arm_model.viewer.options import LOOPBACK, PORT
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test'))
 
-ROUNDS = 3
+ROUNDS = 1 if IS_BRIEF else 3
 STEADY = 200  # [Hz]
 RATE = 60.0  # [Hz] of the tensions while pictures are counted
 COUNTED = 6.0  # [s]
@@ -134,6 +135,7 @@ def measure(kind: str, client: Client) -> Measured:
 
 def main() -> None:
     """Print the table."""
+    make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     domain = 60 + os.getpid() % 20
     os.environ['ROS_DOMAIN_ID'] = str(domain)

@@ -30,6 +30,13 @@ OLDEST, NEWEST = (3, 10), (3, 13)
 FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
 
 
+# Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
+_COMPILE = (
+    'from octo_arm_model import load_config;'
+    'load_config("config/renda2012_table4.yaml").solver(compiled=None)'
+)
+
+
 class CannotPrepare(Exception):
     """Something is missing that only the user can install."""
 
@@ -238,6 +245,20 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
     )  # fmt: skip
 
 
+def compile_solver(steps: Steps, folder: Path, venv: Path) -> None:
+    """Compile the solver, unless that was done since its sources changed."""
+    stamp = folder / 'compiled'
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / 'octo_arm_model' / 'core').rglob('*.py')):
+        digest.update(path.read_bytes())
+    wanted = digest.hexdigest()
+    if stamp.is_file() and stamp.read_text() == wanted:
+        return
+    steps.announce('compiling the solver')
+    steps.run(venv / 'bin' / 'python', '-c', _COMPILE, PYTHONPATH=str(ROOT))
+    stamp.write_text(wanted)
+
+
 def prepare() -> None:
     """Do what is not done yet.
 
@@ -251,6 +272,7 @@ def prepare() -> None:
     python = venv / 'bin' / 'python'
     # A link to a Python that is gone does not exist.
     if python.exists() and stamp.is_file() and stamp.read_text() == wanted:
+        compile_solver(Steps(folder, 1), folder, venv)
         return
     check_machine()
     folder.mkdir(parents=True, exist_ok=True)
@@ -265,7 +287,8 @@ def prepare() -> None:
     is_installed = (
         python.exists() and installed.is_file() and installed.read_text() == requirements
     )
-    steps = Steps(folder, 1 if is_installed else 3 if has_sourced_jazzy() else 4)
+    (folder / 'compiled').unlink(missing_ok=True)
+    steps = Steps(folder, 2 if is_installed else 4 if has_sourced_jazzy() else 5)
     if not is_installed:
         installed.unlink(missing_ok=True)
         for stale in ('build', 'install'):
@@ -273,6 +296,7 @@ def prepare() -> None:
         install(steps, venv)
         installed.write_text(requirements)
     build(steps, folder, venv)
+    compile_solver(steps, folder, venv)
     stamp.write_text(wanted)
 
 

@@ -19,7 +19,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.timer import Timer
 
 from octo_arm_model.core.errors import OctoArmError
@@ -27,11 +26,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import tensions_message
+from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.arm_server import WARNING_PERIOD
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
-from octo_arm_model.ros.node.diagnostics import PERIOD
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
+from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
@@ -55,23 +55,20 @@ class SimulatorNode(Node):
         self._counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
         self._reported = dict(self._counts)
         self._reason = ''
-        self._measured = self._open('tendon_tensions')
-        self._effective = self._open('ground_truth/tendon_tensions')
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 5)
+        self._measured, self._effective = (
+            create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
+            for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
+        )
+        self._diagnostics = create_publisher(
+            self, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
+        )
         self._live = LiveParameters(self, PARAMETERS, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
+        check_overrides(self)
         # Time of ROS may stand still; how the node is doing is told all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(PERIOD, partial(self._do, self._report), clock=clock)
-
-    def _open(self, topic: str) -> Any:
-        return self.create_publisher(
-            TendonTensions,
-            topic,
-            OUTPUT_QOS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self.create_timer(diagnostics.PERIOD, partial(self._do, self._report), clock=clock)
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
         """Go on with ``config``, of whose parameters ``names`` were set."""
@@ -152,10 +149,10 @@ class SimulatorNode(Node):
             status.message = f'{lately["refused"]} refused: {self._reason}'
         values = {
             'source': source,
-            'commands [Hz]': f'{lately["commands"] / PERIOD:.1f}',
+            'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
             'refused': self._counts['refused'],
             'last refusal': self._reason,
-            'readings [Hz]': f'{lately["published"] / PERIOD:.1f}',
+            'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
             'readings lost': self._counts['lost'],
         }
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

@@ -383,6 +383,7 @@ def test_ctrl_c_leaves_no_bag(
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('limit', [1000, 300_000, 1_500_000])
 def test_a_full_disk_leaves_no_bag(tmp_path: Path, storage: str, limit: int) -> None:
@@ -439,11 +440,12 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 # Beside the node --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('installed_to_the_last_bit')
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    import test_node
+    from ros.node import test_node
 
     tensions = random_tensions(ARM, 25)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])

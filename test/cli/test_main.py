@@ -40,7 +40,7 @@ from octo_arm_model.cli.main import main
             'highest tension of tendon_1_1 is -1.0 N, expected',
         ),
         (('inverse', 'renda2012_table4', '--bend', '0', '200'), 'bending angle is 3.49'),
-        ((*SOLVE, 'much'), "--tensions is not JSON at character 1, expected rows of numbers"),
+        ((*SOLVE, 'much'), '--tensions is not JSON at character 1, expected rows of numbers'),
         ((*SOLVE, '[[0,0'), '--tensions is not JSON at character 6, expected rows of numbers'),
         ((*SOLVE, '[[1,2,3,4]]'), 'tensions have shape (1, 4), expected (..., 3, 4)'),
         ((*SOLVE, '[[1,2],[3]]'), 'tensions must be numbers in rows of equal length'),

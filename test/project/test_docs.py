@@ -9,6 +9,8 @@ from checkout import ROOT
 
 from octo_arm_model import load_config
 
+pytestmark = pytest.mark.slow
+
 PAGES = sorted((ROOT / 'docs').glob('*.md'))
 # Plain text is what cannot run: pictures, and commands that never end or need an installed ROS.
 LANGUAGES = {'python', 'sh', 'yaml', 'text'}

@@ -13,6 +13,8 @@ sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 import soak
 
+pytestmark = pytest.mark.slow
+
 DOMAIN = 82 + 2 * (os.getpid() % 8)
 
 

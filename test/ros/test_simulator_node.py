@@ -28,6 +28,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')

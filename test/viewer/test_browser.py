@@ -28,6 +28,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.commander import as_shell_line
 
+pytestmark = pytest.mark.slow
+
 if not (CHROMIUM and CHROMEDRIVER):
     pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 

@@ -21,6 +21,7 @@ from octo_arm_model.ros.node.backbone_publishers import Outbox
 from octo_arm_model.ros.node.diagnostics import Health
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import INPUT_QOS, TOPICS, Inbox
+from octo_arm_model.ros.qos import check_overrides, create_subscription
 from octo_arm_model.wire.tension_template import Stamp
 
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
@@ -84,11 +85,16 @@ class Engine:
         self._live.begin()
 
     def activate(self) -> None:
-        """Start answering."""
+        """Start answering.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
         node = self._node
         self._health.is_active = True
         self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
-        wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
+        wrench = create_subscription(node, WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
+        self._wrench_topic = wrench.topic_name
         self._others = [
             (wrench, node.destroy_subscription),
             (node.create_service(Solve, 'solve', self._on_solve), node.destroy_service),
@@ -97,6 +103,7 @@ class Engine:
                 node.destroy_service,
             ),
         ]
+        check_overrides(node)
 
     def deactivate(self) -> None:
         """Stop answering."""
@@ -164,7 +171,7 @@ class Engine:
             if wrench.any() and prepared.solver.model != 'exact':
                 raise LoadError(f'model is {prepared.solver.model!r}, which has no tip wrench')
         except OctoArmError as error:
-            self._refuse('tip_wrench', error)
+            self._refuse(self._wrench_topic, error)
             return
         self._tip_wrench = wrench if wrench.any() else None
 

@@ -10,7 +10,6 @@ from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -21,6 +20,7 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.frames import broadcast, make_broadcaster, transforms
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import ArmMarkers
+from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr_templates import BackboneWriter
 from octo_arm_model.wire.tension_template import Stamp
 
@@ -57,12 +57,7 @@ class Outbox:
         self._frame = self._prefix = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        return self._node.create_publisher(
-            kind,
-            topic,
-            qos,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        return create_publisher(self._node, kind, topic, qos)
 
     def close(self) -> None:
         """Close them."""

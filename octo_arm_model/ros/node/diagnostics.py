@@ -6,11 +6,15 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.tension_template import Stamp
 
+TOPIC = '/diagnostics'
+QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
 # Stamps this far ahead of the node's clock are of another clock [s].
 _AHEAD = 0.1
@@ -45,7 +49,7 @@ class Health:
         self._now = 0.0
         self._reason = self._failure = ''
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 5)
+        self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         # Time of ROS may stand still or jump; silence has to be noticed all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)

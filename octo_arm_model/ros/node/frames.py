@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from octo_arm_model.analysis.arm_mesh import anchorage_stations
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.qos import create_publisher
 
 # What tf2_ros publishes and listens with; frames of many nodes share the topic.
 TF_TOPIC = '/tf'
@@ -69,7 +70,7 @@ def make_broadcaster(node: Node) -> Publisher | None:
             'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
         )
         return None
-    return node.create_publisher(TFMessage, TF_TOPIC, TF_QOS)
+    return create_publisher(node, TFMessage, TF_TOPIC, TF_QOS)
 
 
 def broadcast(broadcaster: Publisher, frames: list[TransformStamped]) -> None:

@@ -40,8 +40,13 @@ class ManagedOctoArmNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start answering."""
-        self._engine.activate()
+        """Start answering; a failure leaves the node as it was."""
+        try:
+            self._engine.activate()
+        except OctoArmError as error:
+            self.get_logger().error(f'not activated: {error}')
+            self._engine.deactivate()
+            return TransitionCallbackReturn.FAILURE
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

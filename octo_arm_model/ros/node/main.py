@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -56,8 +57,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
-        reason = str(error).split(', at /')[0]
-        return _fail(name, f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1')
+        return _fail(name, _explain(str(error).split(', at /')[0]))
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
@@ -86,6 +86,15 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
     return 0
+
+
+def _explain(reason: str) -> str:
+    """What rcl could not parse, and what to do where that can be told from it."""
+    if 'Error opening YAML file' in reason:
+        return f'{reason}: expected a file that exists and can be read, seen from {os.getcwd()}'
+    if 'Sequence should be of same type' in reason:
+        return f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1'
+    return reason
 
 
 def _fail(name: str, problem: str) -> int:

@@ -8,7 +8,6 @@ from typing import Any
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -16,6 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.tension_messages import READERS
 from octo_arm_model.wire.tension_template import Familiar, Stamp
 
@@ -32,7 +32,11 @@ TOPICS = tuple(READERS)
 
 
 class Inbox:
-    """Subscription to one topic of tensions."""
+    """Subscription to one topic of tensions.
+
+    Attributes:
+        topic: its whole name, as remapped.
+    """
 
     def __init__(
         self,
@@ -46,19 +50,15 @@ class Inbox:
         Messages are of the type of ``topic``, and it is heard under a name that begins with
         ``prefix``.
         """
-        self.topic = topic.replace('tendon_tensions', prefix, 1)
+        name = topic.replace('tendon_tensions', prefix, 1)
         type_name, self._read = READERS[topic]
         self._type = _CLASSES[type_name]
         self._answer, self._context = answer, node.context
         self._familiar: Familiar | None = None
-        self._subscription = node.create_subscription(
-            self._type,
-            self.topic,
-            self._drain,
-            INPUT_QOS,
-            raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        self._subscription = create_subscription(
+            node, self._type, name, self._drain, INPUT_QOS, raw=True
         )
+        self.topic = self._subscription.topic_name
 
     def close(self, node: Node) -> None:
         """Stop listening."""

@@ -20,6 +20,7 @@ from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.uncertainty import freedom_of
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Noise of the camera alone, and tensions that are wrong for all frames of a step."""
     parameters = {**PARAMETERS, 'material.youngs_modulus': 1.01 * TRUE, 'stations': 61}

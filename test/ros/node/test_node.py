@@ -34,6 +34,8 @@ from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPAC
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -631,7 +633,7 @@ node.run('stuck', Stuck)
         ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of the arm'),
         ('length: 0.45', '', 'body.length is missing'),
         ('length: 0.45', 'length: [0.45', 'parse'),
-        ('0.45, 0.315', '1, 0.315', 'Sequence should be of same type'),
+        ('0.45, 0.315', '1, 0.315', 'a list of doubles needs 1.0, not 1'),
         ('model: renda2012', 'model: octopus', "model is 'octopus', expected one of renda2012"),
         ('stations: 101', 'stations: 3', 'stations is 3, expected at least 4'),
     ],
@@ -646,6 +648,44 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
     assert process.returncode == 1
     assert complaint in complaints
     assert 'Traceback' not in complaints
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
+)
+def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments, tmp_path):
+    process = start('main', '--ros-args', *arguments, domain=next(DOMAINS))
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert arguments[-1] in complaints
+    assert '1.0, not 1' not in complaints
+    assert ('seen from' in complaints) == (arguments[-1] == 'nowhere.yaml')
+
+
+def test_a_refusal_names_the_topics_as_they_are_remapped(monkeypatch):
+    domain = next(DOMAINS)
+    process = start(
+        'main', '--ros-args', '--params-file', str(CONFIG_FILE),
+        '-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench', domain=domain,
+    )  # fmt: skip
+    client = Client(domain)
+    winch = client.node.create_publisher(TendonTensions, 'winch/tension', 10)
+    hand = client.node.create_publisher(WrenchStamped, '/hand/wrench', 10)
+    pulling = WrenchStamped()
+    pulling.wrench.force.x = 1.0
+
+    def told(*beginnings):
+        winch.publish(TendonTensions())
+        hand.publish(pulling)
+        said = [log.msg for log in client.logs]
+        return all(any(line.startswith(words) for line in said) for words in beginnings)
+
+    client.wait(lambda: told('/winch/tension refused', '/hand/wrench refused'), 'a refusal')
+    _, values = statuses(client, 'input')
+    assert '/winch/tension' in values['last refusal'] or '/hand/wrench' in values['last refusal']
+    client.close()
+    stop(process)
 
 
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
