@@ -131,8 +131,8 @@ class Measured(NamedTuple):
     def best(cls, turns: Sequence[Measured]) -> Measured:
         """The best of every number; the rates belong together."""
         quickest = max(turns, key=lambda turn: turn.answered)
-        smallest = (min(turn[i] for turn in turns) for i in range(3))
-        return cls(*smallest, quickest.answered, quickest.asked)
+        median, worst, spent = (min(turn[i] for turn in turns) for i in range(3))
+        return cls(median, worst, spent, quickest.answered, quickest.asked)
 
 
 def processor_time(process: int) -> float:

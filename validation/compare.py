@@ -124,7 +124,9 @@ def _telling(report: Report, what: str) -> Report:
     return lambda line: report(f'{what}: {line}')
 
 
-def _apart(some: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]) -> FloatArray:
+def _apart(
+    some: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]
+) -> FloatArray:
     """Distances of the tips [m]."""
     apart = [np.linalg.norm(a.tip - b.tip) for a, b in zip(some, others, strict=True)]
     return np.array(apart, dtype=np.float64)

@@ -22,7 +22,8 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.core.limits import MAX_PROFILE_ROWS
-from octo_arm_model.simulation.commands import TOPIC, CommandProfile, find_profile, profile_names
+from octo_arm_model.simulation.commands import TOPIC, find_profile, profile_names
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.profile_files import write_csv
 from octo_arm_model.terminal import StatusLine
 

@@ -22,8 +22,8 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
-from octo_arm_model.simulation.commands import TOPIC, transition
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _LOOK = 0.05  # [s] between looks
@@ -148,7 +148,11 @@ class _Player:
         self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
 
     def play(
-        self, profile: CommandProfile, speed: float, loop: bool, report: Callable[[float, float], None]
+        self,
+        profile: CommandProfile,
+        speed: float,
+        loop: bool,
+        report: Callable[[float, float], None],
     ) -> None:
         """Send ``profile`` to its last row, or until one more interruption."""
         allowed = self._interruptions.count

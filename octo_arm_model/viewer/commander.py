@@ -15,7 +15,7 @@ from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHIN
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.simulation.commands import CommandProfile, transition
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
 _FIGURES = {
@@ -70,7 +70,9 @@ class Commander:
         self.stop()
         self._way, self._began = transition(self.tensions, tensions, duration), now
 
-    def play(self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True) -> None:
+    def play(
+        self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
+    ) -> None:
         """Play ``profile`` from its beginning, after a smooth way there."""
         self.move(profile.at(0.0), now)
         self.profile, self._speed, self._loop = profile, speed, loop

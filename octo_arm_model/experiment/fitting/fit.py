@@ -113,8 +113,8 @@ class Problem:
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
         found = least_squares(
             fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
-            x_scale=[u.scale for u in unknowns], loss=robust_loss.loss, f_scale=scale, ftol=_TOLERANCE,
-            xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
+            x_scale=[u.scale for u in unknowns], loss=robust_loss.loss, f_scale=scale,
+            ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
             raise ConvergenceError(
@@ -147,7 +147,9 @@ class Problem:
         return x, scale
 
 
-def fit_alignment(shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str) -> Alignment:
+def fit_alignment(
+    shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
+) -> Alignment:
     """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
 
     Raises:

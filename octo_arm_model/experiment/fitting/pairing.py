@@ -65,5 +65,7 @@ def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]
     alignment = align(camera, base)
     for _ in range(_ROUNDS):
         away = alignment.to_base(camera) - base
-        alignment = align(camera, base, robust_loss.weights(away, robust_loss.scale_of(away, finest)))
+        alignment = align(
+            camera, base, robust_loss.weights(away, robust_loss.scale_of(away, finest))
+        )
     return alignment

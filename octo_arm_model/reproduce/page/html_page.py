@@ -15,10 +15,10 @@ from octo_arm_model.reproduce.page.document import (
     TITLE,
     WIDTH,
     Block,
+    DataTable,
     Heading,
     Paragraph,
     Picture,
-    DataTable,
     typeset,
     verdict,
 )
