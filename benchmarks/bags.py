@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# One core is one thread of BLAS as well; it looks when it is loaded.
+# One thread of BLAS too, which reads this when it is loaded.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
@@ -64,7 +64,7 @@ def record(path: Path, config: Config, count: int, storage: str) -> None:
 
 
 def clock(work: Callable[[], object]) -> tuple[float, float]:
-    """Seconds that ``work`` takes, and those of them that the core worked on it."""
+    """Seconds that ``work`` takes, and the processor time of it [s]."""
     began, worked = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - began, time.process_time() - worked

@@ -1,4 +1,4 @@
-"""The loaded arm by `scipy.integrate.solve_bvp`: the general-purpose way, to compare with.
+"""The loaded arm by `scipy.integrate.solve_bvp`, for comparison.
 
 Position, orientation and moment along every stretch between anchorages are unknowns, all stretches
 mapped onto the same interval and coupled at its ends. Strains come at each point from the balance

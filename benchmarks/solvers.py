@@ -1,4 +1,4 @@
-"""How much quicker, and how much closer, than general-purpose ways to solve the same models.
+"""Time and error against general-purpose ways to solve the same models.
 
 The paper's way: equations (10) to (12) with `solve_ivp`, RK23 at its default tolerances, then
 the kinematics (1) likewise, read out at 101 stations. Everything is timed in this one run and
@@ -165,7 +165,7 @@ def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
             way: seconds(lambda: solver.solve(tensions), 400) for way, solver in solvers.items()
         }
         for way, solver in solvers.items():
-            # The others are not the paper's equations: their own fine grid is the reference.
+            # Other models, other equations: the reference is a fine grid of the same model.
             fine = reference
             if solver.model != 'renda2012':
                 fine = Solver(arm, solver.model, 20 * STATIONS).solve(tensions).tip

@@ -35,7 +35,7 @@ autodoc_typehints = 'signature'
 autodoc_type_aliases = {name: name for name in ('ArrayLike', 'FloatArray', 'IntArray')}
 napoleon_use_ivar = True
 
-# The table that declares the parameters is the one that documents them.
+# The manual's tables of parameters are generated from their declarations.
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
 for _name, _table in (('parameters', PARAMETERS), ('simulator_parameters', SIMULATOR)):

@@ -1,4 +1,4 @@
-"""A case computed with elements, and the models held against it.
+"""A case solved with finite elements, and the models compared with it.
 
 Lengths of the answer are in mm, errors in % of the arm's length.
 """
@@ -37,7 +37,7 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
     for mesh in case.meshes:
         tell = _telling(report, f'{case.name}, mesh {mesh}')
         arms[mesh] = ElasticArm(case.arm, mesh, case.pulled, case.contact)
-        # From the best that is known; the first of all is followed from the unloaded arm.
+        # From the finest solution so far; the first is followed from the unloaded arm.
         nearest = case.basis if case.basis in shapes else case.meshes[0]
         known = shapes.get(nearest, [])
         guesses = [arms[mesh].guess(arms[nearest], shape.state) for shape in known]
@@ -99,7 +99,7 @@ def _variant(
     models: dict[str, list[Backbone]],
     report: Report,
 ) -> dict[str, Any]:
-    """What ``change`` of the contact or of nu does to the tip of the arm ``base``."""
+    """Displacement of the tip of the arm ``base`` by a ``change`` of the contact or of nu."""
     arm, contact = case.arm, dict(change)
     if 'poisson_ratio' in contact:
         ratio = contact.pop('poisson_ratio')

@@ -28,7 +28,7 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Contact:
-    """How tendons, discs and base hold the rubber.
+    """Constraints by tendons, discs and base.
 
     Attributes:
         sheath: radius of the tendons' sheaths [m]; None where the whole section holds a tendon.
@@ -101,7 +101,7 @@ class ElasticArm:
             SolidTendon(self.mesh, arm, number, contact.sheath, contact.steps) for number in pulled
         ]
         self._free = np.flatnonzero(~self._fixed(contact.clamped))
-        # Displacements and pressures of one size, for the pivots.
+        # Displacements and pressures of one magnitude, for the pivots.
         count = self.solid.displacements
         young = float(arm.material.youngs_modulus_at(0.0))
         self._scale = np.full(self.solid.size, young)
@@ -217,8 +217,8 @@ class ElasticArm:
                     return None
                 solve, count = self._factorised(self._hessian(tensions, state)), count + 1
             step = solve(-gradient)
-            # Bending turns a step's error into stretch, so a while of growth is no failure. With
-            # the stiffness of an earlier state a step must pay.
+            # Bending turns a step's error into stretch, so growth for a few steps is no failure.
+            # With the stiffness of an earlier state every step must lower the residual.
             allowed = _GROWTH * max(residual, 1e-3) if fresh else _REUSE * residual
             part = 1.0
             while True:

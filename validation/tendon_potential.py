@@ -56,7 +56,7 @@ class SolidTendon:
         return float(np.sum(np.linalg.norm(self._deformed(displacement), axis=0)))
 
     def gradient(self, displacement: FloatArray) -> FloatArray:
-        """Derivative (nodes, 3) of what of the length the mesh bears."""
+        """Derivative (nodes, 3) of the length, of which a half arm bears its part."""
         edges = self._deformed(displacement)
         towards = self._share * edges / np.linalg.norm(edges, axis=0)
         return np.stack([m.T @ t for m, t in zip(self._edges, towards)], axis=1)

@@ -1,4 +1,4 @@
-"""``octo-arm compare``: the model against what a camera saw."""
+"""``octo-arm compare``: the model against measured midlines."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
 
 
 def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str:
-    """The tables for people."""
+    """The tables in text."""
     lines = [*notes]
     for comparison in comparisons:
         lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]

@@ -1,4 +1,4 @@
-"""``octo-arm identify``: the arm from what a camera saw."""
+"""``octo-arm identify``: parameters of the arm from measured midlines."""
 
 from __future__ import annotations
 

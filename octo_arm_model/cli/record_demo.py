@@ -1,4 +1,4 @@
-"""``octo-arm record-demo``: a bag to try the other commands on."""
+"""``octo-arm record-demo``: a bag of a synthetic experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``octo-arm replay``: the shapes that belong to the tensions in a bag."""
+"""``octo-arm replay``: the shapes for the tensions in a bag."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ examples:
   octo-arm replay rosbag2_2024_05_02 shapes --topics /arm_1/tendon_tensions --storage sqlite3
   octo-arm replay experiment.mcap shapes --no-copy --json
 
-IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. Which arm it
-was says --config, or else the topic arm_description, on which the node says so. Messages that
+IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. The arm
+is that of --config, or else of the topic arm_description, which the node publishes. Messages that
 hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
 trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
@@ -120,7 +120,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def summary(report: Report) -> str:
-    """What a replay came to, for people."""
+    """Counts and reasons of a replay, in text."""
     lines = []
     for name, topic in report.topics.items():
         lines.append(f'{name}: {topic.answered} answered by {topic.model}')

@@ -25,14 +25,14 @@ from octo_arm_model.experiment.recording.midlines import (
 
 @dataclass(frozen=True)
 class StepComparison:
-    """One step: what was measured and what the model says.
+    """One step: the measurement, the solution and their distance.
 
     Attributes:
-        number: which of the steps, from 1.
-        shape: what was measured.
+        number: of the step, from 1.
+        shape: the measurement.
         measured: its midline in base_frame (m, 3) [m].
-        backbone: the model's answer.
-        errors: how far it is off.
+        backbone: the solution of the model.
+        errors: distances between the two.
     """
 
     number: int
@@ -50,9 +50,9 @@ class ModelComparison:
         model: its name.
         length: of the arm [m].
         alignment: transform camera to base.
-        steps: those the model has an answer for.
-        refused: what it says of the others.
-        notes: what is to be known of a fitted alignment.
+        steps: those with a solution.
+        refused: errors of the others.
+        notes: remarks on a fitted alignment.
     """
 
     model: str
@@ -75,10 +75,10 @@ def compare(
     model: str,
     alignment: Alignment | None,
 ) -> ModelComparison:
-    """Hold ``model`` of the arm of ``parameters`` against measured ``shapes``.
+    """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
-    Without ``alignment`` one is fitted, the same for all steps: it then hides whatever of the
-    model's error a motion of the camera explains.
+    Without ``alignment`` one is fitted, the same for all steps: it removes the part of the model's
+    error that a rigid motion of the camera explains.
 
     Raises:
         SolveError: if the model has no answer for any step.
@@ -101,7 +101,7 @@ def compare(
     if alignment is None:
         alignment = fit_alignment([shape for _, shape, _ in answered], parameters, model)
         notes.append(
-            'the alignment is fitted: it hides what of the error moving the camera explains'
+            'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
         notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]))
     steps = []

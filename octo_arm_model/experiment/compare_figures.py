@@ -18,7 +18,7 @@ from octo_arm_model.reproduce.plotting import LINES
 
 _MEASURED = '0.15'
 _FRAME = '0.78'
-# Of the length: farther out of the main plane a second view is worth having.
+# Of the length: arms farther out of the main plane have a second view.
 _FLAT = 0.05
 _MOST_FRAMES = 30
 
@@ -59,14 +59,14 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
-    """Everything modelled and measured, (n, 3) [m]."""
+    """All points of solutions and measurements, (n, 3) [m]."""
     parts = [part for one in comparisons for step in one.steps
              for part in (step.measured, step.backbone.position)]  # fmt: skip
     return np.concatenate(parts)
 
 
 def _axes(comparisons: Sequence[ModelComparison]) -> FloatArray:
-    """Directions to draw along (2 or 3, 3): the base's tangent, and where the arm bends to."""
+    """Axes of the views (2 or 3, 3): the base's tangent, and the principal bending direction."""
     backbone = comparisons[0].steps[0].backbone
     tangent = Quaternions.from_xyzw(backbone.quaternion[0]).matrix()[:, 0]
     away = _points(comparisons) - backbone.position[0]
@@ -81,7 +81,7 @@ def _axes(comparisons: Sequence[ModelComparison]) -> FloatArray:
 
 
 def _limits(comparisons: Sequence[ModelComparison], axes: FloatArray) -> FloatArray:
-    """Ends of each of the axes [mm], (2 or 3, 2), the same for all steps."""
+    """Limits of each of the axes [mm], (2 or 3, 2), the same for all steps."""
     shown = 1e3 * (_points(comparisons) - comparisons[0].steps[0].backbone.position[0]) @ axes.T
     margin = 0.06 * np.ptp(shown, axis=0).max()
     return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
@@ -104,7 +104,7 @@ def _draw_step(
     panels = figure.subplots(
         views, len(shown), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
     )
-    names = ('where it bends to [mm]', 'across that [mm]')
+    names = ('bending direction [mm]', 'across both [mm]')
     for column, (comparison, step) in enumerate(shown):
         for view in range(views):
             panel = panels[view, column]
@@ -158,7 +158,7 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
         tension = np.array([step.shape.tension for step in comparison.steps])
         order = np.argsort(tension, kind='stable')
         colour = LINES[comparison.model]['color']
-        # The paper's two models agree for one section: the second is drawn inside the first.
+        # The paper's two models agree for one section: the first is drawn wider.
         width = 1.6 if comparison.model != 'renda2012' else 4.0
         for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
             percent = comparison.percent(name)[order]

@@ -1,4 +1,4 @@
-"""The paper's tables: what it gives, and the models' side of what it measured."""
+"""The paper's tables: its parameters, and the models' numbers beside its measurements."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def finite_elements() -> DataTable:
 
 
 def tip_errors() -> DataTable:
-    """Table 1, the models' side of it."""
+    """Table 1, with the tips of the models."""
     rows = [
         (f'{tension:.2f}', f'{error:.1f}', *_tips('prototype', tension))
         for tension, error in PROTOTYPE_ERRORS.items()
@@ -139,7 +139,7 @@ def fetching() -> DataTable:
             shape = cases.solve('table4', model, pulled)
             rows.append((
                 f'{figure}, {model}', _point(shape, 3), f'{cases.tip_distance(shape) * 1e3:.1f}',
-                f'{100.0 * shape.q.min():.0f}', f'{cases.twist(shape):.2f}',
+                f'{100.0 * shape.q.min():.0f}', f'{cases.tip_rotation(shape):.2f}',
             ))  # fmt: skip
     return DataTable(
         'Figures 14 and 15 in numbers.',

@@ -25,22 +25,22 @@ from octo_arm_model.simulation.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
 HOLD_TIME = 1.0  # [s] in each posture
-TURN_TIME = 6.0  # [s] for the bending plane to go round once
+TURN_TIME = 6.0  # [s] in which the bending plane turns once
 TURNS = 3
 SWEEP_TIME = 10.0  # [s] for each tendon
 SWEEP = (0.2, 1.0)  # [Hz], from and to; the mean times SWEEP_TIME is a whole number of periods
-SAMPLE = 0.02  # [s] between the rows of what is no sequence of postures
-# Of what `default_highest` says for this compression: clearly seen, and far from the limits.
+SAMPLE = 0.02  # [s] between the rows of movements that are no sequences of postures
+# The compression for `default_highest`: clearly visible, and far from the limits.
 _COMPRESSION = 0.1
 
 
 @dataclass(frozen=True)
 class Movement:
-    """A profile that is made for an arm when it is wanted.
+    """A profile that is computed for a given arm.
 
     Attributes:
-        description: what it does, for a person who chooses.
-        profile: makes it for an arm, with largest tensions [N] or None for what the arm bears.
+        description: what it does, as it is listed.
+        profile: computes it for an arm and largest tensions [N]; None for `default_highest`.
         objection: why an arm cannot make it; empty if it can.
     """
 
@@ -75,7 +75,7 @@ def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str
             f'these tensions are for {shape[0]} sections of {shape[1]} tendons, such as '
             f'{preset}, those of this arm have shape {arm.tension_shape}'
         )
-    # As the paper's model has it: q = N / (E A), and at -1 nothing is left.
+    # The paper's q = N / (E A); at -1 the arm has no length.
     ends = np.array([section.anchorage for section in arm.sections])
     axial = SectionStiffness.at(arm, ends).axial
     for posture in postures:
@@ -135,7 +135,7 @@ def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
 
 
 def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
-    """Section 6.1 of the paper, gone round: tensions whose bending plane turns steadily."""
+    """Section 6.1 of the paper: tensions whose bending plane turns at a constant rate."""
     objection = _rotating_objection(arm)
     if objection:
         raise ProfileError(objection)

@@ -1,4 +1,4 @@
-"""Command profiles in files, CSV and YAML; whatever is wrong is told with its line."""
+"""Command profiles in CSV and YAML files; errors name the line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from octo_arm_model.simulation.profile import CommandProfile
 
 
 class _Row(NamedTuple):
-    """What is written for one time, and in which lines."""
+    """The texts of one row, and their lines."""
 
     time_line: int
     time: str
@@ -35,7 +35,7 @@ _NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*
 
 
 class _LineError(Exception):
-    """A problem and the line it is in."""
+    """A problem with a line of the file."""
 
     def __init__(self, line: int, problem: str) -> None:
         super().__init__(f'line {line}: {problem}')
@@ -70,7 +70,7 @@ def _read(path: str | Path, arm: Arm) -> CommandProfile:
     except _LineError as error:
         raise ProfileError(f'{path}, {error}') from None
     except ProfileError as error:
-        # Tensions are known to be such by then: what is wrong with a row is its time.
+        # Tensions were checked before: what is wrong with a row is its time.
         where = '' if error.row is None else f', line {rows[error.row].time_line}'
         raise ProfileError(f'{path}{where}: {error}') from None
 

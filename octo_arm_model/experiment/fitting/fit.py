@@ -19,7 +19,7 @@ from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
-# Residuals count as none below this part of the length: recordings are no better.
+# Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6
 _ROUNDS = 10
 _SETTLED = 1e-2  # of the scale between two rounds
@@ -31,8 +31,8 @@ class Problem:
     """Residuals of all steps, and their derivatives by the unknowns.
 
     Attributes:
-        shapes: what was measured.
-        unknowns: what is fitted.
+        shapes: the measurements.
+        unknowns: the parameters to fit.
         length: of the arm [m].
     """
 
@@ -46,7 +46,7 @@ class Problem:
         self._backbones: dict[int, Backbone] = {}
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:
-        """The model's answer for a ``step`` at ``x``.
+        """Solution for a ``step`` at ``x``.
 
         Raises:
             SolveError: if it has none.
@@ -82,7 +82,7 @@ class Problem:
         return [self.change(x, step) for step in range(len(self.shapes))]
 
     def scale(self, x: FloatArray) -> float:
-        """Scale of the robust loss that the residuals at ``x`` ask for [m]."""
+        """Scale of the robust loss, from the residuals at ``x`` [m]."""
         away = [self.residuals(x, step) for step in range(len(self.shapes))]
         return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
 
@@ -97,13 +97,13 @@ class Problem:
         """
         chosen = range(len(self.shapes)) if steps is None else steps
         for step in chosen:
-            self.backbone(x, step)  # Said here where there is none, and not as a trial.
+            self.backbone(x, step)  # Without a solution here it is an error, not a rejected trial.
 
         def fun(x: FloatArray) -> FloatArray:
             try:
                 return np.concatenate([self.residuals(x, step) for step in chosen]).ravel()
             except (SolveError, ArmDefinitionError):
-                # No such arm, or no answer: a shorter step is tried.
+                # No such arm or no solution: infinite residuals, so that the step is shortened.
                 return np.full(sum(self.shapes[step].points.size for step in chosen), np.inf)
 
         def jacobian(x: FloatArray) -> FloatArray:
@@ -123,7 +123,7 @@ class Problem:
         return found.x
 
     def solve(self) -> tuple[FloatArray, float]:
-        """The fit: minimum and scale in turn, until neither moves.
+        """The fit: minimum and scale alternately, until both settle.
 
         Returns:
             x and the scale of the robust loss [m].

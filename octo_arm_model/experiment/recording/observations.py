@@ -21,14 +21,14 @@ from octo_arm_model.experiment.recording.steady_windows import SteadyRule, stead
 
 @dataclass(frozen=True)
 class Pairing:
-    """How frames find their tensions.
+    """How frames are paired with tensions.
 
     Attributes:
         steady: what counts as steady.
         tolerance: how far stamps may be off: a frame has a sample of tensions within this time,
             and lies at least that far inside its window [s].
         offset: added to the stamps of frames [s]; None to find it from the motion.
-        base_end: 'first' or 'last' point of the midlines; None to tell from which one stays.
+        base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
     """
 
     steady: SteadyRule = field(default_factory=SteadyRule)
@@ -39,12 +39,12 @@ class Pairing:
 
 @dataclass(frozen=True)
 class Observations:
-    """What a recording says of the arm.
+    """The shapes of a recording.
 
     Attributes:
         shapes: one for each steady step with frames.
         offset: added to the stamps of frames [s].
-        notes: how they were got at, in words.
+        notes: the decisions made, in words.
     """
 
     shapes: tuple[MeasuredShape, ...]
@@ -123,7 +123,7 @@ def _offset(
     frames: Sequence[FloatArray],
     notes: list[str],
 ) -> float:
-    """Offset of the camera's clock, given or found."""
+    """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
         return pairing.offset
     tips = np.array([points[-1] for points in frames])

@@ -1,4 +1,4 @@
-"""The page, block by block. Needs matplotlib."""
+"""The blocks of the page, in the order of the paper. Needs matplotlib."""
 
 from __future__ import annotations
 

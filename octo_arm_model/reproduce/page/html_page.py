@@ -69,7 +69,7 @@ tr:last-child td { border-bottom: 1px solid #111; }
 
 
 def as_html(blocks: Iterable[Block]) -> str:
-    """The ``blocks`` as one HTML file, well-formed XML at that."""
+    """The ``blocks`` as one HTML file, which is well-formed XML too."""
     content = '\n'.join(_element(block) for block in blocks)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8"/>\n'
@@ -124,7 +124,7 @@ def _svg(picture: Picture) -> bytes:
         figure = Figure(figsize=(WIDTH, picture.height))
         picture.draw(figure)
         file = io.BytesIO()
-        # Without the date the same page comes out the same.
+        # Without the date, so that the same figure gives the same file.
         figure.savefig(file, format='svg', metadata={'Date': None})
     return file.getvalue()
 

@@ -75,3 +75,30 @@ def test_the_same_picture_comes_out_the_same() -> None:
     picture = Picture('Figure 12', 'DOF & "more" <than> that', 3.0, figures.figure_12)
     assert as_html([picture]) == as_html([picture])
     assert 'DOF &amp; &quot;more&quot; &lt;than&gt;' in as_html([picture])
+
+
+@pytest.mark.slow
+def test_a_browser_prints_it_on_a4_with_nothing_cut_off(folder: Path) -> None:
+    pytest.importorskip('selenium')
+    from browser import CHROMEDRIVER, Browser
+
+    if not CHROMEDRIVER:
+        pytest.skip('needs chromedriver')
+    browser = Browser((folder / 'renda2012.html').as_uri())
+    try:
+        command = browser.driver.execute_cdp_cmd
+        printed = command('Page.printToPDF', {'preferCSSPageSize': True})
+        # The width between the margins, 170 mm, in CSS pixels.
+        metrics = {'width': 642, 'height': 971, 'deviceScaleFactor': 1, 'mobile': False}
+        command('Emulation.setDeviceMetricsOverride', metrics)
+        command('Emulation.setEmulatedMedia', {'media': 'print'})
+        widest = browser.driver.execute_script(
+            'return Math.max(...[...document.querySelectorAll("*")].map(e => e.scrollWidth))'
+        )
+    finally:
+        browser.close()
+    pdf = base64.b64decode(printed['data'])
+    sizes = re.findall(rb'/MediaBox \[0 0 (\S+) (\S+)\]', pdf)
+    assert len(sizes) > 5
+    assert {(round(float(x)), round(float(y))) for x, y in sizes} == {(595, 842)}
+    assert widest <= 642
