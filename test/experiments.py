@@ -108,7 +108,7 @@ def recording(
     rate: float = 10.0,
     **changes: Any,
 ) -> Recording:
-    """A camera that sees the arm follow a staircase at once, its clock ``ahead`` [s]."""
+    """Frames of an arm that follows a staircase without lag, their clock ``ahead`` by [s]."""
     time, pulled = staircase(held)
     tensions = np.zeros((time.size, 4))
     tensions[:, 0] = pulled

@@ -32,7 +32,7 @@ class Wound:
         backbone: its shape; ``backbone.tensions`` are the tensions of all tendons [N].
         displacement: by how much each tendon is shorter than in the unloaded arm [m], of
             `Arm.tension_shape`; more than was wound where it is slack.
-        slack: names of wound tendons whose tension is zero.
+        slack: names of wound tendons without tension that are longer than their path.
     """
 
     backbone: Backbone
@@ -116,7 +116,7 @@ class _Winding:
                     found, left = self._solve(tensions, backbone)
                 except SolveError:
                     found = None
-                # Sufficient decrease of the slope along the step (strong Wolfe, 0.9).
+                # Curvature condition: past the maximum the slope may not grow to 0.9 of the first.
                 moved = new - pull
                 if found is not None and left @ moved <= 0.9 * np.abs(excess @ moved):
                     break

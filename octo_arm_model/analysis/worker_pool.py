@@ -30,7 +30,7 @@ _CONNECT = 5.0  # how long a scheduler may take to answer [s]
 
 
 class Solved(NamedTuple):
-    """Of a chunk: which sets have an answer (sets,), their tips and directions (answers, 3)."""
+    """A chunk: whether each set has a solution (sets,), tips and directions (solutions, 3)."""
 
     kept: np.ndarray
     tip: FloatArray
@@ -38,7 +38,7 @@ class Solved(NamedTuple):
 
 
 Job = tuple[Config, str | None, int | None]  # the arguments of `Config.solver` and itself
-# By number of the chunk, in any order; closed, it ends what it started.
+# By number of the chunk, in any order; closing it ends the workers it started.
 Results = Generator[tuple[int, Solved], None, None]
 
 

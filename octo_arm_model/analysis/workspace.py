@@ -29,7 +29,7 @@ CHUNK = 64
 
 @dataclass(frozen=True)
 class Workspace:
-    """Tips that an arm reaches; ``n`` sets of tensions have an answer.
+    """Tips that an arm reaches, for ``n`` sets of tensions that have a solution.
 
     Attributes:
         tensions: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence.

@@ -91,7 +91,7 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 def read_options(
     options: argparse.Namespace,
 ) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
-    """What `add_recording`'s options ask for.
+    """The recording of `add_recording`'s options, and how it is to be compared.
 
     Returns:
         The recording, what it says, the models, the alignment (None for one to be fitted) and

@@ -195,7 +195,7 @@ def as_dict(
 
 
 def summary(best: Identification, fitted: Sequence[Identification], notes: Sequence[str]) -> str:
-    """The same for people."""
+    """The same in text."""
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return options.run(options) or 0
     except KeyboardInterrupt as interrupt:
-        # As shells report SIGINT; whoever was interrupted may say what is missing.
+        # The status by which shells report SIGINT; the command may say what is not written.
         print(
             'octo-arm: ' + ', '.join(['interrupted', *map(str, interrupt.args)]), file=sys.stderr
         )

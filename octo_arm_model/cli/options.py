@@ -66,7 +66,7 @@ def add_path(parser: argparse.ArgumentParser, name: str, metavar: str, text: str
 def add_config_option(
     parser: argparse.ArgumentParser, default: str | None, otherwise: str = '', more: str = ''
 ) -> None:
-    """Add ``--config`` with a ``default``, or ``otherwise`` what is used where it is not given."""
+    """Add ``--config``; its help names the ``default``, or ``otherwise`` where there is none."""
     parser.add_argument(
         '--config',
         default=default,
@@ -101,7 +101,7 @@ def add_storage(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def unwritten(out: Path) -> Iterator[None]:
-    """An interrupt herein says that ``out`` is not written."""
+    """Have a KeyboardInterrupt say that ``out`` is not written."""
     try:
         yield
     except KeyboardInterrupt:
@@ -114,7 +114,7 @@ def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> No
 
 
 def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
-    """Add ``--highest``, bounds of the tensions; ``default`` says what they are without it."""
+    """Add ``--highest``, bounds of the tensions; ``default`` describes the default."""
     parser.add_argument(
         '--highest',
         metavar='N',
@@ -124,7 +124,7 @@ def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> 
 
 
 def read_highest(options: argparse.Namespace) -> Any:
-    """What ``--highest`` holds; None where it is not given.
+    """Value of ``--highest``; None where it is not given.
 
     Raises:
         TensionError: if it is not JSON, or neither a number nor a list.
@@ -161,7 +161,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 
 
 def read_config(options: argparse.Namespace) -> Config:
-    """The config that `add_config`'s options ask for.
+    """The config of `add_config`'s options.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the

@@ -6,13 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.cli.options import (
-    add_config,
-    add_json,
-    new_command,
-    read_config,
-    read_json,
-)
+from octo_arm_model.cli.options import add_config, add_json, new_command, read_config, read_json
 from octo_arm_model.cli.report import as_dict, summary
 from octo_arm_model.core.errors import TensionError
 

@@ -119,7 +119,7 @@ def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
 
 
 def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
-    """How many tips there are and how far they reach, for people: millimetres."""
+    """Number and extent of the tips in text, in millimetres."""
     reached, refused = len(workspace.tip), workspace.refused
     lines = [
         f'model     {model}',

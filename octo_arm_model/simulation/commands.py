@@ -17,7 +17,7 @@ TOPIC = 'tendon_commands'
 
 
 def profile_names(arm: Arm) -> dict[str, str]:
-    """Names of the movements that ``arm`` can make, and what they are."""
+    """Names and descriptions of the movements that ``arm`` can make."""
     return {
         name: movement.description
         for name, movement in MOVEMENTS.items()

@@ -52,8 +52,8 @@ def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(
     part = (found.backbone.tensions / HIGHEST).ravel()
     jacobian = solver.sensitivity(found.backbone).by_tension.tip[:3] * HIGHEST.ravel()
     free = part > 1e-6
-    # Karush, Kuhn and Tucker: effort's gradient is a combination of the constraints' on what is
-    # free, and would have to push what is at its bound below it.
+    # Karush, Kuhn and Tucker: on free tensions the gradient of the effort is a combination of the
+    # gradients of the constraints, on those at a bound its multiplier has the right sign.
     multipliers = np.linalg.lstsq(jacobian[:, free].T, part[free], rcond=None)[0]
     np.testing.assert_allclose(jacobian[:, free].T @ multipliers, part[free], atol=1e-4)
     assert (jacobian[:, ~free].T @ multipliers <= 1e-4).all()
@@ -91,7 +91,7 @@ def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:
 def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(solver: Solver) -> None:
     found = find_tensions(solver, TipPosition([1.0, 0.0, 0.0]), HIGHEST)
     assert not found.reached
-    # The straight arm is the nearest there is.
+    # The straight arm has the least error.
     assert found.error == pytest.approx(0.55, abs=1e-6)
     np.testing.assert_allclose(found.backbone.tensions, 0.0, atol=1e-4)
 
@@ -107,7 +107,7 @@ def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver: Solver
     )  # fmt: skip
     assert stiff.reached
     assert stiff.stiffness == pytest.approx(1.2 * soft, rel=1e-4)
-    # By the force it takes: a small push along the direction.
+    # The stiffness by its definition: a small force along the direction.
     push = 1e-5
     pushed = solver.solve(stiff.backbone.tensions, [0, push, 0, 0, 0, 0])
     assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)

@@ -10,14 +10,7 @@ import sys
 import pytest
 from workspaces import HIGHEST, TOO_HIGH, assert_same
 
-from octo_arm_model import (
-    Arm,
-    Body,
-    Config,
-    ConfigError,
-    Function,
-    Material,
-)
+from octo_arm_model import Arm, Body, Config, ConfigError, Function, Material
 from octo_arm_model.analysis import worker_pool
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 

@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 from workspaces import HIGHEST, TOO_HIGH, assert_same
 
-from octo_arm_model import (
-    Config,
-    ConfigError,
-    SolveError,
-    TensionError,
-)
+from octo_arm_model import Config, ConfigError, SolveError, TensionError
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
 
 def loaded(config: Config) -> Config:
-    """The same arm, heavy."""
+    """The same arm with a density, in gravity."""
     material = dataclasses.replace(config.arm.material, density=1080.0)
     return dataclasses.replace(
         config,
@@ -33,7 +28,7 @@ def test_tensions_lie_in_the_box_and_fill_it(cloud: Workspace) -> None:
     assert cloud.tensions.shape == (4 * CHUNK, 3, 4)
     assert part.min() >= 0.0
     assert part.max() <= 1.0
-    # Evenly: of a power of two of Sobol's points there are as many in every eighth.
+    # Evenly: of a power of two of Sobol points each eighth holds the same number.
     eighths = np.floor(part.reshape(len(part), -1) * 8.0).astype(int)
     for tendon in eighths.T:
         np.testing.assert_array_equal(np.bincount(tendon), len(part) // 8)

@@ -8,14 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from experiments import (
-    PARAMETERS,
-    midline,
-    one_tendon,
-    path_sample,
-    pose_sample,
-    staircase_bag,
-)
+from experiments import PARAMETERS, midline, one_tendon, path_sample, pose_sample, staircase_bag
 from recordings import Sample
 
 from octo_arm_model.cli.main import main

@@ -7,15 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments import (
-    FAR,
-    PARAMETERS,
-    TRUE,
-    midline,
-    one_tendon,
-    path_sample,
-    staircase_bag,
-)
+from experiments import FAR, PARAMETERS, TRUE, midline, one_tendon, path_sample, staircase_bag
 from recordings import Sample
 
 from octo_arm_model import load_config
@@ -25,7 +17,7 @@ from octo_arm_model.config.config import load_parameters
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An arm of modulus `TRUE` that the model closed_form is right for, and a camera afar."""
+    """An arm of modulus `TRUE` by the model closed_form, and a camera away from base_frame."""
     rng = np.random.default_rng(0)
 
     def see(tension: float, stamp_ns: int) -> Sample:
@@ -55,12 +47,12 @@ def test_the_command_fits_every_model_and_writes_the_best(
     assert len(said['cross_validation']['left_out']) == 4
     assert {one['model'] for one in said['models']} == {'closed_form', 'exact'}
     assert "midlines are in 'camera'" in ' '.join(said['notes'])
-    # What was written is that arm, and how well it is known.
+    # The file describes the fitted arm, with the standard deviation of its modulus.
     config = load_config(out)
     assert config.model == 'closed_form'
     assert config.arm.material.youngs_modulus == young['value']
     assert config.uncertainty.youngs_modulus == pytest.approx(young['stddev'] / young['value'])
-    # It differs from what it began with in nothing else.
+    # All other parameters are unchanged.
     changed = {'model', 'material.youngs_modulus', 'material.youngs_modulus_stddev'}
     fitted = load_parameters(out)
     assert {name: fitted[name] for name in fitted if name not in changed} == {
@@ -97,7 +89,7 @@ def test_a_model_that_lacks_a_derivative_is_wrong_input(
     fits = ['--fit', 'youngs_modulus', 'poisson_ratio', '--align', 'fit']
     assert main(['identify', str(bag), '--model', 'renda2012', *fits]) == 2
     assert 'renda2012 has no derivative by poisson_ratio' in capsys.readouterr().err
-    # Of all models, that which has one is left; but here it changes nothing.
+    # Of all models one has the derivative; here it is zero.
     assert main(['identify', str(bag), '--model', 'all', *fits]) == 1
     out = capsys.readouterr().out
     assert 'renda2012 is not fitted: the model renda2012 has no derivative' in out

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from workspaces import HIGHEST
 
-from octo_arm_model import (
-    Config,
-)
+from octo_arm_model import Config
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.cli import workspace
 from octo_arm_model.cli.main import main
@@ -32,7 +30,7 @@ def assert_picture(path: Path) -> np.ndarray:
 
 
 def colourful(picture: np.ndarray) -> int:
-    """Number of dots in colour left of the colour bar."""
+    """Number of coloured pixels left of the colour bar."""
     return int((np.ptp(picture[:, :1180], axis=-1) > 0.2).sum())
 
 

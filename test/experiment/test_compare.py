@@ -4,14 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from experiments import (
-    ARM,
-    FAR,
-    PARAMETERS,
-    midline,
-    one_tendon,
-    shapes,
-)
+from experiments import ARM, FAR, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
@@ -70,7 +63,7 @@ def test_a_fitted_alignment_takes_away_what_a_camera_could_explain() -> None:
     assert comparison.percent('hausdorff') == pytest.approx([0.0] * 3, abs=0.02)
     assert 'it hides what of the error moving the camera explains' in comparison.notes[0]
     assert 'mirror image' in comparison.notes[1]
-    # The known one says the same, a wrong one is noticed.
+    # The true alignment gives the same errors, a wrong one larger ones.
     assert compared(lines, FAR).percent('max') == pytest.approx([0.0] * 3, abs=0.01)
     with pytest.raises(MeasurementError, match='is the alignment right'):
         compared(lines, Alignment.none())

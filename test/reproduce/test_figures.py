@@ -29,7 +29,7 @@ def test_every_figure_shows_all_models_inside_its_axes(name: str) -> None:
         assert len({colours.count(style['color']) for style in plotting.LINES.values()}) == 1
         assert colours
         for line in axes.lines:
-            # In space the axes are turned; what is drawn there is seen by the limits in turn.
+            # Axes in space are projected: their limits contain all points by `limits`.
             if axes.name != '3d':
                 points = axes.transData.transform(line.get_xydata())
                 box = axes.bbox.padded(1.0)

@@ -27,7 +27,7 @@ _FEW = 5
 
 @dataclass(frozen=True)
 class MeasuredShape:
-    """What was measured in one steady step.
+    """Measured shape of one steady step.
 
     Attributes:
         window: when, and its tensions.

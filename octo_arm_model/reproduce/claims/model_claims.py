@@ -52,7 +52,7 @@ def weight() -> Claim:
     """Section 4."""
     config = cases.config('prototype')
     tensions = cases.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
-    # Across the plane of motion, which the camera looked down on.
+    # Normal to the plane of motion; the camera looked down on it.
     loads = Loads(gravity=(0.0, 0.0, -9.81))
 
     def sag(difference: float) -> float:

@@ -6,19 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from experiments import (
-    FAR,
-    HELD,
-    PARAMETERS,
-    midline,
-    one_tendon,
-    shapes,
-)
+from experiments import FAR, HELD, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import (
-    MeasurementError,
-)
+from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.experiment.fitting.fit import fit_alignment
 
 
@@ -27,7 +18,7 @@ def test_the_camera_is_found_despite_outliers_and_midlines_that_begin_late() -> 
     pulls = [one_tendon(tension) for tension in HELD]
     lines = [FAR.to_camera(midline('closed_form', pull)[3:]) for pull in pulls]
     seen = shapes(lines, pulls, rng, noise=2e-4)
-    # A third of one midline is nowhere near the arm.
+    # A third of one midline is far from the arm.
     lost = seen[4].points.copy()
     lost[-15:] += [0.04, -0.03, 0.02]
     seen[4] = dataclasses.replace(seen[4], points=lost)

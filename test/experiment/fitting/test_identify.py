@@ -6,17 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from experiments import (
-    FAR,
-    PARAMETERS,
-    PULLS,
-    TRUE,
-    measured,
-    midline,
-    one_tendon,
-    shapes,
-    tips,
-)
+from experiments import FAR, PARAMETERS, PULLS, TRUE, measured, midline, one_tendon, shapes, tips
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
@@ -76,7 +66,7 @@ def test_displaced_tendons_and_poissons_ratio_are_found() -> None:
         'tendon_offset.tendon_1_1': pytest.approx(4e-4, abs=2e-5),
         'tendon_offset.tendon_1_2': pytest.approx(-3e-4, abs=2e-5),
     }
-    # The others are not pulled: nothing could be said of them.
+    # The other tendons are not pulled, so they have no unknown.
     again = Config.from_parameters(fitted.parameters).solver().solve([pulls[4]]).tip
     np.testing.assert_allclose(again, lines[4][-1], atol=2e-4)
 
@@ -98,7 +88,7 @@ def test_the_model_that_made_the_data_explains_them_best() -> None:
     fitted = {model: identify(steps, PARAMETERS, model) for model in ('renda2012', 'exact')}
     assert fitted['exact'].cross_validation.rms < 0.3 * fitted['renda2012'].cross_validation.rms
     assert not any('biases the estimates' in note for note in fitted['exact'].notes)
-    # The other makes up for what it lacks by another modulus, and it is said that it may.
+    # The other model compensates by another modulus, and a note says so.
     assert abs(values(fitted['renda2012'])['youngs_modulus'] / TRUE - 1.0) > 0.03
     assert any('biases the estimates' in note for note in fitted['renda2012'].notes)
 

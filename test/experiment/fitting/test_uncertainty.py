@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from experiments import (
-    PARAMETERS,
-    PULLS,
-    TRUE,
-    measured,
-    midline,
-    one_tendon,
-    shapes,
-    tips,
-)
+from experiments import PARAMETERS, PULLS, TRUE, measured, midline, one_tendon, shapes, tips
 from scipy.stats import binom
 
 from octo_arm_model.experiment.fitting.identify import identify
@@ -82,7 +73,7 @@ def test_strong_correlations_are_pointed_out() -> None:
         'hardly tell youngs_modulus and tendon_offset.tendon_1_1 apart' in note
         for note in fitted.notes
     )
-    # Little is known of each, and the intervals say so.
+    # Each is determined badly, and the intervals are wide.
     for name, true in (('youngs_modulus', TRUE), ('tendon_offset.tendon_1_1', 0.0)):
         low, high = fitted.estimates[name].interval95
         assert low <= true <= high

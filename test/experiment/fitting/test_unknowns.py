@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from differences import jacobian
-from experiments import (
-    FAR,
-    PARAMETERS,
-    measured,
-    midline,
-    shapes,
-)
+from experiments import FAR, PARAMETERS, measured, midline, shapes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -51,7 +45,7 @@ def test_the_jacobian_is_that_of_differences(step: int, seed: int) -> None:
     x[unknowns.names.index('poisson_ratio')] = 0.3
     got = problem.change(x, step)
     expected = jacobian(lambda x: problem.residuals(x, step), x, 1e-5 * sizes)
-    # A point that crosses from one straight piece of the model to the next has two derivatives.
+    # A point that crosses from one segment of the model to the next has two derivatives.
     close = np.isclose(got * sizes, expected * sizes, rtol=1e-4, atol=1e-6 * np.abs(got).max())
     assert close.mean() > 0.97
 

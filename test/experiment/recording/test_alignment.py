@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from differences import jacobian
-from experiments import (
-    circle,
-    midline,
-    one_tendon,
-)
+from experiments import circle, midline, one_tendon
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from experiments import (
-    ARM,
-    recording,
-)
+from experiments import ARM, recording
 
 from octo_arm_model.experiment.recording.clock_offset import clock_offset
 

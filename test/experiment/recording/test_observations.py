@@ -6,16 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from experiments import (
-    FAR,
-    HELD,
-    midline,
-    recording,
-)
+from experiments import FAR, HELD, midline, recording
 
-from octo_arm_model.core.errors import (
-    SolveError,
-)
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.experiment.recording.mean_midlines import POINTS
 from octo_arm_model.experiment.recording.observations import Pairing, observe
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule

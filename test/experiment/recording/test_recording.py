@@ -18,13 +18,8 @@ from experiments import (
     tension_samples,
 )
 
-from octo_arm_model.core.errors import (
-    BagError,
-    ConfigError,
-)
-from octo_arm_model.experiment.recording.alignment import (
-    Alignment,
-)
+from octo_arm_model.core.errors import BagError, ConfigError
+from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.observations import observe
 from octo_arm_model.experiment.recording.recording import read_recording
 

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from experiments import (
-    HELD,
-    staircase,
-)
+from experiments import HELD, staircase
 
-from octo_arm_model.core.errors import (
-    ArmDefinitionError,
-)
+from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule, Window, steady_windows
 
 

@@ -23,7 +23,7 @@ def claims() -> list[Claim]:
 def test_no_claim_of_the_paper_fails_for_its_own_model(make: Callable[[], Claim]) -> None:
     claim = make()
     assert not claim.fails, claim.findings['renda2012'].value
-    # Either every model is asked, or it is said why none can be.
+    # Every model has a finding, or the check says why none can have one.
     assert tuple(claim.findings) == MODELS or claim.check.startswith('Cannot be checked: ')
 
 

@@ -25,7 +25,7 @@ def claims() -> list[Claim]:
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the command makes, with every warning an error."""
+    """Folder that the command writes; warnings of the package are errors."""
     pytest.importorskip('matplotlib')
     folder = tmp_path_factory.mktemp('reproduce') / 'new' / 'folder'
     assert main(['reproduce', str(folder)]) == 0
