@@ -61,7 +61,7 @@ def test_a_fitted_alignment_takes_away_what_a_camera_could_explain() -> None:
     lines = [FAR.to_camera(answer(tension)) for tension in STEPS]
     comparison = compared(lines, None)
     assert comparison.percent('hausdorff') == pytest.approx([0.0] * 3, abs=0.02)
-    assert 'it hides what of the error moving the camera explains' in comparison.notes[0]
+    assert 'it removes the error that a motion of the camera explains' in comparison.notes[0]
     assert 'mirror image' in comparison.notes[1]
     # The true alignment gives the same errors, a wrong one larger ones.
     assert compared(lines, FAR).percent('max') == pytest.approx([0.0] * 3, abs=0.01)
