@@ -16,12 +16,13 @@ from octo_arm_model import TipPosition, find_tensions, load_config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.child_processes import children
 from octo_arm_model.ros.node.main import make_executor
+from octo_arm_model.simulation.limits import tendon_limits
 
 CONFIG = 'config/renda2012_table4.yaml'
 RATE = 200.0  # [Hz]
 PERIOD = 8.0  # of the circle [s]
 GAIN = 4.0  # [1/s]
-HIGHEST = 1.0  # [N]
+HIGHEST = 1.0  # [N], or the limit of a tendon where that is less
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
 
 
@@ -43,7 +44,11 @@ class Controller(Node):
         super().__init__('controller')
         config = load_config(CONFIG)
         self.solver = config.solver('closed_form', stations=41)
-        start = find_tensions(config.solver('exact'), TipPosition(wanted(0.0)[0]), highest=HIGHEST)
+        # Nothing beyond the limit of a tendon is taken.
+        self.highest = np.minimum(HIGHEST, tendon_limits(config))
+        target = TipPosition(wanted(0.0)[0])
+        highest = self.highest.reshape(config.arm.tension_shape)
+        start = find_tensions(config.solver('exact'), target, highest=highest)
         self.tensions = start.backbone.tensions.ravel().copy()
         self.command = TendonTensions(name=list(config.arm.tendon_names))
         self.tip: FloatArray | None = None
@@ -68,7 +73,7 @@ class Controller(Node):
             jacobian = self.solver.sensitivity(backbone).by_tension.tip[:3]
             damped = jacobian @ jacobian.T + 1e-4 * np.eye(3)
             change = jacobian.T @ np.linalg.solve(damped, speed + GAIN * error)
-            self.tensions = np.clip(self.tensions + change / RATE, 0.0, HIGHEST)
+            self.tensions = np.clip(self.tensions + change / RATE, 0.0, self.highest)
             self.errors.append(float(np.linalg.norm(error)))
             self.steps += 1
             if self.steps % int(2 * RATE) == 0:

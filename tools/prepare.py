@@ -221,12 +221,16 @@ def mend_cmake_files(venv: Path) -> None:
 
 
 def build(steps: Steps, folder: Path, venv: Path) -> None:
-    """Both packages with colcon, beside each other in ``folder``/install."""
+    """The packages with colcon, beside each other in ``folder``/install."""
     steps.announce('building octo_arm_msgs and octo_arm_model with colcon')
     colcon: str | Path = 'colcon'
     python = Path(sys.executable)
     environment = {}
+    packages: list[object] = ['.', 'msg_defs']
     if not has_sourced_jazzy():
+        # No wheel has it. A sourced ROS is never given a second one, which would hide its own.
+        if not (venv / 'share' / 'tf2_msgs').is_dir():
+            packages.append(Path('tools') / 'ros_packages' / 'tf2_msgs')
         colcon, python = venv / 'bin' / 'colcon', venv / 'bin' / 'python'
         environment = {
             'PATH': f'{venv / "bin"}{os.pathsep}{os.environ["PATH"]}',
@@ -236,7 +240,7 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
     steps.run(
         colcon,
         '--log-base', folder / 'log', 'build',
-        '--base-paths', '.', 'msg_defs',
+        '--base-paths', *packages,
         '--build-base', folder / 'build',
         '--install-base', folder / 'install',
         '--symlink-install',

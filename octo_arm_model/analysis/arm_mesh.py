@@ -51,7 +51,9 @@ class Drawing:
     Attributes:
         triangles: vertices of each triangle of the body, anticlockwise seen from outside,
             (triangles, 3).
+        disc_count: how many discs there are.
         disc_thickness: [m].
+        tendon_points: how many points each tendon is drawn through.
         line_width: of a tendon [m].
     """
 
@@ -80,6 +82,8 @@ class Drawing:
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
         self.triangles = _triangles(self._rings.size, sides)
+        self.disc_count = self._anchorages.size
+        self.tendon_points = [int(end) + 1 for end in self._tendon_ends]
         self.disc_thickness = DISC_THICKNESS * arm.length
         self.line_width = LINE_WIDTH * arm.length
 

@@ -17,6 +17,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import profile_names
 from octo_arm_model.terminal import StatusLine, make_parser
 from octo_arm_model.viewer.options import add_address
@@ -84,9 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        client = ArmClient(Node('octo_arm_demo'))
         try:
+            start_ros([])
+            client = ArmClient(Node('octo_arm_demo'))
             step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
         except OctoArmError as error:
             return _fail(error)
@@ -111,7 +112,7 @@ def _viewing(
     except ModuleNotFoundError as error:
         print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
         return _watching(client)
-    server = stack.enter_context(serving(options.host, options.port))
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
     return Viewer(server, client, always=True).step
 
 

@@ -87,7 +87,7 @@ class Answers:
             covariance = self._solver.tip_covariance(backbone, self._uncertainty)
         except SolveError as error:
             return Answer((), str(error), is_failure=True)
-        writer, stamp = self._writer, divmod(reading.stamp_ns, 10**9)
+        writer, stamp = self._writer, reading.stamp
         messages = [
             writer.path(backbone, *stamp),
             writer.poses(backbone, *stamp),
@@ -104,7 +104,7 @@ class Answers:
             return []
         sets = [np.asarray(reading.tensions) for reading in readings]
         tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
-        stamps = np.array([reading.stamp_ns for reading in readings])
+        stamps = np.array([reading.stamp for reading in readings])
         answers: list[Answer] = []
         for part, result in self._solve(tensions, 0):
             if isinstance(result, SolveError):

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys.store import Typestore
 
+from octo_arm_model.bags.limits import check_size, expand_message
+from octo_arm_model.bags.metadata import check_folder
+from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import types_for
 from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.tension_template import Stamp
 
 
 class Record(NamedTuple):
@@ -33,16 +38,31 @@ class Record(NamedTuple):
     data: bytes
 
 
-def stamp_of(message: Any, received_ns: int) -> int:
-    """Stamp of a decoded message [ns]: that of its header, as the node takes it.
+def stamp_of(message: Any, received_ns: int) -> Stamp:
+    """Stamp of a decoded message: that of its header, as the node takes it.
 
     The time of receipt where it has no header, or an unset stamp.
     """
     header = getattr(message, 'header', None)
-    if header is None:
-        return received_ns
-    stamp: int = header.stamp.sec * 10**9 + header.stamp.nanosec
-    return stamp or received_ns
+    if header is not None and (header.stamp.sec or header.stamp.nanosec):
+        return Stamp(header.stamp.sec, header.stamp.nanosec)
+    return Stamp.from_ns(received_ns)
+
+
+Key = tuple[str, str]  # a topic and the type of messages on it
+
+
+def _counts(connections: Iterable[Connection]) -> Counter[Key]:
+    """How many messages there are of each type on each topic."""
+    counts = Counter[Key]()
+    for connection in connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    return counts
+
+
+def _counts_of(counts: Counter[Key], connections: Iterable[Connection]) -> dict[Key, int]:
+    """Those of ``counts`` that are of ``connections``."""
+    return {key: counts[key] for key in {(one.topic, one.msgtype) for one in connections}}
 
 
 class BagReader:
@@ -54,6 +74,7 @@ class BagReader:
         metadata: custom data of its recording.
         start_ns: when its first message was received [ns].
         duration: from its first message to its last [s].
+        notes: what there is to know of its state.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -70,17 +91,58 @@ class BagReader:
                 f'{self.path}: not a bag, or one whose recording did not end: no metadata.yaml; '
                 'where there is a .mcap or .db3 file in it, give that'
             )
+        self.metadata: dict[str, str] = {}
+        self.notes: list[str] = []
         with self._damage():
-            self._reader = Reader(self.path)
+            if self.path.is_dir():
+                self.metadata = check_folder(self.path)
+            self._reader = BoundedReader(self.path)
             self._reader.open()
+        try:
+            with self._damage():
+                self._look()
+        except BaseException:
+            self.close()
+            raise
+
+    def _look(self) -> None:
+        """See what there is, and whether the bag and its files say the same of it.
+
+        Raises:
+            ValueError: if they do not.
+        """
+        storage = self._reader.storage
+        files = storage.storages if isinstance(storage, DirectoryReader) else [storage]
+        self._is_each_compressed = storage.metadata.compression_mode == 'message'
+        if self._is_each_compressed:
+            # They are expanded here, within bounds.
+            storage.metadata = storage.metadata._replace(compression_mode=None)
         self._stores: dict[str, Typestore] = {}
         self._connections = list(self._reader.connections)
         types: dict[str, set[str]] = {}
         for connection in self._connections:
             types.setdefault(connection.topic, set()).add(connection.msgtype)
         self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
-        self.metadata: dict[str, str] = dict(self._reader.storage.metadata.custom or {})
-        count = self._reader.message_count
+        said = _counts(self._connections)
+        self._counts = _counts(connection for file in files for connection in file.connections)
+        for key in said | self._counts:
+            topic, found, expected = key[0], self._counts[key], said[key]
+            if found < expected:
+                raise ValueError(f'{found} messages found of {expected} on {topic}')
+            if found > expected and key not in said:
+                raise ValueError(f'{found} messages of {key[1]} on {topic} that it does not list')
+            if found > expected:
+                self.notes.append(f'{topic}: {found} messages, more than the {expected} it says')
+        for file in files:
+            found, expected = sum(_counts(file.connections).values()), file.metadata.message_count
+            if found != expected:
+                raise ValueError(f'{found} messages found of {expected} that it says it holds')
+            if isinstance(file, CheckedSqlite3Reader) and file.missing:
+                self.notes.append(
+                    f'{file.path.name}: {file.missing} message(s) of {expected + file.missing} '
+                    'are not there, by their numbers: deleted or lost'
+                )
+        count = sum(self._counts.values())
         self.start_ns = self._reader.start_time if count else 0
         # rosbags counts the last nanosecond in.
         self.duration = 1e-9 * max(self._reader.duration - 1, 0)
@@ -133,7 +195,7 @@ class BagReader:
         Raises:
             BagError: if there is no such topic.
         """
-        return sum(connection.msgcount for connection in self.connections(topics))
+        return sum(_counts_of(self._counts, self.connections(topics)).values())
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
         """Messages of ``topics``, of all if None, in the order in which they were received.
@@ -143,17 +205,25 @@ class BagReader:
                 than it says.
         """
         wanted = self.connections(topics)
-        expected, found = self.count(topics), 0
         if not wanted:
             return
+        expected, found = _counts_of(self._counts, wanted), Counter[Key]()
         with self._damage():
             for connection, received_ns, data in self._reader.messages(wanted):
-                found += 1
-                yield Record(connection.topic, connection.msgtype, received_ns, data)
-        if found < expected:
-            raise BagError(
-                f'{self.path}: {found} messages found of {expected} that the bag says it holds'
-            )
+                topic, type_name = key = connection.topic, connection.msgtype
+                found[key] += 1
+                check_size(len(data), f'a message on {topic}')
+                if not 0 <= received_ns < 2**63:
+                    raise ValueError(f'a message on {topic} received at {received_ns} ns')
+                if self._is_each_compressed:
+                    data = expand_message(data)
+                yield Record(topic, type_name, received_ns, data)
+        for key, count in expected.items():
+            if found[key] < count:
+                raise BagError(
+                    f'{self.path}: {found[key]} messages found of {count} on {key[0]} that the '
+                    'bag says it holds'
+                )
 
     def decode(self, record: Record) -> Any:
         """The message of a ``record``, an object of rosbags.

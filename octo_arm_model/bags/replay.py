@@ -133,6 +133,7 @@ def replay(
         done += len(records)
         progress(done, total)
     _check(reader, report)
+    report.notes += reader.notes
     return report
 
 

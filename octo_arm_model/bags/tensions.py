@@ -16,6 +16,7 @@ from octo_arm_model.core.errors import OctoArmError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.wire.tension_template import Stamp
 
 TYPES = tuple(type_name for type_name, _ in READERS.values())
 _READ = dict(READERS.values())
@@ -32,14 +33,19 @@ class Reading(NamedTuple):
     """What a message says.
 
     Attributes:
-        stamp_ns: its stamp, see `stamp_of` [ns].
+        stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
         tensions: of `Arm.tension_shape` [N]; None if it was refused.
         reason: why it was refused, or ''.
     """
 
-    stamp_ns: int
+    stamp: Stamp
     tensions: FloatArray | None
     reason: str
+
+    @property
+    def stamp_ns(self) -> int:
+        """Its stamp [ns]."""
+        return self.stamp.ns
 
 
 def read_tensions(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:
@@ -72,7 +78,7 @@ class TensionTopic:
         if self._pattern is not None:
             readings = self._pattern.read(records, self._arm)
         return [
-            readings[number] if number in readings else self._read_alone(record)
+            _stampable(readings[number] if number in readings else self._read_alone(record))
             for number, record in enumerate(records)
         ]
 
@@ -82,7 +88,7 @@ class TensionTopic:
             found = self._pattern.read([record], self._arm)
             if found:
                 return found[0]
-        stamp = record.received_ns
+        stamp = Stamp.from_ns(record.received_ns)
         try:
             message = self._reader.decode(record)
             stamp = stamp_of(message, record.received_ns)
@@ -143,12 +149,12 @@ class _Pattern(NamedTuple):
         is_same = (block[:, self.is_constant] == self.data[self.is_constant]).all(axis=1)
         places = list(itertools.compress(places, is_same))
         block = block[is_same]
-        stamps = [records[number].received_ns for number in places]
+        stamps = [Stamp.from_ns(records[number].received_ns) for number in places]
         if self.has_stamp:
-            sec = block[:, 4:8].copy().view('<i4')[:, 0].astype(np.int64)
-            nanosec = block[:, 8:12].copy().view('<u4')[:, 0]
-            given = (sec * 10**9 + nanosec).tolist()
-            stamps = [stamp or received for stamp, received in zip(given, stamps)]
+            sec = block[:, 4:8].copy().view('<i4')[:, 0].tolist()
+            nanosec = block[:, 8:12].copy().view('<u4')[:, 0].tolist()
+            given = map(Stamp, sec, nanosec)
+            stamps = [one if any(one) else received for one, received in zip(given, stamps)]
         numbers = block[:, size - 8 * self.order.size :].copy().view('<f8')[:, self.order]
         tensions = numbers.reshape(-1, *arm.tension_shape)
         try:
@@ -160,7 +166,15 @@ class _Pattern(NamedTuple):
         return dict(zip(places, readings))
 
 
-def _checked(arm: Arm, stamp: int, tensions: FloatArray) -> Reading:
+def _stampable(reading: Reading) -> Reading:
+    """The ``reading``, refused where no stamp can hold the time of its receipt."""
+    if reading.tensions is None or -(2**31) <= reading.stamp.sec < 2**31:
+        return reading
+    reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
+    return reading._replace(tensions=None, reason=reason)
+
+
+def _checked(arm: Arm, stamp: Stamp, tensions: FloatArray) -> Reading:
     try:
         return Reading(stamp, check_tensions(arm, tensions), '')
     except TensionError as error:

@@ -22,7 +22,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.bags.mcap import QuickMcapWriter
@@ -52,7 +52,26 @@ _OUTPUT = _qos(5, QosDurability.VOLATILE)
 _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
-class _Sqlite3Writer(Sqlite3Writer):
+class _Numbered:
+    path: Path
+
+    """Names the file as the recorder does, and `ros2 bag reindex` wants: the first of its bag."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)  # type: ignore[call-arg]
+        self._opened = self.path
+        self.path = path / f'{path.name}_0{self.path.suffix}'
+
+    def close(self, version: int, metadata: str) -> None:
+        super().close(version, metadata)  # type: ignore[misc]
+        self._opened.rename(self.path)
+
+
+class _McapWriter(_Numbered, QuickMcapWriter):
+    pass
+
+
+class _Sqlite3Writer(_Numbered, Sqlite3Writer):
     """That of rosbags with pages that hold several messages.
 
     It keeps no journal: what fails is discarded whole.
@@ -68,7 +87,7 @@ class _Writer(Writer):
 
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
         **Writer.STORAGE_PLUGINS,
-        StoragePlugin.MCAP: QuickMcapWriter,
+        StoragePlugin.MCAP: _McapWriter,
         StoragePlugin.SQLITE3: _Sqlite3Writer,
     }
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Iterator, Sequence
 
 from octo_arm_model.cli import (
     compare,
     identify,
     inverse,
+    load,
     play,
     record_demo,
     replay,
@@ -23,8 +29,9 @@ from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import make_parser
 
 _COMMANDS = (
-    solve, compare, record_demo, identify, inverse, play, replay, reproduce, workspace,
+    solve, compare, record_demo, identify, inverse, load, play, replay, reproduce, workspace,
 )  # fmt: skip
+_TWICE = 1.0  # [s] in which another signal is the same one
 _EPILOG = """\
 examples:
   octo-arm solve renda2012_table4 --tensions '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'
@@ -34,6 +41,7 @@ examples:
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm play --list
+  octo-arm load renda2012_table2 --node /octo_arm
   octo-arm record-demo experiment
   octo-arm compare experiment --out compared
   octo-arm identify experiment --model all --out fitted.yaml
@@ -41,6 +49,7 @@ examples:
   octo-arm reproduce reproduced
 
 exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong, 130 interrupted
+(143 by SIGTERM, 129 by SIGHUP)
 """
 
 
@@ -59,9 +68,50 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    options = build_parser().parse_args(arguments)
-    show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
+    with _interrupting() as received:
+        status = _run(arguments)
+    return 128 + received[0] if received else status
+
+
+@contextlib.contextmanager
+def _interrupting() -> Iterator[list[int]]:
+    """Have every signal that ends the program interrupt it, so that it tidies up.
+
+    Yields:
+        Which has come, if one has.
+    """
+    received: list[int] = []
+    newest = -math.inf
+
+    def interrupt(number: int, frame: object) -> None:
+        nonlocal newest
+        # Some send it twice, such as `timeout`, to the program and its group; tidying up goes on.
+        if (now := time.monotonic()) < newest + _TWICE:
+            return
+        newest = now
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if threading.current_thread() is threading.main_thread()
+    }
+    # What whoever started the program ignores stays so.
+    before = {number: how for number, how in before.items() if how != signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, interrupt)
     try:
+        yield received
+    finally:
+        for number, how in before.items():
+            signal.signal(number, how)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    try:
+        options = build_parser().parse_args(arguments)
+        show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         return options.run(options) or 0
     except KeyboardInterrupt as interrupt:
         # The status by which shells report SIGINT; the command may say what is not written.
@@ -79,6 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, 2)
     except ModuleNotFoundError as error:
         return _fail(f'needs {error.name}; install it with: pip install {error.name}', 2)
+    except MemoryError:
+        return _fail('out of memory', 2)
 
 
 def _fail(problem: object, status: int) -> int:

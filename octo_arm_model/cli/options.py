@@ -138,9 +138,14 @@ def read_highest(options: argparse.Namespace) -> Any:
     return highest
 
 
+def add_config_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the argument ``CONFIG``."""
+    parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
+
+
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the arm, and the options that replace values of its file."""
-    parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
+    add_config_argument(parser)
     add_model(parser)
     parser.add_argument(
         '--stations', type=int, metavar='N', help='stations, instead of those of the config'

@@ -17,6 +17,7 @@ from octo_arm_model.cli.options import (
     new_command,
     read_highest,
 )
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
@@ -32,7 +33,8 @@ Pull the tendons of an arm along a profile: publish its tensions on tendon_comma
 simulator octo_arm_sim or real winches listen. PROFILE is a movement of --list, or a file. A CSV
 file has the columns time [s] and one of tensions [N] for each tendon, by name; a YAML file has
 times:, tensions: (a row for each time, tendons from the tip) and, if wanted, interpolation:
-smooth, linear or steps. At the end, and at Ctrl-C, the tendons are let go smoothly.
+smooth, linear or steps. What goes beyond a tendon's limit (tendon_limits of the arm) is not
+played. At the end, and at Ctrl-C, the tendons are let go smoothly.
 """
 _EPILOG = """\
 examples:
@@ -82,7 +84,8 @@ def _run(options: argparse.Namespace) -> None:
     lowest, highest = _RATES
     if not lowest <= options.rate <= highest:
         raise ArmDefinitionError('--rate', options.rate, f'{lowest} to {highest} [Hz]')
-    arm = find_config(options.config).arm
+    config = find_config(options.config)
+    arm = config.arm
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
@@ -92,7 +95,7 @@ def _run(options: argparse.Namespace) -> None:
     if options.csv or options.plot:
         _write(options, profile, arm)
     else:
-        _play(options, profile, arm)
+        _play(options, profile, config)
 
 
 def _listing(arm: Arm) -> str:
@@ -125,7 +128,7 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
         print(options.plot)
 
 
-def _play(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> None:
+def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) -> None:
     try:
         from octo_arm_model.ros.profile_player import play
     except ModuleNotFoundError as error:
@@ -140,7 +143,7 @@ def _play(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> Non
     with StatusLine(sys.stderr) as line:
         play(
             profile,
-            arm,
+            config,
             topic=options.topic,
             speed=options.speed,
             loop=options.loop,

@@ -12,7 +12,7 @@ from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vec
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.limits import MAX_POINT_LOADS
 from octo_arm_model.core.sensitivity.results import Uncertainty
@@ -50,6 +50,19 @@ def build_loads(given: Values) -> Loads:
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
     )
+
+
+def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
+    """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
+
+    Raises:
+        ConfigError: if they are not as many as the tendons.
+        ArmDefinitionError: if one is not finite or not > 0.
+    """
+    limits = given['tendon_limits']
+    if limits:
+        _check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
+    return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
 
 
 def build_uncertainty(given: Values) -> Uncertainty:

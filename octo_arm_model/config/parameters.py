@@ -55,6 +55,16 @@ class Parameter:
         return word + '[]' if self.is_array else word
 
     @property
+    def default_or_none_given(self) -> Any:
+        """Value where none is given, in ROS, where every parameter has one.
+
+        Of one that must be given that is zero or an empty list.
+        """
+        if self.default is not None:
+            return self.default
+        return () if self.is_array else self.kind()
+
+    @property
     def table_row(self) -> str:
         """Row of a Markdown table: name, type, default and meaning."""
         default = list(self.default or ()) if self.is_array else self.default
@@ -178,6 +188,9 @@ PARAMETERS = (
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
+    Parameter('tendon_limits', float,
+              'largest tension that may be commanded of each tendon [N], section by section from '
+              'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
               (0.0, 0.0, 0.0), is_array=True),
     Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,
@@ -198,6 +211,18 @@ PARAMETERS = (
     Parameter('loads.distributed_force', float,
               'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
               (), is_array=True),
+    Parameter('markers_rate', float,
+              'how often markers are published at most [Hz]; 0 for every shape', 30.0,
+              range='>= 0'),
+    Parameter('diagnostics.silence_limit', float,
+              'time without tensions after which diagnostics warn of silence [s]', 2.0,
+              range='>= 0'),
+    Parameter('diagnostics.age_limit', float,
+              'age on arrival from which stamps of tensions are called old [s]', 1.0,
+              range='>= 0'),
+    Parameter('diagnostics.ahead_limit', float,
+              'how far stamps of tensions may be ahead of the clock, beside twice the last step '
+              'of a simulated one [s]', 0.1, range='>= 0'),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),
     Parameter('material.youngs_modulus_stddev', float,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 _SHOWN = 200  # characters of a value in a message
+_LONGEST = 300  # characters of what went wrong that are worth keeping
 
 
 def shown(value: object) -> str:
@@ -41,6 +42,10 @@ class TensionError(OctoArmError, ValueError):
 
 class LoadError(OctoArmError, ValueError):
     """A load given with the tensions is not one."""
+
+
+class MessageError(OctoArmError, ValueError):
+    """What arrived on a topic is no message of its type."""
 
 
 class TargetError(OctoArmError, ValueError):
@@ -109,3 +114,12 @@ class ConvergenceError(SolveError):
         self.residual = residual
         self.iterations = iterations
         self.iterate = iterate
+
+
+def in_short(error: Exception) -> str:
+    """What an ``error`` says, without the middle where that is long, as names from outside are."""
+    text = str(error)
+    if len(text) <= _LONGEST:
+        return text
+    half = (_LONGEST - 5) // 2
+    return f'{text[:half]} ... {text[-half:]}'

@@ -1,7 +1,7 @@
 """How large what is given from outside may be: one table, checked where each thing enters.
 
 What an arm costs grows in proportion to its stations, to its intervals and to its tendons at each
-of them. Within these bounds every model answers within seconds and half a gigabyte.
+of them. Within these bounds every model answers within seconds to tens of seconds and a gigabyte.
 """
 
 from __future__ import annotations

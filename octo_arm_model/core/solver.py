@@ -17,6 +17,7 @@ from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import ConfigError, ConvergenceError, LoadError, SolveError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.equilibrium import Condition
+from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loaded_arm import LoadedArm
 from octo_arm_model.core.models.closed_form import ClosedForm
@@ -87,7 +88,8 @@ class Solver:
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, or the stations are too few.
-            ArmDefinitionError: if a load does not fit the arm.
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
                 whatever it raises.
         """
@@ -109,10 +111,14 @@ class Solver:
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
         product = self.grid.nodes.size * len(arm.tendons)
         self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+        stiffness = SectionStiffness.at(arm, self.grid.nodes)
         # The axial force is a difference of terms of this size; further up it is all rounding.
-        self._largest_tension = 1e6 * float(SectionStiffness.at(arm, self.grid.nodes).axial.min())
-        self._load_table = LoadTable(arm, self.grid, loads)
+        self._largest_tension = 1e6 * float(stiffness.axial.min())
+        with np.errstate(over='ignore', invalid='ignore'):
+            self._load_table = LoadTable(arm, self.grid, loads)
         self._wrench = loads.tip_wrench
+        self._limits = LoadLimits(stiffness)
+        self._limits.check_loads(loads, self._load_table)
         self._is_loaded = not self._load_table.is_empty or bool(self._wrench.any())
         nodes, section = self.grid.nodes, self.grid.node_section
         self._statics: Statics
@@ -150,7 +156,8 @@ class Solver:
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
-            LoadError: if the tip's wrench is not six finite numbers.
+            LoadError: if the tip's wrench is not six finite numbers, or larger than
+                `LoadLimits` allow.
             ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer; never a guess in its place.
         """
@@ -163,13 +170,11 @@ class Solver:
         lead = checked.shape[: -len(self.arm.tension_shape)]
         wrench, is_loaded = self._wrench, self._is_loaded
         if tip_wrench is not None:
-            wrench = wrench + _check_wrench(tip_wrench)
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
             is_loaded = not self._load_table.is_empty or bool(wrench.any())
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         checked = checked.copy()
-        if is_loaded and self.model != 'exact':
-            raise ConfigError(_NO_LOADS.format(self.model))
         wrenches = np.broadcast_to(wrench, (*lead, 6)) if lead else wrench
 
         if start is not None:
@@ -206,6 +211,19 @@ class Solver:
                     error.in_batch(part.start, part.stop - part.start)
                 raise
         return results.backbone(self.model, checked, wrenches, lead)
+
+    def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
+        """Return ``tip_wrench`` (..., 6) as a float array.
+
+        Raises:
+            LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
+            ConfigError: if it is not zero and the model has no loads.
+        """
+        wrench = _check_wrench(tip_wrench)
+        if wrench.any() and self.model != 'exact':
+            raise ConfigError(_NO_LOADS.format(self.model))
+        self._limits.check_tip_wrench(wrench)
+        return wrench
 
     def follow(
         self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None

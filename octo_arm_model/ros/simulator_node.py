@@ -18,26 +18,26 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.timer import Timer
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node import diagnostics
-from octo_arm_model.ros.node.arm_server import WARNING_PERIOD
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 
 
-class SimulatorNode(Node):
+class SimulatorNode(CheckedNode):
     """Publishes what load cells would read."""
 
     def __init__(self, **options: Any) -> None:
@@ -46,9 +46,7 @@ class SimulatorNode(Node):
         Raises:
             OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
         """
-        super().__init__(
-            'octo_arm_sim', automatically_declare_parameters_from_overrides=True, **options
-        )
+        super().__init__('octo_arm_sim', **options)
         self._config: SimulatorConfig | None = None
         self._timer: Timer | None = None
         self._last: int | None = None
@@ -62,7 +60,8 @@ class SimulatorNode(Node):
         self._diagnostics = create_publisher(
             self, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
         )
-        self._live = LiveParameters(self, PARAMETERS, SimulatorConfig.from_parameters, self._use)
+        table = (*ARM_PARAMETERS, *PARAMETERS)
+        self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
         check_overrides(self)
@@ -79,6 +78,9 @@ class SimulatorNode(Node):
             self._command: FloatArray = np.zeros(len(tendons))
         else:
             self._hardware.change(config.hardware)
+            if (self._command > config.limits).any():
+                self._command = np.minimum(self._command, config.limits)
+                self.get_logger().warning('tendons go down to their new limits')
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
         if before is None or config.rate != before.rate:
@@ -93,12 +95,12 @@ class SimulatorNode(Node):
         self._counts['commands'] += 1 + older
         try:
             tensions, _ = inbox.read(data, arm)
-            self._command = check_tensions(arm, tensions).ravel()
+            self._command = check_command(arm, tensions, self._config.limits)
         except OctoArmError as error:
             self._counts['refused'] += 1
-            self._reason = f'{inbox.topic}: {error}'
+            self._reason = f'{inbox.topic}: {in_short(error)}'
             self.get_logger().warning(
-                f'{inbox.topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
+                f'{inbox.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._is_playing = False

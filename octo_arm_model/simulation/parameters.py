@@ -12,8 +12,10 @@ from octo_arm_model.config.parameters import Parameter
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.relaxation import Relaxation
@@ -67,6 +69,7 @@ class SimulatorConfig:
 
     Attributes:
         arm: the arm whose tendons are pulled.
+        limits: largest tension that each tendon is pulled with (tendons,) [N].
         base_frame: name of its frame.
         rate: how often tensions are measured [Hz].
         hardware: winches, load cells and relaxation.
@@ -76,6 +79,7 @@ class SimulatorConfig:
     """
 
     arm: Arm
+    limits: FloatArray
     base_frame: str
     rate: float
     hardware: Hardware
@@ -90,7 +94,8 @@ class SimulatorConfig:
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if a value is impossible.
-            ProfileError: if the profile is none, or not for this arm.
+            ProfileError: if the profile is none, not for this arm, or beyond the limit of a
+                tendon.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
         refuse_unknown(values, known, 'the simulator or the arm')
@@ -100,9 +105,14 @@ class SimulatorConfig:
         if own['rate'] > HIGHEST_RATE:
             raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
         positive('profile.speed', own['profile.speed'], '-')
+        limits = tendon_limits(config)
         name = own['profile.name']
+        profile = find_profile(name, config.arm) if name else None
+        if profile is not None:
+            check_profile(profile, config.arm, limits)
         return cls(
             arm=config.arm,
+            limits=limits,
             base_frame=config.base_frame,
             rate=own['rate'],
             hardware=Hardware(
@@ -110,7 +120,7 @@ class SimulatorConfig:
                 LoadCells(**_group(own, 'load_cells')),
                 Relaxation(**_group(own, 'relaxation')),
             ),
-            profile=find_profile(name, config.arm) if name else None,
+            profile=profile,
             speed=own['profile.speed'],
             loop=own['profile.loop'],
         )

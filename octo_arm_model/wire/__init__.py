@@ -1,1 +1,1 @@
-"""Messages as bytes and as tensions, without ROS. Imports core."""
+"""Messages as bytes and as tensions, without ROS. Imports analysis and core."""

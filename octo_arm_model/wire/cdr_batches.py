@@ -54,20 +54,20 @@ class Bulk:
         self._messages = [flat[i * size + first : i * size + last] for i in range(count)]
 
     def write(
-        self, stamps_ns: IntArray, numbers: Sequence[FloatArray], first: int
+        self, stamps: IntArray, numbers: Sequence[FloatArray], first: int
     ) -> list[memoryview]:
-        """Messages with ``stamps_ns`` (n,) [ns] and ``numbers``, each (n, rows, columns).
+        """Messages with ``stamps`` (n, 2) and ``numbers``, each (n, rows, columns).
 
-        They stand there row by row, the columns of each of the ``numbers`` in turn. The messages
-        are those from ``first`` on that are held here, and stay as they are until these are
-        written again.
+        Stamps are sec and nanosec. Numbers stand there row by row, the columns of each of the
+        ``numbers`` in turn. The messages are those from ``first`` on that are held here, and stay
+        as they are until these are written again.
         """
-        part = slice(first, first + len(stamps_ns))
+        part = slice(first, first + len(stamps))
         if part.stop > len(self._messages):
             # Those written before stay with whoever has them.
             self._make_room(part.stop)
         rows = self._rows[part]
-        sec, nanosec = np.divmod(stamps_ns, 10**9)
+        sec, nanosec = stamps.T
         words = rows.view('<u4')
         words[:, self._sec] = sec.astype('<i4').view('<u4')[:, np.newaxis]
         words[:, self._nanosec] = nanosec.astype('<u4')[:, np.newaxis]

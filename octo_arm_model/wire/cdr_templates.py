@@ -6,6 +6,7 @@ it: plain CDR, every number at a multiple of its size. Nothing of ROS is needed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,21 +23,22 @@ _START = _FIELDS - len(_ENCAPSULATION)
 _POSE = 7  # numbers of a pose: x, y, z [m] and the quaternion x, y, z, w
 
 
-class _Layout:
+class Layout:
     """A message that grows field by field.
 
     Attributes:
         fields: its bytes after the encapsulation header, where all places are counted from.
         stamps: places of its stamps.
-        slots: places of the numbers that change, their shapes and the bytes between rows.
+        slots: the numbers that change: their type, place and shape, and the bytes between rows.
     """
 
-    def __init__(self, frame: bytes) -> None:
-        """Begin with a header in ``frame``."""
+    def __init__(self, frame: bytes | None = None) -> None:
+        """Begin with a header in ``frame``, if one is given."""
         self.fields = bytearray()
         self.stamps: list[int] = []
-        self.slots: list[tuple[int, tuple[int, ...], int]] = []
-        self.header(frame)
+        self.slots: list[tuple[str, int, tuple[int, ...], int]] = []
+        if frame is not None:
+            self.header(frame)
 
     def header(self, frame: bytes) -> None:
         """Add a std_msgs/Header, its stamp still to be written."""
@@ -56,19 +58,30 @@ class _Layout:
     def constants(self, values: NDArray[Any]) -> None:
         """Add a sequence of numbers, not empty, that stay as they are."""
         self.count(values.size)
+        self.fixed(values)
+
+    def fixed(self, values: NDArray[Any]) -> None:
+        """Add numbers that stay as they are, without their count."""
         self.room(values.itemsize, 0)
         self.fields += values.tobytes()
+
+    def numbers(self, *shape: int, kind: str = '<f8') -> None:
+        """Add numbers still to be written, without their count."""
+        size = np.dtype(kind).itemsize
+        place = self.room(size, math.prod(shape))
+        self.slots.append((kind, place, shape, size * shape[-1] if len(shape) > 1 else size))
 
     def sequence(self, count: int) -> None:
         """Add a sequence of ``count`` float64 still to be written."""
         self.count(count)
         # Where there are no numbers there is nothing to align.
         place = self.room(8, count) if count else len(self.fields)
-        self.slots.append((place, (count,), 8))
+        self.slots.append(('<f8', place, (count,), 8))
 
     def poses(self, place: int, count: int, step: int = 8 * _POSE) -> None:
         """Say that positions (count, 3) and quaternions (count, 4) are written from ``place``."""
-        self.slots += [(place, (count, 3), step), (place + 3 * 8, (count, 4), step)]
+        self.slots.append(('<f8', place, (count, 3), step))
+        self.slots.append(('<f8', place + 3 * 8, (count, 4), step))
 
     def room(self, size: int, count: int) -> int:
         """Make room for ``count`` numbers of ``size`` bytes and return their place."""
@@ -78,20 +91,24 @@ class _Layout:
         return place
 
 
-class _Template:
+class Template:
     """A message whose numbers and stamps are written again and again."""
 
-    def __init__(self, layout: _Layout) -> None:
+    def __init__(self, layout: Layout) -> None:
         """Take the fields of ``layout``."""
         self._memory = bytearray(_START) + _ENCAPSULATION + layout.fields
         self._message = memoryview(self._memory)[_START:]
-        self._slots = [self._view('<f8', *slot) for slot in layout.slots]
+        self._slots = [self._view(*slot) for slot in layout.slots]
         # The headers of a path are equally far apart, except its own and that of the first pose:
         # counts are between these, and what pads the first may differ.
-        self._stamps = [self._view('<u8', place, (1,), 8) for place in layout.stamps[:2]]
-        if others := layout.stamps[2:]:
-            step = (others[-1] - others[0]) // max(len(others) - 1, 1)
-            self._stamps.append(self._view('<u8', others[0], (len(others),), step))
+        others = np.array(layout.stamps[2:])
+        steps = np.diff(others)
+        if steps.size and (steps == steps[0]).all():
+            runs = [(others[0], others.size, steps[0])]
+        else:
+            runs = [(place, 1, 8) for place in others]
+        runs += [(place, 1, 8) for place in layout.stamps[:2]]
+        self._stamps = [self._view('<u8', place, (count,), step) for place, count, step in runs]
 
     def write(self, sec: int, nanosec: int, *values: FloatArray) -> bytes:
         """Copy of the message with a stamp and the ``values`` of its slots, in their order.
@@ -109,7 +126,7 @@ class _Template:
         return self._message.tobytes()
 
     def _view(self, kind: str, place: int, shape: tuple[int, ...], step: int) -> NDArray[Any]:
-        strides = (step, 8)[: len(shape)]
+        strides = (step, np.dtype(kind).itemsize)[: len(shape)]
         return np.ndarray(shape, kind, self._memory, _FIELDS + place, strides)
 
 
@@ -140,12 +157,12 @@ class BackboneWriter:
             raise ConfigError(f'{shapes}, expected one value for each of two or more stations')
         self._model, self._s, self._section = model, s, section
         self._position_shape, self._tendons = (s.size, 3), len(tendon_names)
-        frame = _text('frame_id', frame_id)
-        self._poses = _Template(_pose_array(frame, s.size))
-        self._path = _Template(_path(frame, s.size))
-        self._strains = _Template(_section_strains(frame, _text('model', model), s, section))
-        self._tip = _Template(_pose_with_covariance(frame))
-        self._lengths = _Template(_joint_state(frame, tendon_names))
+        frame = text_field('frame_id', frame_id)
+        self._poses = Template(_pose_array(frame, s.size))
+        self._path = Template(_path(frame, s.size))
+        self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
+        self._tip = Template(_pose_with_covariance(frame))
+        self._lengths = Template(_joint_state(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message geometry_msgs/PoseArray."""
@@ -195,15 +212,15 @@ class BackboneWriter:
             raise ConfigError(f'position is of shape {shape}, expected {expected}: {what}')
 
 
-def _pose_array(frame: bytes, stations: int) -> _Layout:
-    layout = _Layout(frame)
+def _pose_array(frame: bytes, stations: int) -> Layout:
+    layout = Layout(frame)
     layout.count(stations)
     layout.poses(layout.room(8, _POSE * stations), stations)
     return layout
 
 
-def _path(frame: bytes, stations: int) -> _Layout:
-    layout = _Layout(frame)
+def _path(frame: bytes, stations: int) -> Layout:
+    layout = Layout(frame)
     layout.count(stations)
     places = []
     for _ in range(stations):
@@ -213,8 +230,8 @@ def _path(frame: bytes, stations: int) -> _Layout:
     return layout
 
 
-def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> _Layout:
-    layout = _Layout(frame)
+def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> Layout:
+    layout = Layout(frame)
     layout.string(model)
     layout.constants(s.astype('<f8'))
     layout.constants(section.astype('<i4'))
@@ -223,25 +240,25 @@ def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArra
     return layout
 
 
-def _pose_with_covariance(frame: bytes) -> _Layout:
-    layout = _Layout(frame)
+def _pose_with_covariance(frame: bytes) -> Layout:
+    layout = Layout(frame)
     layout.poses(layout.room(8, _POSE), 1)
-    layout.slots.append((layout.room(8, 36), (6, 6), 6 * 8))
+    layout.numbers(6, 6)
     return layout
 
 
-def _joint_state(frame: bytes, names: Sequence[str]) -> _Layout:
-    layout = _Layout(frame)
+def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
+    layout = Layout(frame)
     layout.count(len(names))
     for name in names:
-        layout.string(_text('tendon name', name))
+        layout.string(text_field('tendon name', name))
     layout.sequence(len(names))
     layout.count(0)  # no velocities
     layout.sequence(len(names))
     return layout
 
 
-def _text(what: str, text: str) -> bytes:
+def text_field(what: str, text: str) -> bytes:
     """UTF-8 up to the first NUL, where strings of ROS messages end."""
     try:
         return text.encode().split(b'\0')[0]

@@ -26,6 +26,16 @@ class Stamp(NamedTuple):
     sec: int
     nanosec: int
 
+    @classmethod
+    def from_ns(cls, nanoseconds: int) -> Stamp:
+        """Stamp of a time [ns]."""
+        return cls(*divmod(nanoseconds, 10**9))
+
+    @property
+    def ns(self) -> int:
+        """The time [ns]."""
+        return self.sec * 10**9 + self.nanosec
+
 
 class Familiar:
     """Reads messages that differ from one example in stamp and tensions alone.

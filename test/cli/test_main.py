@@ -24,6 +24,10 @@ from octo_arm_model.cli.main import main
         ),
         ((*SOLVE, TENSIONS, '--density', '-1'), 'material.density is -1.0, expected'),
         ((*SOLVE, TENSIONS, '--tip-force', '0', 'nan', '0'), 'loads.tip_force is (0.0, nan'),
+        (
+            (*SOLVE, TENSIONS, '--model', 'exact', '--tip-force', '0', '1e6', '0'),
+            'loads.tip_force is (0.0, 1000000.0, 0.0), expected at most 138.2 N',
+        ),
         (('inverse', 'renda2012_table4'), 'expected either --tip X Y Z or --bend PLANE ANGLE'),
         (('inverse', 'renda2012_table4', '--tip', '0', 'inf', '0'), 'tip position is [0.0, inf'),
         (

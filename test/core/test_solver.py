@@ -361,7 +361,7 @@ def test_booleans_are_no_numbers(table4: Config) -> None:
     solver = table4.solver('exact', 11)
     tensions = np.zeros((3, 4))
     for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
-        with pytest.raises(LoadError, match='tip_wrench is .*, expected force and moment'):
+        with pytest.raises(LoadError, match=r'tip_wrench is .*, expected force and moment'):
             solver.solve(tensions, wrench)
     for build in (
         lambda: Pose((True, 0.0, 0.0)),

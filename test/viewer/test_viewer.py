@@ -29,16 +29,11 @@ from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHIN
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.topic import Meter, read_poses
 from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.limits import figures, highest_tensions
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.viewer import main as viewer
 from octo_arm_model.viewer.address import AddressError, free_port, serving, url
-from octo_arm_model.viewer.commander import (
-    Commander,
-    as_shell_line,
-    as_yaml,
-    figures,
-    highest_tensions,
-)
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
 from octo_arm_model.viewer.page.target import Search

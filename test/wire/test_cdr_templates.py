@@ -12,22 +12,30 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PoseArray,
+    PoseWithCovarianceStamped,
+    Transform,
+    TransformStamped,
+)
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
+from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
 from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 SOLVER = Solver(CONFIG.arm, 'closed_form', 11, CONFIG.base)
-SIZES = {'double': 8, 'int32': 4, 'uint32': 4}
+SIZES = {'double': 8, 'float': 4, 'int32': 4, 'uint32': 4, 'uint8': 1, 'boolean': 1}
 # A message ends its strings at a NUL, and UTF-8 has no surrogates: see the tests of their own.
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=40)
 SECONDS = st.integers(-(2**31), 2**31 - 1)
@@ -188,6 +196,49 @@ def test_tip_and_tendons_likewise(frame, names, sec, nanosec, seed):
         header=Header(stamp=stamp, frame_id=frame), name=names, position=lengths, effort=tensions
     )
     assert_serialised(writer.tendon_lengths(lengths, tensions, sec, nanosec), joints, beyond=24)
+
+
+@given(frame=TEXTS, stations=st.integers(6, 120), seed=st.integers(0, 2**16))
+@example('', 6, 0)
+@example('触手😀', 101, 1)
+@example('Arm/Basis-Süd', 30, 2)
+def test_markers_likewise(frame, stations, seed):
+    random = np.random.default_rng(seed)
+    solver = Solver(CONFIG.arm, 'closed_form', stations)
+    writer = MarkersWriter(CONFIG.arm, solver.grid.s, frame, widen=bool(seed % 2))
+    for sec in (-(2**31), seed):  # the template holds another shape and stamp by then
+        backbone = solver.solve(random.uniform(0.0, 0.3, CONFIG.arm.tension_shape))
+        ours = writer.write(backbone, sec, 5, random.choice([None, 0.1]))
+        message = deserialize_message(ours, MarkerArray)
+        assert {m.header.frame_id for m in message.markers} == {frame}
+        assert {(m.header.stamp.sec, m.header.stamp.nanosec) for m in message.markers} == {
+            (sec, 5)
+        }
+        # What a marker does not use is as in a new one.
+        for marker in message.markers:
+            for name in ('colors', 'texture', 'uv_coordinates', 'text', 'mesh_file', 'lifetime'):
+                assert getattr(marker, name) == getattr(Marker(), name)
+        assert_serialised(ours, message, beyond=24)
+
+
+@given(frame=TEXTS, prefix=TEXTS, sec=SECONDS, nanosec=NANOSECONDS, seed=st.integers(0, 2**16))
+@example('', '', 1, 2, 0)
+@example('arm_base', '触手😀/', 1, 2, 0)
+def test_frames_likewise(frame, prefix, sec, nanosec, seed):
+    backbone = dataclasses.replace(made_up(11, seed=seed), s=SOLVER.grid.s)
+    ours = FramesWriter(CONFIG.arm, backbone.s, frame, prefix).write(backbone, sec, nanosec)
+    message = TFMessage()
+    at = [SOLVER.grid.s.tolist().index(section.anchorage) for section in CONFIG.arm.sections]
+    for name, station in zip(['tip', 'anchorage_1', 'anchorage_2', 'anchorage_3'], [-1, *at]):
+        pose = pose_message(backbone.position[station], backbone.quaternion[station])
+        transform = Transform(rotation=pose.orientation)
+        for axis in 'xyz':
+            setattr(transform.translation, axis, getattr(pose.position, axis))
+        header = Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame)
+        message.transforms.append(
+            TransformStamped(header=header, child_frame_id=prefix + name, transform=transform)
+        )
+    assert_serialised(ours, message)
 
 
 def test_a_solved_arm_arrives_as_it_was_solved():

@@ -99,6 +99,7 @@ def read_recording(
         notes: list[str] = []
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
+        notes += reader.notes
         skipped: list[SkippedMessage] = []
         stamps: list[int] = []
         rows: list[FloatArray] = []
@@ -165,7 +166,7 @@ class _Frames:
             stamp = record.received_ns
             try:
                 message = self._reader.decode(record)
-                stamp = stamp_of(message, stamp)
+                stamp = stamp_of(message, stamp).ns
                 yield stamp, self._points(message, record.type_name)
             except OctoArmError as error:
                 skipped.append(SkippedMessage(self._topic, stamp, str(error)))

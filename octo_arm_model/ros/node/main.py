@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
-import os
 import signal
 import sys
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
+from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.node.middleware import bound_memory
+from octo_arm_model.ros.start import start_ros
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 LONGEST_END = 4.0  # [s] for ROS to let go of a node
 
 
-class OctoArmNode(Node):
+class OctoArmNode(CheckedNode):
     """Publishes the shape of the arm for every valid tension message."""
 
     def __init__(self, **options: Any) -> None:
@@ -32,9 +37,7 @@ class OctoArmNode(Node):
                 together.
             ArmDefinitionError: if the arm cannot exist.
         """
-        super().__init__(
-            'octo_arm', automatically_declare_parameters_from_overrides=True, **options
-        )
+        super().__init__('octo_arm', **options)
         self._engine = Engine(self)
         self._engine.configure()
         self._engine.activate()
@@ -54,10 +57,11 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     # rclpy ends its context at SIGINT, which ends the loop below. Python would raise as well, in
     # the middle of whatever is being solved, and the executor would report that as a fault.
     signal.signal(signal.SIGINT, lambda number, frame: None)
+    bound_memory()
     try:
-        rclpy.init(args=arguments)
-    except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
-        return _fail(name, _explain(str(error).split(', at /')[0]))
+        start_ros(arguments, SignalHandlerOptions.ALL)
+    except OctoArmError as error:
+        return _fail(name, str(error))
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
@@ -75,26 +79,20 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         # A signal may end the context while the executor builds its wait set on it.
         if rclpy.ok():
             raise
-    except OctoArmError as error:
+    except (OctoArmError, ParameterException) as error:
         return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
+    except MemoryError:
+        return _fail(name, 'out of memory')
     finally:
         # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing
         # of Python runs meanwhile. Then this ends the process with status 1 and says where it was.
-        faulthandler.dump_traceback_later(LONGEST_END, exit=True)
+        with contextlib.suppress(RuntimeError):  # Without memory for it: the error says more.
+            faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
     return 0
-
-
-def _explain(reason: str) -> str:
-    """What rcl could not parse, and what to do where that can be told from it."""
-    if 'Error opening YAML file' in reason:
-        return f'{reason}: expected a file that exists and can be read, seen from {os.getcwd()}'
-    if 'Sequence should be of same type' in reason:
-        return f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1'
-    return reason
 
 
 def _fail(name: str, problem: str) -> int:
