@@ -56,8 +56,8 @@ class Controls:
     def follow(self) -> None:
         """Let the sliders stand where the commands are."""
         for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
-            # To what is told of it, but no further than it goes.
-            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]  # its setter stands apart
+            # To the digits that are shown, but no further than it goes. mypy misses the setter.
+            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
 

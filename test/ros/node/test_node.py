@@ -469,7 +469,7 @@ def test_two_publishers_on_one_topic_are_diagnosed(client):
         return [
             s.message
             for s in client.health[-1].status
-            if '2 publishers on tendon_tensions' in s.message
+            if '2 publishers on /tendon_tensions' in s.message
         ]
 
     client.ask('tendon_tensions', FETCHING_IN_PLANE)
@@ -501,7 +501,7 @@ def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
 def test_frames_lead_from_the_base_to_the_tip():
     domain = next(DOMAINS)
     process = start(
-        'main', '--ros-args', '--params-file', str(CONFIG_FILE),
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE),
         '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
         '-p', 'frame_prefix:=left_', domain=domain,
     )  # fmt: skip
@@ -834,7 +834,7 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
     [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
 )
 def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments, tmp_path):
-    process = start('main', '--ros-args', *arguments, domain=next(DOMAINS))
+    process = start('node.main', '--ros-args', *arguments, domain=next(DOMAINS))
     _, complaints = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1
     assert arguments[-1] in complaints
@@ -845,7 +845,7 @@ def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments, tmp_path):
 def test_a_refusal_names_the_topics_as_they_are_remapped(monkeypatch):
     domain = next(DOMAINS)
     process = start(
-        'main', '--ros-args', '--params-file', str(CONFIG_FILE),
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE),
         '-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench', domain=domain,
     )  # fmt: skip
     client = Client(domain)
@@ -905,7 +905,7 @@ def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_bac
 def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahead):
     domain = next(DOMAINS)
     process = start(
-        'main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
         domain=domain,
     )  # fmt: skip
     client = Client(domain)
