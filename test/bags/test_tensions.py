@@ -31,7 +31,9 @@ from recordings import (
 )
 
 from octo_arm_model.bags.reader import BagReader, stamp_of
+from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.tensions import TensionTopic
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # Hypothesis has no fixtures that last for all examples.
 FOLDER = tempfile.TemporaryDirectory()
@@ -120,3 +122,15 @@ def test_messages_read_together_are_those_read_one_by_one(some: list[tuple[str, 
     for one, other in zip(found, expected * 2, strict=True):
         assert (one.stamp_ns, one.reason) == (other.stamp_ns, other.reason)
         np.testing.assert_array_equal(one.tensions, other.tensions)
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_every_topic_of_tensions_is_read(tmp_path: Path, topic: str) -> None:
+    tensions = random_tensions(ARM, 300).astype(np.float32)  # which every type can hold
+    path = write_bag(tmp_path / 'bag', samples(ARM, tensions, topic, TOPICS[topic]))
+    with BagReader(path) as reader:
+        assert reader.pick(None, TENSION_TYPES, 'tensions') == topic
+    found = readings_of(path, topic)
+    np.testing.assert_array_equal([one.tensions for one in found], tensions)
+    late = 0 if TENSION_TOPICS[topic[1:]].has_stamp else 1000  # by receipt
+    assert [one.stamp_ns for one in found] == [START + i * STEP + late for i in range(300)]

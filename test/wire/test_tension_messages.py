@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from checkout import ROOT
 
 from octo_arm_model import TensionError, load_config
 from octo_arm_model.config.presets import preset_path
@@ -11,6 +12,7 @@ from octo_arm_model.wire.tension_messages import (
     FLOAT64_ARRAY,
     JOINT_STATE,
     TENDON_TENSIONS,
+    TENSION_TOPICS,
 )
 
 ARM = load_config(preset_path('renda2012_table4')).arm
@@ -74,3 +76,10 @@ def test_a_refusal_does_not_grow_with_the_message():
         with pytest.raises(TensionError) as refusal:
             TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), ARM)
         assert len(str(refusal.value)) < 1000
+
+
+@pytest.mark.parametrize('topic', TENSION_TOPICS)
+def test_every_topic_is_documented(topic):
+    pages = [ROOT / 'README.md', *ROOT.glob('docs/*.md')]
+    row = f'| `{topic}` | `{TENSION_TOPICS[topic].type_name}` |'
+    assert any(row in page.read_text(encoding='utf-8') for page in pages)

@@ -145,7 +145,7 @@ class TensionSubscription(LatestSubscription):
         self._arm, self._hand_over = arm, answer
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
-        super().__init__(node, _message_class(self._message.type_name), name, self._read_latest)
+        super().__init__(node, message_class(self._message.type_name), name, self._read_latest)
 
     def _read_latest(self, data: bytes, older: int) -> None:
         tensions: FloatArray | OctoArmError
@@ -176,7 +176,7 @@ class TensionSubscription(LatestSubscription):
         return tensions, Stamp(stamp.sec, stamp.nanosec)
 
 
-def _message_class(type_name: str) -> Any:
+def message_class(type_name: str) -> Any:
     """The class of a type of messages, such as 'sensor_msgs/msg/JointState'."""
     package, _, name = type_name.split('/')
     return getattr(importlib.import_module(f'{package}.msg'), name)
