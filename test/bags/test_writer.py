@@ -42,7 +42,7 @@ def test_what_is_written_is_read(tmp_path: Path, storage: str) -> None:
     with BagReader(tmp_path / 'bag') as reader:
         assert reader.topics == TOPICS
         assert reader.metadata == {'arm': 'left'}
-        assert reader.count() == 120
+        assert reader.count() == 40 * len(TOPICS)
         assert reader.count(['/tendon_tensions']) == 40
         assert reader.start_ns == content[0].received_ns
         assert reader.duration == pytest.approx(39 * STEP * 1e-9)
