@@ -17,13 +17,20 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'
-_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change
-_TRIED, _TRIED_STEP = 128, 9  # sets solved side by side to see how they come out, and alone
+_ARRAYS = (
+    'position',
+    'quaternion',
+    'tau',
+    'xi',
+    'k',
+    'q',
+)  # that depend on tensions
+_TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
 _TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
 
 
 class Answer(NamedTuple):
-    """What becomes of one message of tensions.
+    """The answer to one message of tensions.
 
     Attributes:
         messages: bytes of the message on each of the topics, in their order; none where there is
@@ -42,7 +49,7 @@ class Answers:
 
     Attributes:
         topics: what it answers on, of `ANSWERS`.
-        is_quick: whether sets are solved side by side, many times quicker than one by one.
+        is_quick: whether sets are solved in batches, many times quicker than one by one.
     """
 
     def __init__(self, config: Config, lengths: bool = False) -> None:
@@ -57,9 +64,9 @@ class Answers:
         self._last: Backbone | None = None
         self._newest: int | None = None
         grid = self._solver.grid
-        what = config.base_frame, config.model, grid.s, grid.section
-        self._writer = BackboneWriter(*what, config.arm.tendon_names)
-        self._batch_writer = BackboneBatchWriter(*what)
+        described = config.base_frame, config.model, grid.s, grid.section
+        self._writer = BackboneWriter(*described, config.arm.tendon_names)
+        self._batch_writer = BackboneBatchWriter(*described)
         is_plain = not (config.loads.any or lengths or config.uncertainty.is_any)
         self.is_quick = is_plain and self._is_alike()
 
@@ -77,7 +84,7 @@ class Answers:
     def _answer_alone(self, reading: Reading) -> Answer:
         assert reading.tensions is not None
         if self._newest is not None and reading.stamp_ns < self._newest:
-            self._last = None  # A bag that begins anew: nothing follows from its end.
+            self._last = None  # stamps start over: do not continue from the last shape
         self._newest = reading.stamp_ns
         try:
             self._last = backbone = self._solver.follow(reading.tensions, self._last)
@@ -127,7 +134,7 @@ class Answers:
             yield from self._solve(tensions[half:], first + half)
 
     def _is_alike(self) -> bool:
-        """Whether shapes come out side by side as they do alone, to the last bit.
+        """Whether a batch gives the same shapes as single solutions, to the last bit.
 
         That is a matter of the model, of NumPy and of BLAS; where they do not, they are solved
         alone, as in the node. So it is tried.

@@ -34,7 +34,7 @@ _PART = 2**20  # bytes read at once
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no file, such as a pipe, at which reading would wait for ever.
+    """Refuse what is no regular file: reading a pipe would block.
 
     Raises:
         ValueError: if ``path`` is no regular file, or not there.

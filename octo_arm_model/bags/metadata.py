@@ -1,4 +1,4 @@
-"""What a bag says of itself in metadata.yaml, checked before anything is made of it."""
+"""The fields of metadata.yaml, checked before rosbags reads them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def check_folder(folder: Path) -> dict[str, str]:
     _choice(about, 'storage_identifier', _STORAGES)
     files = _field(about, 'relative_file_paths', list)
     for number, file in enumerate(files):
-        # Whatever folder it names, rosbags looks beside the metadata.
+        # rosbags looks beside the metadata, whatever folder is named.
         check_file(folder / PurePath(_typed(file, f'relative_file_paths[{number}]', str)).name)
     for name, part in (('duration', 'nanoseconds'), ('starting_time', 'nanoseconds_since_epoch')):
         _field(_field(about, name, dict), part, int, f'{name}.', lowest=-(2**63))

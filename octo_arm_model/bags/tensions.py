@@ -1,4 +1,4 @@
-"""Tensions out of a bag, message by message, refusals included."""
+"""Tensions read from a bag, message by message, refusals included."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from octo_arm_model.bags.reader import BagReader, Record, stamp_of
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, TensionError

@@ -43,10 +43,10 @@ from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 
 
 class SimulatorNode(CheckedNode):
-    """Publishes what load cells would read."""
+    """Publishes the tensions that load cells would measure."""
 
     def __init__(self, **options: Any) -> None:
-        """Read the parameters and start pulling.
+        """Read the parameters and start publishing.
 
         Raises:
             OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
@@ -73,12 +73,12 @@ class SimulatorNode(CheckedNode):
             for topic in TOPICS
         ]
         check_overrides(self)
-        # Time of ROS may stand still; how the node is doing is told all the same.
+        # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(diagnostics.PERIOD, partial(self._do, self._report), clock=clock)
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
-        """Go on with ``config``, of whose parameters ``names`` were set."""
+        """Use ``config`` from now on, of whose parameters ``names`` were set."""
         before, self._config = self._config, config
         tendons = config.arm.tendon_names
         if before is None or tendons != before.arm.tendon_names:
@@ -121,17 +121,17 @@ class SimulatorNode(CheckedNode):
         try:
             what()
         except RuntimeError:
-            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
+            # A signal invalidates the context while a callback runs: not an error.
             if self.context.ok():
                 raise
 
     def _step(self) -> None:
-        """Pull until now, and measure."""
+        """Advance winches and load cells to the present time."""
         config = self._config
         assert config is not None
         now = self.get_clock().now()
-        # Time that is not set yet is 0. While it jumps back, as where a bag begins anew, the
-        # winches stand still.
+        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
+        # winches do not move.
         elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
         elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
         if self._is_playing and config.profile is not None:
@@ -151,7 +151,7 @@ class SimulatorNode(CheckedNode):
         return tensions_message(tensions, self._config.arm, stamp, self._config.base_frame)
 
     def _report(self) -> None:
-        """Tell how commands and readings fared since the last time."""
+        """Publish diagnostics of the commands and readings since the last ones."""
         lately = {name: self._counts[name] - self._reported[name] for name in self._counts}
         self._reported = dict(self._counts)
         source = 'profile' if self._is_playing else 'commands'

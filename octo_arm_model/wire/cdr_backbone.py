@@ -9,7 +9,8 @@ import numpy as np
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_layout import BatchTemplate, Layout, Template, text_field
+from octo_arm_model.wire.cdr_layout import Layout, text_field
+from octo_arm_model.wire.cdr_templates import BatchTemplate, Template
 
 
 class BackboneWriter:

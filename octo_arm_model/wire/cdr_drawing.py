@@ -1,4 +1,4 @@
-"""What is drawn of an arm as messages: its markers and its frames, written into templates."""
+"""The markers and frames of an arm as messages."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from octo_arm_model.analysis.arm_mesh import Drawing, anchorage_stations, tensio
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_layout import Layout, Template, text_field
+from octo_arm_model.wire.cdr_layout import Layout, text_field
+from octo_arm_model.wire.cdr_templates import Template
 
 # Of visualization_msgs/Marker.
 _TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
 _ADD = 0
 
-BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # the tendons inside show through
+BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
 DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
 _ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
 

@@ -20,7 +20,8 @@ from octo_arm_model.bags.demo import (
     add_demo,
     custom_data,
 )
-from octo_arm_model.bags.reader import BagReader, stamp_of
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import stamp_of
 from octo_arm_model.bags.tensions import read_tensions
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.cli.main import main

@@ -160,7 +160,7 @@ class _Frames:
 
     def read(self, skipped: list[SkippedMessage]) -> Iterator[tuple[int, FloatArray]]:
         """Stamps [ns] and points; unusable messages are added to ``skipped``."""
-        from octo_arm_model.bags.reader import stamp_of
+        from octo_arm_model.bags.records import stamp_of
 
         for record in self._reader.messages([self._topic]):
             stamp = record.received_ns

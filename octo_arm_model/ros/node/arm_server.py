@@ -1,4 +1,4 @@
-"""What the node does, for a node of either kind: plain or managed."""
+"""Answers tensions with the shape of the arm, for the plain and the managed node."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Prepared(NamedTuple):
         """
         config = Config.from_parameters(values)
         solver = config.solver(compiled=None)
-        # Whatever is tabulated at the first solve is tabulated now.
+        # The first solve makes the tables of the arm.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
 
@@ -228,8 +228,8 @@ class ArmServer:
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._health.refused(topic, error)
-        # Not by the logger's own throttle: it looks for the line that calls it first, which takes
-        # longer than to solve an arm, and hostile messages would starve good ones.
+        # The logger's own throttle looks up the calling line, which takes longer than to solve an
+        # arm, so that a flood of refused messages would delay the others.
         now = time.monotonic()
         if now > self._warned + WARNING_PERIOD:
             self._warned = now
