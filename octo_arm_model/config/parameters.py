@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)

@@ -101,3 +101,25 @@ class ConvergenceError(SolveError):
         self.residual = residual
         self.iterations = iterations
         self.iterate = iterate
+
+
+class ContinuationError(ConvergenceError):
+    """Equilibria could not be followed from a known one to the condition that was asked for.
+
+    Each was balanced, but steps became too many.
+
+    Attributes:
+        part: of the way that was gone.
+    """
+
+    def __init__(
+        self, part: float, residual: float, iterations: int, iterate: object = None
+    ) -> None:
+        """Say how far it got."""
+        super().__init__('continuation', residual, iterations, iterate)
+        self.args = (
+            f'continuation ended after {iterations} iterations at {100.0 * part:.3g} % of the way '
+            f'from the known equilibrium to the tensions and loads wanted (residual there '
+            f'{residual:.2e})',
+        )
+        self.part = part

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State
 
@@ -31,6 +31,7 @@ def follow(
 
     Raises:
         ConvergenceError: if no balance was found; it carries the last iterate.
+        ContinuationError: if it would take more than `MAX_ITERATIONS`.
     """
     done, step, iterations = 0.0, 1.0, 0
     last: tuple[FloatArray, float] | None = None
@@ -69,10 +70,10 @@ def follow(
         else:
             step = max(0.25 * (target - done), _SMALLEST_STEP)
         if iterations > MAX_ITERATIONS:
-            raise _lost(state, iterations)
+            raise ContinuationError(done, state.residual, iterations, state.twist)
 
 
-def _lost(state: State, iterations: int) -> ConvergenceError:
+def _unbalanced(state: State, iterations: int) -> ConvergenceError:
     return ConvergenceError('the balance under load', state.residual, iterations, state.twist)
 
 
@@ -145,4 +146,4 @@ def _levenberg_marquardt(
         damping *= 0.25 if left > 0.25 * down else 0.5
         damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new
-    raise _lost(state, _PER_DESCENT)
+    raise _unbalanced(state, _PER_DESCENT)

@@ -19,7 +19,6 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.load_resultants import LoadTable
-from octo_arm_model.core.models.exact import to_scaled
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.core.numerics.boundary_value import TwoPointProblem
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -29,7 +28,7 @@ from octo_arm_model.core.rod.kinematics import Frame, node_frames
 from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import unscale
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
 # A compliance this many times the others is that of something that moves freely.
 _FREE = 1e6
@@ -40,6 +39,7 @@ class State(NamedTuple):
 
     Attributes:
         twist: (n, nodes).
+        local_tensions: of every tendon at every node [N], (tendons, 1, nodes).
         position: from the base, in base_frame, (3, nodes) [m].
         rotation: orientation of the cross sections, (1, nodes).
         wrench: moment and force of what lies beyond, in the axes of the cross section, (6, nodes).
@@ -49,6 +49,7 @@ class State(NamedTuple):
     """
 
     twist: FloatArray
+    local_tensions: FloatArray
     position: FloatArray
     rotation: Quaternions
     wrench: FloatArray
@@ -133,7 +134,16 @@ class Equilibrium:
         scale = force_scale(energy, local_tensions)[:, 0]
         outside = np.abs(wrench[: len(twist)]).max(axis=1, keepdims=True)
         residual = float((np.abs(imbalance) / (scale + outside)).max())
-        return State(twist, position, rotation, wrench, imbalance, hessian[:, :, 0], residual)
+        return State(
+            twist,
+            local_tensions,
+            position,
+            rotation,
+            wrench,
+            imbalance,
+            hessian[:, :, 0],
+            residual,
+        )
 
     def compliance(self, state: State) -> FloatArray:
         """Change of the whole twist per change of wrench at every cross section, (6, 6, nodes)."""

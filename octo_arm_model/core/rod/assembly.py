@@ -6,6 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.memory import keep_freed_memory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
@@ -30,6 +31,8 @@ class Results:
         ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
         """
         self._grid, self._base = grid, base
+        if lead and lead[0] > 1:
+            keep_freed_memory()
         count = grid.s.size
         self.position = np.empty((*lead, count, 3))
         self.quaternion = np.empty((*lead, count, 4))

@@ -31,7 +31,7 @@ class Backbone:
         residual: what is left of the model's equations, relative [-], (...).
         iterations: steps of the solver, (...).
         twist: motion of the frame per reference length at every node of the solver's grid,
-            (4 or 6, nodes), see `statics.Solution`; None for a batch.
+            (4 or 6, nodes), see `solution.Solution`; None for a batch.
     """
 
     model: str

@@ -1,8 +1,8 @@
-"""What every model of the statics takes and gives."""
+"""What every model of the statics gives."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,17 +31,3 @@ class Solution(NamedTuple):
         return Solution(
             self.twist[:, 0], float(np.max(self.residual)), int(np.max(self.iterations))
         )
-
-
-class Statics(Protocol):
-    """A model of the arm's statics, prepared for certain nodes."""
-
-    def solve(self, tensions: FloatArray) -> Solution:
-        """Solve for ``tensions`` (batch, tendons) [N].
-
-        The paper's models take (tendons,) too, for one arm, which NumPy is quicker with than with
-        a batch of one, and complex tensions: their derivatives are the imaginary part.
-
-        Raises:
-            ConvergenceError: if the model's equations were not solved.
-        """

@@ -45,7 +45,7 @@ class Law(Protocol):
         """Radius over reference radius at lambda = ``stretch``, and its two derivatives."""
 
 
-class Linear:
+class LinearElastic:
     """Linear elasticity, the paper's (3): 1/2 E A q^2 + 1/2 E J kappa^2, nothing widens."""
 
     widens = False
@@ -103,5 +103,5 @@ class NeoHookean:
         return width, slope, -1.5 * slope * over
 
 
-LAWS: dict[str, Law] = {'neo_hookean': NeoHookean(), 'linear': Linear()}
+LAWS: dict[str, Law] = {'neo_hookean': NeoHookean(), 'linear': LinearElastic()}
 DEFAULT_LAW = 'neo_hookean'

@@ -8,18 +8,20 @@ change of twist (`Equilibrium.respond`), which turns and moves everything beyond
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Equilibrium, State, into_section
-from octo_arm_model.core.models.exact import to_scaled
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
-from octo_arm_model.core.rod.solution import Statics
+from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import unscale_gradient
+from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
@@ -27,23 +29,22 @@ def derivatives(
     energy: SectionEnergy,
     grid: StationGrid,
     problem: Equilibrium,
+    parameters: ParameterDerivatives,
     state: State,
-    tensions: FloatArray,
 ) -> Sensitivity:
-    """Of the balanced ``state`` of the model exact under ``tensions`` (tendons,) [N]."""
-    count, tendons = len(state.twist), tensions.size
+    """Of the balanced ``state`` of a rod with the cross sections ``energy``."""
+    count, tendons = len(state.twist), len(state.local_tensions)
     twist = state.twist[:, np.newaxis]
     strain = to_scaled(energy.law, twist)
-    local_tensions = energy.local_tensions(tensions[np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
     columns = np.zeros((6, 2 * tendons + 8, state.twist.shape[1]))
     elastic, _ = energy.material(strain)
     lengthening = energy.lengthening(strain)[1]
     for part, gradient in (
-        (slice(0, tendons), lengthening),
+        (slice(0, tendons), lengthening * energy.transmission),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
-        (slice(tendons + 7, tendons + 8), energy.gradient_by_poisson(strain)[:, np.newaxis]),
-        (slice(tendons + 8, None), energy.gradient_by_offset(strain, local_tensions)),
+        (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
+        (slice(tendons + 8, None), parameters.gradient_by_offset(strain, state.local_tensions)),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist, gradient)[:, :, 0]
     arm_to_tip = state.position[:, grid.step.size, np.newaxis] - state.position
@@ -57,7 +58,7 @@ def derivatives(
     pose, strains = _integrate(state.twist, state.rotation, grid, changes)
     by_twist = unscale_gradient(energy, twist, lengthening)[:, :, 0]
     length = _lengths(by_twist, changes, grid)
-    direct = energy.length_by_offset(strain) @ integration_weights(grid)
+    direct = parameters.length_by_offset(strain) @ integration_weights(grid)
     length[:, tendons + 8 :] += np.diag(direct)
     edges = np.cumsum([tendons, 6, 1, 1])
     tension, wrench, young, poisson, offset = (
@@ -70,14 +71,14 @@ def derivatives(
 
 
 def papers_derivatives(
-    statics: Statics,
+    solve: Callable[[FloatArray], Solution],
     energy: SectionEnergy,
     grid: StationGrid,
     twist: FloatArray,
     frames: Quaternions,
     tensions: FloatArray,
 ) -> Sensitivity:
-    """Of ``twist`` (4, nodes) and ``frames``, a solution of one of the paper's models.
+    """Of ``twist`` (4, nodes) and ``frames``, a solution of the paper's model ``solve``.
 
     Their equations are analytic in the tensions: solved with one of them moved by a small
     imaginary number, the imaginary part is the derivative (Squire and Trapp 1998). No digits are
@@ -86,7 +87,7 @@ def papers_derivatives(
     """
     step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
     moved = tensions + 1j * step * np.eye(tensions.size)
-    by_tension = statics.solve(moved).twist.imag / step
+    by_tension = solve(moved).twist.imag / step
     changes = np.zeros((6, tensions.size + 1, twist.shape[1]))
     changes[:4, :-1] = by_tension
     changes[:4, -1] = -np.einsum('ijn,j->in', by_tension, tensions)

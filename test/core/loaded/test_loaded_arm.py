@@ -25,6 +25,7 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
+    ConvergenceError,
     DistributedLoad,
     LoadError,
     Loads,
@@ -35,7 +36,9 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
+from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded import continuation
 
 LAWS = ('linear', 'neo_hookean')
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
@@ -567,6 +570,20 @@ def test_an_arm_that_stands_too_tall_falls_over_and_stays_balanced(table4: Confi
     # Nudged by a force that decides, it falls to that side.
     aside = solver.solve(np.zeros((3, 4)), (0, 0, 1e-4, 0, 0, 0))
     assert aside.tip[2] > 0.1
+
+
+def test_a_failed_balance_and_a_failed_continuation_say_so_each(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = Solver(with_density(table4.arm), 'exact', 31, loads=Loads(gravity=(-9.81, 0.0, 0.0)))
+    monkeypatch.setattr(continuation, 'MAX_ITERATIONS', 4)
+    with pytest.raises(ContinuationError, match=r'continuation ended .* % of the way') as error:
+        solver.solve(np.zeros((3, 4)))
+    assert 0.0 <= error.value.part < 1.0
+    monkeypatch.setattr(continuation, 'MAX_ITERATIONS', 1000)
+    monkeypatch.setattr(continuation, '_PER_DESCENT', 1)
+    with pytest.raises(ConvergenceError, match='balance under load did not converge: residual'):
+        solver.solve(np.zeros((3, 4)))
 
 
 def test_a_batch_under_loads_is_its_sets_one_by_one() -> None:
