@@ -104,22 +104,20 @@ class ConvergenceError(SolveError):
 
 
 class ContinuationError(ConvergenceError):
-    """Equilibria could not be followed from a known one to the condition that was asked for.
-
-    Each was balanced, but steps became too many.
+    """Following equilibria from a known one would take more than the budget of the solve.
 
     Attributes:
         part: of the way that was gone.
     """
 
     def __init__(
-        self, part: float, residual: float, iterations: int, iterate: object = None
+        self, budget: str, part: float, residual: float, iterations: int, iterate: object = None
     ) -> None:
-        """Say how far it got."""
+        """Say which ``budget`` is spent and how far it got."""
         super().__init__('continuation', residual, iterations, iterate)
         self.args = (
-            f'continuation ended after {iterations} iterations at {100.0 * part:.3g} % of the way '
-            f'from the known equilibrium to the tensions and loads wanted (residual there '
-            f'{residual:.2e})',
+            f'continuation has spent its budget of {budget} at {100.0 * part:.3g} % of the way '
+            f'from the known equilibrium to the tensions and loads wanted, after {iterations} '
+            f'iterations (residual there {residual:.2e})',
         )
         self.part = part

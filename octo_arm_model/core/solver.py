@@ -12,8 +12,15 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.errors import ConfigError, ConvergenceError, LoadError, SolveError
+from octo_arm_model.core.errors import (
+    ConfigError,
+    ContinuationError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+)
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -62,6 +69,7 @@ class Solver:
         shear: bool = False,
         loads: Loads = Loads(),
         compiled: bool | None = False,
+        budget: Budget = Budget(),
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
@@ -69,7 +77,8 @@ class Solver:
         linear law alone) and ``loads`` act all the time; these three are for the model exact, and
         the law is ignored by the others, which are linear. Where the tendons allow it these in
         turn run in machine code if ``compiled``, or, if that is None, if numba is installed and
-        works; see `octo_arm_model.core.compiled.numba_build`.
+        works; see `octo_arm_model.core.compiled.numba_build`. ``budget`` is what following the
+        equilibrium of one loaded arm may take.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
@@ -86,7 +95,7 @@ class Solver:
         self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
-        setup = Setup(arm, self.grid, self._base, LAWS[material], shear, loads)
+        setup = Setup(arm, self.grid, self._base, LAWS[material], shear, loads, budget)
         self._statics: Statics = STATICS[model](setup)
         self.law = self._statics.law
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -132,6 +141,7 @@ class Solver:
             LoadError: if the tip's wrench is not six finite numbers.
             ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer.
+            ContinuationError: if a loaded arm would take more than the budget.
         """
         checked = check_tensions(self.arm, tensions)
         if (largest := largest_of(checked)) > self._largest_tension:
@@ -184,6 +194,8 @@ class Solver:
         """
         try:
             return self.solve(tensions, tip_wrench, last)
+        except ContinuationError:
+            raise  # Its budget is spent.
         except ConvergenceError:
             if last is None:
                 raise

@@ -13,10 +13,11 @@ import functools
 import numpy as np
 
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import follow
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium
-from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.equilibrium import Condition
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,
@@ -25,10 +26,9 @@ from octo_arm_model.core.numerics.chebyshev import (
 )
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, initial_strain, minimise
-from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity
@@ -36,6 +36,8 @@ from octo_arm_model.core.sensitivity.results import Sensitivity
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
+# Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
+CUTS = (1, 2, 4, 8)
 
 
 class Exact:
@@ -57,7 +59,11 @@ class Exact:
         """
         self._setup = setup
         self.law, self.strains = setup.law, 6 if setup.shear else 4
-        self._loads = LoadTable(setup.arm, setup.grid, setup.loads)
+        arm, grid, base, law, shear, loads, _ = setup
+        self._rod = functools.lru_cache(
+            lambda level: LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
+        )
+        self._rod(0)
         nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
         s, numbers, self._panels = [], [], []
@@ -80,17 +86,15 @@ class Exact:
     @functools.cached_property
     def sections(self) -> SectionEnergy:
         """Cross sections at the nodes."""
-        arm, grid, _, law, shear, _ = self._setup
-        return SectionEnergy(arm, grid.nodes, grid.node_section, law, shear)
+        grid = self._setup.grid
+        return self._sections_at(grid.nodes, grid.node_section)
 
-    @functools.cached_property
-    def _parameters(self) -> ParameterDerivatives:
-        return ParameterDerivatives(self.sections, self._setup.arm)
+    def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
+        return SectionEnergy(self._setup.arm, s, section, self.law, self._setup.shear)
 
-    @functools.cached_property
-    def equilibrium(self) -> Equilibrium:
-        """The equations of the loaded arm."""
-        return Equilibrium(self.sections, self._setup.grid, self._loads, self._setup.base)
+    @property
+    def _is_loaded(self) -> bool:
+        return not self._rod(0).equilibrium.loads.is_empty
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
@@ -103,7 +107,7 @@ class Exact:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
         rows = np.atleast_2d(tensions)
-        if self._loads.is_empty and not tip_wrench.any():
+        if not self._is_loaded and not tip_wrench.any():
             solution = self._solve_unloaded(rows)
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
@@ -114,24 +118,43 @@ class Exact:
                 except SolveError as error:
                     error.number = number
                     raise
-            twist, residual, iterations = zip(*found)
-            solution = Solution(np.stack(twist, axis=1), np.array(residual), np.array(iterations))
+            twist, residual, iterations, shapes = zip(*found)
+            solution = Solution(
+                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1]
+            )
         return solution if tensions.ndim > 1 else solution.one()
 
     def _solve_loaded(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:
         """`solve` for one arm."""
-        if start is None or start.twist is None:
+        level = 0
+        if start is None:
             known = Condition(tensions, np.zeros(6), 0.0)
-            twist = self._solve_unloaded(tensions[np.newaxis]).twist[:, 0]
         else:
             known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-            twist = start.twist
+        if start is None or start.shape is None:
+            shape = self._rod(0).unloaded(known.tensions)
+        else:
+            shape, level = start.shape, self._level_of(start.shape)
         wanted = Condition(tensions, tip_wrench, 1.0)
-        state, iterations = follow(self.equilibrium, known, twist, wanted)
-        check_fibres(self.sections, to_scaled(self.sections.law, state.twist[:, np.newaxis]))
-        return Solution(state.twist, state.residual, iterations)
+        rod = self._rod(level)
+        spending = Spending(self._setup.budget)
+        state = follow(rod.equilibrium, known, shape, wanted, spending)
+        while not rod.resolves(state.shape) and level + 1 < len(CUTS):
+            level, coarser = level + 1, rod
+            rod = self._rod(level)
+            shape = rod.from_coarser(coarser, state.shape)
+            state = follow(rod.equilibrium, wanted, shape, wanted, spending)
+        energy = rod.equilibrium.energy
+        check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
+        twist = rod.twist_at_nodes(state.shape)
+        return Solution(twist, state.residual, spending.iterations, state.shape)
+
+    def _level_of(self, shape: Shape) -> int:
+        """Number of the rod that a ``shape`` is one of."""
+        points = shape.twist.shape[1]
+        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
 
     def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].
@@ -171,9 +194,15 @@ class Exact:
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
-        assert backbone.twist is not None
-        condition = Condition(backbone.tensions.ravel(), backbone.tip_wrench, 1.0)
-        state = self.equilibrium.state(condition, backbone.twist)
-        return derivatives(
-            self.sections, self._setup.grid, self.equilibrium, self._parameters, state
-        )
+        tensions = backbone.tensions.ravel()
+        condition = Condition(tensions, backbone.tip_wrench, 1.0)
+        shape, level = backbone.shape, 0
+        if shape is None:
+            shape = self._rod(0).unloaded(tensions)
+            while not self._rod(level).resolves(shape) and level + 1 < len(CUTS):
+                level += 1
+                shape = self._rod(level).unloaded(tensions)
+        else:
+            level = self._level_of(shape)
+        rod = self._rod(level)
+        return derivatives(rod, rod.equilibrium.state(condition, shape))

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -29,6 +30,7 @@ class Setup(NamedTuple):
         law: elastic law that was asked for; the paper's models are linear whatever it is.
         shear: whether cross sections shear.
         loads: what loads the arm but its tendons and the wrench on its tip.
+        budget: what one solve may take, where equilibria are followed.
     """
 
     arm: Arm
@@ -37,6 +39,7 @@ class Setup(NamedTuple):
     law: Law
     shear: bool
     loads: Loads
+    budget: Budget
 
 
 class Statics(Protocol):

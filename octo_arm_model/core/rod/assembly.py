@@ -10,7 +10,7 @@ from octo_arm_model.core.numerics.memory import keep_freed_memory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.rod.solution import Shape, Solution
 
 
 class Results:
@@ -39,6 +39,7 @@ class Results:
         self.strains = np.empty((4, *lead, count))
         self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
         self.twist = np.empty((4, grid.nodes.size))
+        self._shape: Shape | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray | IntArray, ...]:
@@ -67,7 +68,7 @@ class Results:
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
-        self.twist = twist
+        self.twist, self._shape = twist, solution.shape
 
     def _check(self, stretch: FloatArray) -> None:
         # NaN fails too.
@@ -116,4 +117,5 @@ class Results:
             residual=residual,
             iterations=iterations,
             twist=twist,
+            shape=self._shape if lead == () else None,
         )

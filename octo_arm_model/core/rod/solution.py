@@ -7,6 +7,19 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+
+
+class Shape(NamedTuple):
+    """What a loaded rod is followed from: strains and orientations at the points of the model.
+
+    Attributes:
+        twist: see `Solution`, (4 or 6, points).
+        orientation: of the cross sections at the points, (points,).
+    """
+
+    twist: FloatArray
+    orientation: Quaternions
 
 
 class Solution(NamedTuple):
@@ -18,16 +31,21 @@ class Solution(NamedTuple):
             (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
         residual: what is left of the model's equations, relative, (batch,), or one for all.
         iterations: steps it took, likewise.
+        shape: of one loaded arm, what to follow it from.
     """
 
     twist: FloatArray
     residual: FloatArray | float
     iterations: IntArray | int
+    shape: Shape | None = None
 
     def one(self) -> Solution:
         """The only arm of a batch, without its axis."""
         if self.twist.ndim == 2:
             return self
         return Solution(
-            self.twist[:, 0], float(np.max(self.residual)), int(np.max(self.iterations))
+            self.twist[:, 0],
+            float(np.max(self.residual)),
+            int(np.max(self.iterations)),
+            self.shape,
         )

@@ -186,12 +186,9 @@ class SectionEnergy:
         weight = local_tensions / length
         x, y, dx, dy = self.x, self.y, self.dx, self.dy
         count = self.strains
-        hessian = np.zeros((count, *strain.shape))
+        hessian = np.empty((count, *strain.shape))
         # What of each change of u is across u: all of it less what is along.
-        scaled = weight * towards
-        for i in range(count):
-            for j in range(i + 1):
-                hessian[i, j] = -np.einsum('jbn,jbn->bn', scaled[i], towards[j])
+        np.einsum('ijbn,kjbn->ikbn', -weight * towards, towards, out=hessian)
         weight_x, weight_y = weight * x, weight * y
         moment_x, moment_y = np.add.reduce(weight_x), np.add.reduce(weight_y)
         xx, yy = np.add.reduce(weight_x * x), np.add.reduce(weight_y * y)
