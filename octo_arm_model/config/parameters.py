@@ -21,9 +21,9 @@ from octo_arm_model.core.limits import (
     MAX_TABLE_POINTS,
     MAX_TENDONS,
 )
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)
