@@ -1,7 +1,7 @@
 """Every parameter of the arm and its node, declared once.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and a test holds
-the README to it, so a name, a unit or a default is written in one place only.
+The YAML loader reads this table, the node declares its ROS parameters from it and the manual
+prints it, so a name, a unit or a default is written in one place only.
 """
 
 from __future__ import annotations
