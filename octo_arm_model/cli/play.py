@@ -165,7 +165,7 @@ def _play(options: argparse.Namespace, profile: Profile, config: Config) -> None
             loop=options.loop,
             rate=options.rate,
             release=not options.hold,
-            patience=options.wait,
+            timeout=options.wait,
             report=line,
         )
     finally:

@@ -35,7 +35,7 @@ from octo_arm_model.viewer.address import AddressError, free_port, serving, url
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
-from octo_arm_model.viewer.page.target import Search
+from octo_arm_model.viewer.page.target import TargetSearch
 from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
 
 PRESETS = (
@@ -181,12 +181,12 @@ def test_copied_tensions_are_the_message_they_stand_for(names):
 
 def test_of_many_targets_the_newest_is_found():
     answers = []
-    search = Search(SOLVER, highest_tensions(CONFIG.arm), answers.append)
+    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.append)
     try:
         for x in (0.44, 0.3, 0.2):
-            search.look_for([x, 0.1, -0.1], np.zeros(12))
+            search.request([x, 0.1, -0.1], np.zeros(12))
         last = SOLVER.solve(0.5 * np.array(FETCHING_IN_SPACE)).tip
-        search.look_for(last, np.zeros(12))
+        search.request(last, np.zeros(12))
         search.close()
         wait_for_end(search)
     finally:
@@ -201,8 +201,8 @@ def test_of_many_targets_the_newest_is_found():
 
 def test_what_cannot_be_reached_is_not_called_reached():
     answers = []
-    search = Search(SOLVER, highest_tensions(CONFIG.arm), answers.append)
-    search.look_for([0.5, 0.0, 0.0], np.zeros(12))
+    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.append)
+    search.request([0.5, 0.0, 0.0], np.zeros(12))
     search.close()
     wait_for_end(search)
     (answer,) = answers
@@ -213,8 +213,8 @@ def test_what_cannot_be_reached_is_not_called_reached():
 
 def test_nonsense_is_told_and_the_search_goes_on():
     answers = []
-    search = Search(SOLVER, highest_tensions(CONFIG.arm), answers.append)
-    search.look_for([np.nan, 0.0, 0.0], np.zeros(12))
+    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.append)
+    search.request([np.nan, 0.0, 0.0], np.zeros(12))
     search.close()
     wait_for_end(search)
     assert 'finite' in numbers.failed(answers[0])

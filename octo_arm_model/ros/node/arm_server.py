@@ -19,8 +19,8 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.checked_node import WARNING_PERIOD
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
-from octo_arm_model.ros.node.backbone_publishers import Outbox
-from octo_arm_model.ros.node.diagnostics import Health
+from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
+from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox, Newest
 from octo_arm_model.ros.qos import check_overrides
@@ -66,13 +66,13 @@ class Engine:
         self._node = node
         self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
-        self._health = Health(node)
+        self._health = Diagnostics(node)
         self._health.end('unconfigured')
         self._warned = -math.inf
         self._inboxes: list[Inbox] = []
         self._wrenches: Newest | None = None
         self._services: list[Any] = []
-        self._outbox: Outbox | None = None
+        self._outbox: BackbonePublishers | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
 
@@ -84,7 +84,7 @@ class Engine:
                 together.
             ArmDefinitionError: if the arm cannot exist.
         """
-        self._outbox = Outbox(self._node)
+        self._outbox = BackbonePublishers(self._node)
         self._live.begin()
         self._health.end('inactive')
 
@@ -133,7 +133,7 @@ class Engine:
         config = prepared.config
         self._check_wrench_of_before(prepared)
         self._prepared, self._last = prepared, None
-        self._health.model, self._health.limits = config.model, config.limits
+        self._health.model, self._health.limits = config.model, config.diagnostic_limits
         self._health.is_compiled = prepared.solver.is_compiled
         self._outbox.describe(prepared.solver, config)
         self._outbox.announce(parameters_as_yaml(prepared.values))
