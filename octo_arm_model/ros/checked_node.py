@@ -13,6 +13,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
+from octo_arm_model.ros.interruption import interruptible
+
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1
@@ -38,12 +40,14 @@ class CheckedNode(Node):
         *args: Any,
         **options: Any,
     ) -> Service:
-        """As `Node.create_service`; types of parameters are checked first."""
+        """As `Node.create_service`; parameter types are checked first."""
         if srv_type is SetParameters:
             callback = partial(self._set_each, callback)
         elif srv_type is SetParametersAtomically:
             callback = partial(self._set_together, callback)
-        return super().create_service(srv_type, srv_name, callback, *args, **options)
+        return super().create_service(
+            srv_type, srv_name, interruptible(callback), *args, **options
+        )
 
     def _take_clock(self, take: Callable[[Clock], None], message: Clock) -> None:
         """Set simulated time to ``message``; a time that ROS cannot represent is refused."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,14 +36,6 @@ WANTED = {
     'liveliness': ('manual_by_topic', LivelinessPolicy.MANUAL_BY_TOPIC),
     'liveliness_lease_duration': (5 * 10**9, Duration(seconds=5)),
 }
-
-
-@pytest.fixture
-def context() -> Iterator[object]:
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=1 + os.getpid() % 80)
-    yield context
-    rclpy.shutdown(context=context)
 
 
 def make(kind: str, context: object, *overrides: str) -> rclpy.node.Node:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import signal
 import sys
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
+from octo_arm_model.ros.interruption import install, interruptible
 from octo_arm_model.ros.node.arm_server import Engine
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.start import start_ros
@@ -43,20 +44,18 @@ class OctoArmNode(CheckedNode):
         self._engine.activate()
 
 
-def make_executor() -> Executor:
+def make_executor(context: Context | None = None) -> Executor:
     """The events executor where rclpy has it, else the single-threaded one."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM; returns the exit status."""
-    # rclpy ends its context at SIGINT, which ends the loop below. Python's handler would also
-    # raise inside a callback, which the executor reports as an error.
-    signal.signal(signal.SIGINT, lambda number, frame: None)
+    install()  # rclpy then ends its context at a signal, which ends the loop below
     bound_memory()
     try:
         start_ros(arguments, SignalHandlerOptions.ALL)
@@ -66,7 +65,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
     try:
-        node = make_node()
+        node = interruptible(make_node)()
+        if node is None:
+            return 0
         executor = make_executor()
         executor.add_node(node)
         # Not `spin`: a signal just before the executor waits does not wake it.

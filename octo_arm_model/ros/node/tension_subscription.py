@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MessageError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.interruption import interruptible
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.tension_messages import READERS
 from octo_arm_model.wire.tension_template import Familiar, Stamp
@@ -75,7 +76,7 @@ class Newest:
             executor = self._node.executor
             assert executor is not None  # it is what calls here
             self._is_due = True
-            executor.create_task(self._answer_due)
+            executor.create_task(interruptible(self._answer_due))
 
     def _answer_due(self) -> None:
         self._is_due = False
