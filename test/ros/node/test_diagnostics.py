@@ -71,7 +71,7 @@ def test_two_publishers_on_one_topic_are_diagnosed(client):
         return [
             s.message
             for s in client.diagnostics[-1].status
-            if '2 publishers on tendon_tensions' in s.message
+            if '2 publishers on /tendon_tensions' in s.message
         ]
 
     client.ask('tendon_tensions', FETCHING_IN_PLANE)
