@@ -36,7 +36,7 @@ lint: prepare
 	@tools/with_ros ruff check
 	@tools/with_ros ruff format --check
 	@tools/with_ros flake8 --config tools/ament_flake8.ini
-	@tools/with_ros mypy octo_arm_model octo_arm_start.py tools/prepare.py
+	@tools/with_ros mypy
 	@tools/with_ros lint-imports
 
 bench: prepare

@@ -1,4 +1,4 @@
-"""What the node costs beyond ROS itself: its latency and rate against three others.
+"""Latency and rate of the node against three other nodes, down to ROS itself.
 
 Every node is a process of its own, asked over DDS by the same client, one after the other:
 
@@ -71,7 +71,7 @@ OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 def question(number: int) -> bytes:
     """Tensions, stamped with the ``number`` of the question as its nanoseconds."""
     message = TendonTensions(name=list(CONFIG.arm.tendon_names))
-    # The load changes, so nothing can be kept from one question to the next.
+    # The tensions change, so that no answer can be reused.
     message.tension = (1.0 + 0.1 * np.sin(0.1 * number)) * np.ravel(FETCHING_IN_SPACE)
     message.header.stamp.sec, message.header.stamp.nanosec = 1, number
     return serialize_message(message)
@@ -83,7 +83,7 @@ def stamp_of(answer: bytes) -> int:
 
 
 def answer_for_ever(kind: str) -> None:
-    """Be the node ``kind``, floor, plain or naive, until interrupted."""
+    """Run the node ``kind``, floor, plain or naive, until interrupted."""
     rclpy.init()
     node = Node(kind)
     publishers = [node.create_publisher(of, to, OUTPUT_QOS) for to, of in OUTPUTS.items()]
@@ -111,7 +111,7 @@ def answer_for_ever(kind: str) -> None:
 
 
 class Measured(NamedTuple):
-    """How a node did.
+    """Measurements of a node.
 
     Attributes:
         median: latency of questions one by one [s].
@@ -131,12 +131,12 @@ class Measured(NamedTuple):
     def best(cls, turns: Sequence[Measured]) -> Measured:
         """The best of every number; the rates belong together."""
         quickest = max(turns, key=lambda turn: turn.answered)
-        smallest = (min(turn[i] for turn in turns) for i in range(3))
-        return cls(*smallest, quickest.answered, quickest.asked)
+        median, worst, spent = (min(turn[i] for turn in turns) for i in range(3))
+        return cls(median, worst, spent, quickest.answered, quickest.asked)
 
 
 def processor_time(process: int) -> float:
-    """What the processor has spent on a ``process`` so far [s]."""
+    """Processor time of a ``process`` so far [s]."""
     with open(f'/proc/{process}/stat') as file:
         fields = file.read().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
@@ -157,7 +157,7 @@ class Client:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = Node('client', context=self._context)
-        # In bursts nobody takes what arrives here, so it costs the client only its transport.
+        # In bursts nothing is taken from this subscription: it costs the client only transport.
         self._unread = Node('unread', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -250,7 +250,7 @@ class Client:
         return count
 
     def _drain(self, quiet: float) -> None:
-        """Take what is still under way until nothing came for ``quiet`` [s]."""
+        """Take messages until none has arrived for ``quiet`` [s]."""
         time.sleep(quiet)
         while self._take():
             time.sleep(quiet)

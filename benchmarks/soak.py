@@ -1,4 +1,4 @@
-"""The node under abuse: long, hostile and restless; prints a table.
+"""The node under load for long, with invalid messages, changed parameters and restarts.
 
     python benchmarks/soak.py                 an hour: a million messages
     python benchmarks/soak.py --part 0.01     a minute
@@ -93,12 +93,12 @@ def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
 
 
 class Client:
-    """Sends tensions as bytes, and knows what the answers must be to the last bit."""
+    """Sends tensions as bytes, and computes the expected answers, byte for byte."""
 
     KEYS = ('output answered', 'output skipped', 'input refused', 'solver failures')
 
     def __init__(self, domain: int, config: Config = CONFIG, namespace: str = '') -> None:
-        """Talk to the node in ``domain``."""
+        """Connect to the node in ``domain``."""
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node('soak', context=self.context, namespace=namespace)
@@ -147,13 +147,13 @@ class Client:
                     self.totals[f'{status.name.split(": ")[1]} {value.key}'] = int(value.value)
 
     def close(self) -> None:
-        """Stop talking."""
+        """Leave the domain."""
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
     def wait(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> None:
-        """Listen until ``condition``."""
+        """Receive until ``condition``."""
         end = time.monotonic() + deadline
         while not condition():
             if time.monotonic() > end:
@@ -161,7 +161,7 @@ class Client:
             self.executor.spin_once(timeout_sec=0.05)
 
     def listen(self) -> None:
-        """Hear what is there."""
+        """Receive what has arrived."""
         for _ in range(4):
             self.executor.spin_once(timeout_sec=0.0)
 
@@ -188,13 +188,13 @@ class Client:
         self.sent += topic != WRENCH
 
     def expected(self, tensions: np.ndarray, stamp: bytes) -> bytes:
-        """What the answer must be."""
+        """The expected answer."""
         backbone = self.solver.solve(tensions)
         second = int.from_bytes(stamp[:4], 'little')
         return self.writer.poses(backbone, second, 7)
 
     def connect(self) -> None:
-        """Ask until there is an answer, and forget it."""
+        """Ask until there is an answer, and drop it."""
 
         def answered() -> bool:
             self.good(np.zeros(CONFIG.arm.tension_shape))
@@ -203,7 +203,7 @@ class Client:
         self.wait(answered, 'a first answer')
         last = self.good(np.zeros(CONFIG.arm.tension_shape))
         self.wait(lambda: last in self.answers, 'an answer to the last one')
-        # What was sent before the two had found each other went nowhere: count from here.
+        # Messages sent before discovery were not delivered: count from here.
         for _ in range(2):
             self.totals.clear()
             self.wait(lambda: len(self.totals) > 5, 'a diagnosis')
@@ -220,7 +220,7 @@ class Client:
 
 
 def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Many valid messages: memory flat, none lost without being counted."""
+    """Many valid messages: constant memory, none lost without being counted."""
     random = np.random.default_rng(1)
     sets = random.uniform(0.0, 1.0, (200, *CONFIG.arm.tension_shape)) * SCALE
     warm = max(count // 20, 500)
@@ -283,7 +283,7 @@ def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[
 
     def broken() -> tuple[int, bytes]:
         topic, data = one_bad()
-        # At least a byte: what has none DDS does not take for a message, and delivers nothing.
+        # At least a byte: DDS delivers no empty message.
         if random.random() < 0.5:
             return topic, data[: int(random.integers(1, len(data)))]
         return int(random.integers(3)), random.bytes(int(random.integers(1, 300)))
@@ -310,7 +310,7 @@ def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[
 
 
 def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Hostile messages mixed with good ones: every good one answered rightly, memory flat."""
+    """Invalid messages among valid ones: every valid one answered correctly, memory constant."""
     random = np.random.default_rng(2)
     source = hostile_messages(client.names, random)
     sent = right = 0
@@ -394,13 +394,15 @@ def hear_everything(client: Client) -> None:
         package, name = kind.split('/msg/')
         message = getattr(importlib.import_module(f'{package}.msg'), name)
         heard.append(
-            client.node.create_subscription(message, topic, len, QoSProfile(depth=100), raw=True)
+            client.node.create_subscription(
+                message, topic, lambda data: None, QoSProfile(depth=100), raw=True
+            )
         )
     client.wait(lambda: all(it.get_publisher_count() for it in heard), 'all topics of the node')
 
 
 def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Parameters changed under load without one wrong shape."""
+    """Parameters changed under load: no wrong shape."""
     variants = [
         {'stations': 101, 'material.youngs_modulus': 1.1e5},
         {'stations': 61, 'material.youngs_modulus': 2.2e5},
@@ -516,7 +518,7 @@ def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
 
 
 def run(part: float, domain: int) -> list[list[str]]:
-    """All of it, ``part`` of the full length; returns rows of (what, outcome)."""
+    """All parts for ``part`` of the full length; returns rows of (what, outcome)."""
     rows = []
     process = start_node(domain)
     client = Client(domain)

@@ -1,4 +1,4 @@
-"""What the viewer costs the node, and how many pictures a second it gets to the browser.
+"""Cost of the viewer for the node, and the pictures a second that reach the browser.
 
 One node is asked again and again, in turn alone, with a viewer that nobody looks at, and with a
 browser looking. The browser draws without a graphics card, which takes all there is of a small
@@ -40,7 +40,7 @@ KINDS = ('alone', 'viewer', 'browser')
 
 
 def serve(port: int) -> None:
-    """Be the viewer until interrupted, and say every second how many pictures it drew."""
+    """Run the viewer until interrupted, and print every second how many pictures it drew."""
     is_over = stop_signals()
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     with serving(LOOPBACK, port) as server:
@@ -55,7 +55,7 @@ def serve(port: int) -> None:
 
 
 def look(address: str) -> None:
-    """Be the browser until interrupted."""
+    """Run the browser until interrupted."""
     from browser import Browser
 
     os.nice(10)
@@ -112,7 +112,7 @@ class Measured(NamedTuple):
 
 
 def measure(kind: str, client: Client) -> Measured:
-    """What the node does alone, with a viewer, or with a browser that looks at it."""
+    """Measure the node alone, with a viewer, or with a viewer and a browser."""
     parts: list[Part] = []
     try:
         if kind != 'alone':

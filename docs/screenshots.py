@@ -60,7 +60,7 @@ def opened(port: int) -> Iterator[Browser]:
 
 
 def tidy(browser: Browser) -> None:
-    """Away with hints, and with what is said of rendering without a graphics card."""
+    """Close the hints and the notice about rendering without a graphics card."""
     browser.leave()
     browser.driver.execute_script(
         'document.querySelectorAll(".mantine-Notifications-root").forEach(e => e.remove())'
@@ -154,7 +154,7 @@ def main() -> int:
         return 2
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    # Nobody else's arm is in the picture.
+    # A domain of its own: no other arm is in the picture.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
     for take in (bends, fetching, octopus):

@@ -7,6 +7,11 @@ from hypothesis import strategies as st
 
 from octo_arm_model import Arm, Body, Material, Section
 
+# Of three tendons [N], sequences of them, and times [s].
+tensions = st.lists(st.floats(0.0, 50.0), min_size=3, max_size=3).map(np.array)
+commands = st.lists(tensions, min_size=1, max_size=8)
+times = st.floats(1e-3, 100.0)
+
 MODEL_NAMES = ('renda2012', 'closed_form')
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST, NEWEST = (3, 10), (3, 13)
-# A wheel environment's Python leaves these to its children, where they belong to another Python.
+# The Python of a wheel environment sets these; child processes with another Python must not.
 FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
 
 
@@ -179,7 +179,7 @@ def install(steps: Steps, venv: Path) -> None:
     pip = (venv / 'bin' / 'python', '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
     steps.announce('making a virtual environment')
     if has_sourced_jazzy():
-        # What is installed, numpy and scipy above all, stays as the system has it.
+        # Packages of the system, numpy and scipy above all, are not replaced.
         steps.run(sys.executable, '-m', 'venv', '--clear', '--system-site-packages', venv)
     else:
         steps.run(sys.executable, '-m', 'venv', '--clear', venv)

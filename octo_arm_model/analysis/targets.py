@@ -1,6 +1,6 @@
-"""What an arm can be asked to do: errors of a shape, and how they change with the tensions.
+"""Targets of the inverse: errors of a shape, and their derivatives by the tensions.
 
-Every target measures in metres; angles count as the length they move over `length_per_radian`.
+Errors are in metres; angles are multiplied by `length_per_radian`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from octo_arm_model.core.sensitivity.results import Change
 
 
 class Target(Protocol):
-    """Something to reach."""
+    """A target: an error that is zero where it is reached."""
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """How far ``backbone`` is from it, (m,) [m]."""
+        """Error of ``backbone``, (m,) [m]."""
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Derivative of `error` by the quantities of ``change``, (m, quantities)."""
@@ -75,7 +75,7 @@ class TipPose:
     Attributes:
         position: in base_frame [m], (3,).
         quaternion: x, y, z, w in base_frame; its x axis is the tangent.
-        length_per_radian: what an angle of one radian counts as [m].
+        length_per_radian: weight of angles [m/rad].
 
     Raises:
         TargetError: if they are not finite numbers, or the quaternion not of unit length.
@@ -116,7 +116,7 @@ class Bending:
     Attributes:
         plane: angle of the plane about the base's tangent [rad], from its n towards its b.
         angle: how far the tangent has turned in it [rad], up to pi.
-        length_per_radian: what an angle of one radian counts as [m].
+        length_per_radian: weight of angles [m/rad].
 
     Raises:
         TargetError: if a value is not finite, or ``angle`` not from 0 to pi.
@@ -133,13 +133,13 @@ class Bending:
             raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Angle from the wanted tangent to that of the tip, about two axes across it."""
+        """Angle from the wanted tangent to that of the tip, along two axes across it."""
         tangent, wanted, across = self._directions(backbone)
         factor, _ = _angle_over_sine(float(tangent @ wanted))
         return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """How it changes as the tangent turns."""
+        """Derivative of `error` for the rotation of the tip."""
         tangent, wanted, across = self._directions(backbone)
         turned = np.cross(change.tip[3:].T, tangent)
         factor, slope = _angle_over_sine(float(tangent @ wanted))
@@ -202,7 +202,7 @@ class BackboneShape:
 
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
     """Angle over its sine, and the derivative of that by the cosine."""
-    cosine = max(-0.999999, cosine)  # Opposite tangents: any way round is right.
+    cosine = max(-0.999999, cosine)  # Opposite tangents: the axis of the rotation is arbitrary.
     if cosine > 1.0 - 1e-8:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
@@ -210,7 +210,7 @@ def _angle_over_sine(cosine: float) -> tuple[float, float]:
 
 
 def _inverse_left_jacobian(vector: FloatArray) -> FloatArray:
-    """How a rotation vector changes with a small rotation after it (Barfoot 2017, 7.1.4)."""
+    """Derivative of a rotation vector by a small rotation after it (Barfoot 2017, 7.1.4)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -18,7 +18,7 @@ import rclpy
 from rclpy.node import Node
 
 from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
-from octo_arm_model.apps.demo import LiveLine, movement_of
+from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import OctoArmError
@@ -29,6 +29,7 @@ from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.terminal import StatusLine, make_parser
 from octo_arm_model.viewer.options import add_address
 
 RATE = 30.0  # [Hz] of the tensions of each arm
@@ -119,11 +120,8 @@ def host(config_file: str, numbers: Sequence[int]) -> None:
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='octo_arm_octopus',
-        description='Eight arms around a body, crawling, until Ctrl-C.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = make_parser(
+        'octo_arm_octopus', 'Eight arms around a body, crawling, until Ctrl-C.', _EPILOG
     )
     parser.add_argument(
         'config',
@@ -178,7 +176,7 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
             client.listen({**POSES, 'strains': DETAILS['strains']})
         draw = _viewing(options, clients, stack)
         started = stack.enter_context(children(commands))
-        line = LiveLine()
+        line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         due = time.monotonic()
         while not is_over() and not ended(started):
             crawl.step()
@@ -189,7 +187,6 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
             now = time.monotonic()
             due = max(due + 1.0 / RATE, now)
             time.sleep(due - now)
-        line.leave()
         return 0 if is_over() else _fail(ended(started), 1)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from octo_arm_model.cli.options import add_config_argument, add_number, new_command
 from octo_arm_model.config.config import Config, load_parameters, naming, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
@@ -35,32 +36,17 @@ _NO_ROS = 'needs ROS 2 ({} is missing): source one, or put tools/with_ros in fro
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
-        'load',
-        help='exchange the arm of a running node',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        'config',
-        metavar='CONFIG',
-        help='ROS parameter file of the arm, or the name of a preset such as renda2012_table4',
-    )
+    summary = 'exchange the arm of a running node'
+    parser = new_command(commands, 'load', _run, summary, _DESCRIPTION, _EPILOG)
+    add_config_argument(parser)
     parser.add_argument(
         '--node',
         default='/octo_arm',
         metavar='NAME',
         help='the node, with its namespace (default: %(default)s)',
     )
-    parser.add_argument(
-        '--wait',
-        type=float,
-        default=10.0,
-        metavar='S',
-        help='how long to wait for the node and for each answer [s] (default: %(default)s)',
-    )
-    parser.set_defaults(run=_run)
+    wait = 'how long to wait for the node and for each answer [s]'
+    add_number(parser, '--wait', 10.0, wait, 'S')
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -71,7 +57,7 @@ def _run(options: argparse.Namespace) -> None:
     others = [parameter.name for parameter in SIMULATOR_PARAMETERS]
     with naming(path):
         refuse_unknown(values, [*names, *others], 'arm or simulator')
-        # What is missing is told here: the node would miss nothing, but get its default.
+        # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
     try:
         from octo_arm_model.ros.arm_swap import swap_arm

@@ -1,7 +1,6 @@
 """The table of all parameters of the arm and its node: name, type, unit, default and range.
 
-The YAML loader reads it, the node declares its ROS parameters from it, and a test compares the
-documentation with it.
+The YAML loader reads it, the node declares its ROS parameters from it, and the manual prints it.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from octo_arm_model.core.limits import (
     MAX_TABLE_POINTS,
     MAX_TENDONS,
 )
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)

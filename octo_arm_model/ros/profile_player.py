@@ -20,9 +20,9 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import TOPIC, transition
+from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _POLL = 0.05  # [s] between looks
@@ -33,7 +33,7 @@ Report = Callable[[str, float, float], None]
 
 
 def play(
-    profile: Profile,
+    profile: CommandProfile,
     config: Config,
     *,
     topic: str,
@@ -154,7 +154,11 @@ class _Player:
         self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
 
     def play(
-        self, profile: Profile, speed: float, loop: bool, report: Callable[[float, float], None]
+        self,
+        profile: CommandProfile,
+        speed: float,
+        loop: bool,
+        report: Callable[[float, float], None],
     ) -> None:
         """Publish ``profile`` up to its last row, or until the next interruption."""
         allowed = self._interruptions.count

@@ -15,7 +15,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 
 _FIGURES = {
     'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
@@ -76,7 +76,7 @@ def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArr
     return flat
 
 
-def check_profile(profile: Profile, arm: Arm, limits: FloatArray) -> None:
+def check_profile(profile: CommandProfile, arm: Arm, limits: FloatArray) -> None:
     """Check that ``profile`` keeps ``limits`` (tendons,) [N]; between its rows it always does.
 
     Raises:

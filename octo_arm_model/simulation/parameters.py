@@ -1,4 +1,4 @@
-"""Every parameter of the simulator beside those of the arm, declared once."""
+"""The table of the simulator's parameters beside those of the arm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
@@ -29,7 +29,7 @@ PARAMETERS = (
     Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
               range='>= 0'),
     Parameter('winches.force_limit', float,
-              'largest tension the winches pull with [N]; 0 for no limit', 0.0,
+              'largest tension of the winches [N]; 0 for no limit', 0.0,
               range='0, or at least winches.slack_floor'),
     Parameter('winches.rate_limit', float,
               'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
@@ -49,23 +49,23 @@ PARAMETERS = (
               'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
     Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
     Parameter('relaxation.ratio', float,
-              'what the modulus at once has more than that of rest, relative to it [-]; 0 for an '
-              'elastic arm, as in the paper', 0.0, range='>= 0'),
+              'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the '
+              'paper', 0.0, range='>= 0'),
     Parameter('relaxation.time', float,
               'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
     Parameter('profile.name', str,
-              'movement or CSV or YAML file that the simulator plays by itself; empty for none',
+              'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
-    Parameter('profile.speed', float, 'how much faster than written it is played [-]', 1.0,
+    Parameter('profile.speed', float, 'factor of the speed it is played at [-]', 1.0,
               range='> 0'),
-    Parameter('profile.loop', bool, 'whether it begins anew when it ends', False),
+    Parameter('profile.loop', bool, 'whether it is repeated', False),
 )  # fmt: skip
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Everything the simulator is told.
+    """The parameters of the simulator, checked.
 
     Attributes:
         arm: the arm whose tendons are pulled.
@@ -73,9 +73,9 @@ class SimulatorConfig:
         base_frame: name of its frame.
         rate: how often tensions are measured [Hz].
         hardware: winches, load cells and relaxation.
-        profile: what the simulator plays by itself; None for nothing.
-        speed: how much faster than written it is played [-].
-        loop: whether it begins anew when it ends.
+        profile: profile that the simulator plays; None for none.
+        speed: factor of the speed it is played at [-].
+        loop: whether it is repeated.
     """
 
     arm: Arm
@@ -83,7 +83,7 @@ class SimulatorConfig:
     base_frame: str
     rate: float
     hardware: Hardware
-    profile: Profile | None
+    profile: CommandProfile | None
     speed: float
     loop: bool
 

@@ -1,4 +1,4 @@
-"""A command profile: which tension every tendon is commanded at which time."""
+"""A command profile: the tension commanded to every tendon, over time."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class CommandProfile:
     """Commanded tensions over time.
 
-    Between rows, ``smooth`` is a cubic through them that begins and ends at rest and never leaves
-    the range between two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` is
-    straight, and ``steps`` holds each row until the next.
+    Between rows, ``smooth`` is a cubic through them of zero rate at both ends, which stays in the
+    range of two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` interpolates
+    linearly, and ``steps`` holds each row until the next.
 
     Attributes:
         times: (n,) [s], increasing, at least two and at most `MAX_PROFILE_ROWS`; counted from the
@@ -32,7 +32,7 @@ class Profile:
         interpolation: one of `INTERPOLATIONS`.
 
     Raises:
-        ProfileError: if they are not such; the message names the row.
+        ProfileError: if they are not as described; the message names the row.
     """
 
     times: FloatArray
@@ -84,13 +84,13 @@ class Profile:
     def at(self, time: ArrayLike, *, loop: bool = False) -> FloatArray:
         """Tensions (..., tendons) [N] at ``time`` (...) [s].
 
-        Before its first row a profile is at that, after the last at the last; with ``loop`` it
-        begins anew. Played at another speed it is ``profile.at(speed * time)``.
+        Before the first row it is the first, after the last row the last; with ``loop`` it is
+        periodic. Played at another speed it is ``profile.at(speed * time)``.
         """
         t = np.asarray(time, dtype=np.float64)
         t = np.mod(t, self.duration) if loop else np.clip(t, 0.0, self.duration)
         if self.interpolation == 'smooth':
-            # By rounding a cubic may come out just below rows of 0.
+            # By rounding a cubic may be just below rows of 0.
             return np.maximum(self._smooth(t), 0.0)
         row = np.searchsorted(self.times, t, side='right') - 1
         if self.interpolation == 'steps':
@@ -102,17 +102,17 @@ class Profile:
 
     @functools.cached_property
     def _smooth(self) -> PchipInterpolator:
-        # A row held before and after is what brings the ends to rest.
+        # A constant row before and after gives the ends zero rate.
         times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
         rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
         return PchipInterpolator(times, rows, axis=0)
 
 
-def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> Profile:
-    """A smooth way from tensions ``start`` to ``stop``, (tendons,) or as an arm shapes them [N].
+def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
+    """A smooth profile from tensions ``start`` to ``stop`` [N], (tendons,) or `Arm.tension_shape`.
 
     Raises:
         ProfileError: if they are no tensions or ``duration`` is not > 0 [s].
     """
     rows = np.array([np.ravel(start), np.ravel(stop)], dtype=np.float64)
-    return Profile(np.array([0.0, duration]), rows)
+    return CommandProfile(np.array([0.0, duration]), rows)

@@ -1,4 +1,4 @@
-"""Command profiles in files, CSV and YAML; whatever is wrong is told with its line."""
+"""Command profiles in CSV and YAML files; errors name the line."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 
 
 class _Row(NamedTuple):
-    """What is written for one time, and in which lines."""
+    """The texts of one row, and their lines."""
 
     time_line: int
     time: str
@@ -35,13 +35,13 @@ _NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*
 
 
 class _LineError(Exception):
-    """A problem and the line it is in."""
+    """A problem with a line of the file."""
 
     def __init__(self, line: int, problem: str) -> None:
         super().__init__(f'line {line}: {problem}')
 
 
-def read_profile(path: str | Path, arm: Arm) -> Profile:
+def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
     A CSV file has a header, ``time`` and the names of all tendons in any order, and below it
@@ -55,7 +55,7 @@ def read_profile(path: str | Path, arm: Arm) -> Profile:
         return _read(path, arm)
 
 
-def _read(path: str | Path, arm: Arm) -> Profile:
+def _read(path: str | Path, arm: Arm) -> CommandProfile:
     is_csv = Path(path).suffix == '.csv'
     text = read_text(path, MAX_PROFILE_BYTES if is_csv else MAX_YAML_BYTES)
     rows: list[_Row] = []
@@ -64,13 +64,13 @@ def _read(path: str | Path, arm: Arm) -> Profile:
         if not rows:
             raise ProfileError('no rows, expected at least two')
         numbers = np.array([_numbers(row, arm) for row in rows])
-        return Profile(numbers[:, 0], numbers[:, 1:], interpolation)
+        return CommandProfile(numbers[:, 0], numbers[:, 1:], interpolation)
     except csv.Error as error:
         raise ProfileError(f'{path}: not what its suffix says, {error}') from error
     except _LineError as error:
         raise ProfileError(f'{path}, {error}') from None
     except ProfileError as error:
-        # Tensions are known to be such by then: what is wrong with a row is its time.
+        # Tensions were checked before: what is wrong with a row is its time.
         where = '' if error.row is None else f', line {rows[error.row].time_line}'
         raise ProfileError(f'{path}{where}: {error}') from None
 

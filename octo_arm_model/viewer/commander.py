@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.simulation.commands import Profile, transition
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
 
@@ -28,9 +28,9 @@ class Commander:
     def __init__(self, tensions: ArrayLike) -> None:
         """Begin at ``tensions`` [N], (tendons,), with nothing to command."""
         self.tensions = np.array(tensions, dtype=np.float64)
-        self.profile: Profile | None = None
+        self.profile: CommandProfile | None = None
         self._speed, self._loop = 1.0, False
-        self._transition: Profile | None = None
+        self._transition: CommandProfile | None = None
         self._began = 0.0
         self._is_due = False
 
@@ -45,7 +45,9 @@ class Commander:
         self.stop()
         self._transition, self._began = transition(self.tensions, tensions, duration), now
 
-    def play(self, profile: Profile, now: float, *, speed: float = 1.0, loop: bool = True) -> None:
+    def play(
+        self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
+    ) -> None:
         """Play ``profile`` from its beginning, after a smooth transition to it.
 
         Raises:

@@ -181,6 +181,8 @@ class Guard:
         logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
 
         class Shortened(logging.Handler):
+            """Counts a refusal for each record."""
+
             def emit(_, record: logging.LogRecord) -> None:
                 error = record.exc_info[1] if record.exc_info else None
                 why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''

@@ -21,5 +21,5 @@ def test_the_node_stands_abuse(capfd):
     outcome = dict(row[-2:] for row in rows)
     assert outcome['killed and started again'].endswith('s later')
     assert 'no wrong shape' in outcome['5 changes of parameters']
-    assert 'answered, ' in outcome['everything recorded at 100 Hz']
+    assert ' answered (' in outcome['everything recorded at 100 Hz']
     assert len(rows) == 6

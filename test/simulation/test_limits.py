@@ -11,13 +11,14 @@ from octo_arm_model import ArmDefinitionError, ConfigError, TensionError, load_c
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.simulation.commands import Profile, find_profile, profile_names
+from octo_arm_model.simulation.commands import find_profile, profile_names
 from octo_arm_model.simulation.limits import (
     check_command,
     check_profile,
     highest_tensions,
     tendon_limits,
 )
+from octo_arm_model.simulation.profile import CommandProfile
 
 PRESETS = (
     'renda2012_fem',
@@ -95,12 +96,12 @@ def test_a_profile_beyond_a_limit_is_refused_with_its_row():
     rows = np.zeros((3, 12))
     rows[1, 4] = 2.0 * limits[4]
     with pytest.raises(ProfileError, match=r'row 2: tension of tendon_2_1 is 8\.0 N.* limit 4\.0'):
-        check_profile(Profile(np.arange(3.0), rows), CONFIG.arm, limits)
+        check_profile(CommandProfile(np.arange(3.0), rows), CONFIG.arm, limits)
 
 
 def test_commands_are_published_in_one_place():
     folder = Path(octo_arm_model.__file__).parent
-    makes = re.compile(r'create_publisher\(\s*TendonTensions')
+    makes = re.compile(r'create_publisher\((\w+,)?\s*TendonTensions')
     found = {path.name for path in folder.rglob('*.py') if makes.search(path.read_text())}
     # The simulator publishes what it measures.
     assert found == {'command_publisher.py', 'simulator_node.py'}

@@ -16,12 +16,13 @@ pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.commands import Profile, find_profile
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
 
 CONFIG = load_config(preset_path('renda2012_table4'))
-RAMP = Profile(np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]]), 'linear')
+RAMP = CommandProfile([0.0, 2.0, 3.0], [[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]], 'linear')
 
 
 def test_nothing_is_commanded_before_a_hand_moves():

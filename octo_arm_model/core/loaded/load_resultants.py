@@ -1,4 +1,4 @@
-"""Loads tabulated at the nodes of a grid, and the wrench they put on every cross section."""
+"""Loads tabulated at collocation points: the wrench they put on every cross section."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import cross
-from octo_arm_model.core.rod.grid import StationGrid
-from octo_arm_model.core.rod.quadrature import integrate_from_tip
+from octo_arm_model.core.loaded.collocation import Collocation
 
 
 class LoadTable:
-    """The loads on an arm at the nodes of a grid.
+    """The loads on an arm at the points of a `Collocation`.
+
+    All of them are dead: fixed in base_frame, so that the resultant force does not depend on the
+    shape, and the moment m of it follows m' = n x u'.
 
     Attributes:
-        force: resultant of everything beyond each node but the tip's wrench [N], (3, nodes).
+        force: resultant n of everything beyond each point but the tip's wrench [N], (3, points).
+        moment: sum of the moments of point loads beyond each point [N m], (3, points).
         is_empty: whether there is nothing.
         has_moments: whether a point load has a moment.
     """
 
-    def __init__(self, arm: Arm, grid: StationGrid, loads: Loads) -> None:
+    def __init__(self, arm: Arm, collocation: Collocation, loads: Loads) -> None:
         """Tabulate ``loads``.
 
         Raises:
@@ -32,41 +33,19 @@ class LoadTable:
             raise ArmDefinitionError(
                 'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
             )
-        self._grid = grid
-        start = np.array([panel.start for panel in grid.panels])[grid.node_panel]
-        stop = np.array([panel.stop for panel in grid.panels])[grid.node_panel]
-        area = np.pi * arm.body.radius(grid.nodes) ** 2
+        s = collocation.s
+        area = np.pi * arm.body.radius(s) ** 2
         weight = (arm.material.density - loads.fluid_density) * area
-        self._density = np.array(loads.gravity)[:, np.newaxis] * weight
+        density = np.array(loads.gravity)[:, np.newaxis] * weight
         for load in loads.distributed:
-            inside = (start >= load.s[0]) & (stop <= load.s[-1])
-            self._density[:, inside] += load.at(grid.nodes[inside])
-        self.force = integrate_from_tip(self._density, grid)
-        ends = grid.nodes[: grid.step.size + 1]
-        self._points = []
+            inside = (s >= load.s[0]) & (s <= load.s[-1])
+            density[:, inside] += load.at(s[inside])
+        self.force = collocation.integrate_from_tip(density)
+        self.moment = np.zeros_like(self.force)
         for point in loads.points:
-            # On the side of the base; a load at the base itself is felt by nothing.
-            beyond = stop <= point.s if point.s > 0.0 else np.zeros(stop.size, bool)
+            # No point of an element lies at a load; one at the base is felt by nothing.
+            beyond = s < point.s
             self.force[:, beyond] += np.array(point.force)[:, np.newaxis]
-            node = int(np.abs(ends - point.s).argmin())
-            self._points.append((node, beyond, np.array(point.force), np.array(point.moment)))
+            self.moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
         self.has_moments = any(any(point.moment) for point in loads.points)
-        self.is_empty = not (self._density.any() or loads.points)
-
-    def moment(
-        self, position: FloatArray, force: FloatArray, tip_wrench: FloatArray, factor: float
-    ) -> FloatArray:
-        """Moment of everything beyond each node about it [N m], (3, nodes).
-
-        For nodes at ``position`` (3, nodes), ``force`` (3, nodes) beyond them, the tip's wrench
-        and ``factor`` times the other loads. Written with the moment about the origin, which
-        point forces carry exactly.
-        """
-        tip = position[:, self._grid.step.size]
-        about_origin = integrate_from_tip(cross(position, self._density), self._grid)
-        for node, beyond, point_force, point_moment in self._points:
-            moment = np.cross(position[:, node], point_force) + point_moment
-            about_origin[:, beyond] += moment[:, np.newaxis]
-        about_origin *= factor
-        about_origin += (np.cross(tip, tip_wrench[:3]) + tip_wrench[3:])[:, np.newaxis]
-        return about_origin - cross(position, force)
+        self.is_empty = not (density.any() or any(point.s > 0.0 for point in loads.points))

@@ -56,8 +56,8 @@ class Controls:
     def follow(self) -> None:
         """Set the sliders to the commanded tensions."""
         for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
-            # Rounding may exceed the end of the slider.
-            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]  # its setter stands apart
+            # Rounding may exceed the end of the slider. mypy misses the setter.
+            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
 
