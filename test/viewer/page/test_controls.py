@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checkout import PRESETS
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
@@ -16,13 +17,6 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.limits import figures, highest_tensions
 
-PRESETS = (
-    'renda2012_fem',
-    'renda2012_prototype',
-    'renda2012_table2',
-    'renda2012_table4',
-    'rao2021',
-)
 CONFIG = load_config(preset_path('renda2012_table4'))
 
 

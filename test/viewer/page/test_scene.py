@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checkout import PRESETS
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
@@ -13,14 +14,6 @@ from octo_arm_model.analysis.arm_mesh import Drawing
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.limits import highest_tensions
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
-
-PRESETS = (
-    'renda2012_fem',
-    'renda2012_prototype',
-    'renda2012_table2',
-    'renda2012_table4',
-    'rao2021',
-)
 
 
 @pytest.mark.parametrize('name', PRESETS)
