@@ -6,8 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State
-from octo_arm_model.core.loaded.linearised import Linearised
+from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State, System
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
@@ -15,6 +14,8 @@ TOLERANCE = 1e-11
 _ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
 _NEAR, _QUICK = 1e-5, 0.02
 _PER_STEP = 10  # iterations in one step of the condition
+# Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
+_PER_LINEAR_STEP, _LINEAR_PROGRESS = 200, 0.99
 _PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
 # A branch bends where Newton's method turns the arm further than this from where its first step
@@ -54,7 +55,12 @@ def follow(
         state, used, strayed, system = _newton(problem, condition, guess, tolerance)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
-        if state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
+        if problem.loads.without_tangent:
+            # Nothing tells stable from unstable, nor where the arm would fall.
+            is_found = state.residual <= tolerance and strayed <= _STRAY
+            if not is_found and step <= _SMALLEST_STEP:
+                raise _unbalanced(state, spending.iterations)
+        elif state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may jump to one on which no arm stays.
             stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)
@@ -97,7 +103,7 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
 
 def _newton(
     problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float
-) -> tuple[State, int, float, Linearised | None]:
+) -> tuple[State, int, float, System | None]:
     """Newton's method for as long as it makes progress; balanced or not.
 
     Returns the state, the number of iterations, how far all of them but the first, which goes
@@ -105,7 +111,10 @@ def _newton(
     """
     state = problem.state(condition, shape)
     strayed, system, is_near = 0.0, None, False
-    for iteration in range(_PER_STEP):
+    most, progress = _PER_STEP, _PROGRESS
+    if problem.loads.without_tangent:
+        most, progress = _PER_LINEAR_STEP, _LINEAR_PROGRESS
+    for iteration in range(most):
         if state.residual <= tolerance:
             return state, iteration, strayed, system
         try:
@@ -116,13 +125,13 @@ def _newton(
         step = system.solve(state.imbalance[:, np.newaxis])
         new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN. The first step may lead uphill: it is the one that follows the condition.
-        if not new.residual <= (_PROGRESS if iteration else 3.0) * state.residual:
+        if not new.residual <= (progress if iteration else 3.0) * state.residual:
             return state, iteration + 1, strayed, None
         is_near = new.residual <= _NEAR and new.residual <= _QUICK * state.residual
         state = new
         if iteration:
             strayed += problem.turn(step)
-    return state, _PER_STEP, strayed, system
+    return state, most, strayed, system
 
 
 def _levenberg_marquardt(

@@ -7,15 +7,18 @@ answers with is the gradient of its energy.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Tangent
+from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response
 from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
@@ -25,6 +28,9 @@ from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
 # A compliance this many times the others is that of something that moves freely.
 _FREE = 1e6
+
+
+System: TypeAlias = Linearised | WithTangents
 
 
 class Condition(NamedTuple):
@@ -148,9 +154,10 @@ class Equilibrium:
 
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
-        force = condition.factor * self.loads.force + condition.tip_wrench[:3, np.newaxis]
+        loads = self.loads.resultants(RodPoints(self.collocation, orientation))
+        force = condition.factor * loads.force + condition.tip_wrench[:3, np.newaxis]
         moment = self.collocation.integrate_from_tip(cross(tangent, force))
-        moment += condition.factor * self.loads.moment + condition.tip_wrench[3:, np.newaxis]
+        moment += condition.factor * loads.moment + condition.tip_wrench[3:, np.newaxis]
         wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
         wrench = wrench.reshape(6, count)[: len(twist)]
         imbalance = wrench - gradient[:, 0]
@@ -163,21 +170,48 @@ class Equilibrium:
             hessian[:, :, 0], residual,
         )  # fmt: skip
 
-    def linearised(self, state: State, damping: float = 0.0) -> Linearised:
+    def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""
-        return Linearised(
+        linear = Linearised(
             self.collocation, state.hessian * (1.0 + damping), state.rotation, state.tangent,
             state.moment, state.force, self._unit,
         )  # fmt: skip
+        factor = state.condition.factor
+        if not self.loads.others or not factor:
+            return linear
+        found = self.loads.tangents(RodPoints(self.collocation, state.shape.orientation))
+        tangents = tuple(Tangent(one.s, factor * one.force, factor * one.moment) for one in found)
+        if not tangents:
+            return linear
+        return WithTangents(
+            linear, self.collocation, state.rotation, state.tangent, tangents, len(state.hessian)
+        )
 
-    def stability(self, state: State, system: Linearised | None = None) -> Stability:
+    def require_tangents(self, what: str) -> None:
+        """Refuse ``what`` needs the tangent stiffness of every load.
+
+        Raises:
+            LoadError: if a load states none.
+        """
+        if self.loads.without_tangent:
+            raise LoadError(
+                f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
+            )
+
+    def stability(
+        self, state: State, system: Linearised | WithTangents | None = None
+    ) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
         the determinant of its equations has the sign it has without loads: of one mode of
         buckling it is the other one, of two at once the compliance tells. ``system`` is one that
         is linearised about nearly the same state, if there is.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
         """
+        self.require_tangents('the stability check')
         system = system or self.linearised(state)
         wrench = self.tip_wrenches(state)
         # Moments over a length, so that they compare.

@@ -51,8 +51,8 @@ class LoadedRod:
         self.points = own.s.size
         energy = SectionEnergy(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
-            table = LoadTable(arm, own, loads)
-        LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table)
+            table = LoadTable(arm, own, base.rotation, loads)
+        LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
         self.equilibrium = Equilibrium(energy, own, table, base.rotation)
 
     @functools.cached_property

@@ -27,8 +27,13 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
 def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
-    """Of the balanced ``state`` of a loaded ``rod``."""
+    """Of the balanced ``state`` of a loaded ``rod``.
+
+    Raises:
+        LoadError: if a load states no tangent stiffness.
+    """
     problem, parameters = rod.equilibrium, rod.parameters
+    problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
     count, tendons = len(twist), len(state.local_tensions)
     strain = to_scaled(energy.law, twist[:, np.newaxis])
