@@ -1,4 +1,4 @@
-"""From the values of parameters to the parts of an arm."""
+"""Build the parts of an arm from the values of its parameters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Values = Mapping[str, Any]
 
 
 def build_arm(given: Values) -> Arm:
-    """The arm that ``given``, a value for every parameter, describes.
+    """The arm described by ``given``, a value for every parameter.
 
     Raises:
         ConfigError: if lists do not have the lengths they need.
@@ -31,7 +31,7 @@ def build_arm(given: Values) -> Arm:
 
 
 def build_loads(given: Values) -> Loads:
-    """The loads.
+    """The loads on the arm.
 
     Raises:
         ConfigError: if lists do not have the lengths they need.
@@ -66,7 +66,7 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
 
 
 def build_uncertainty(given: Values) -> Uncertainty:
-    """How well everything is known.
+    """Standard deviations of tensions, material and tendon offsets.
 
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
@@ -143,7 +143,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
 
 
 def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
-    """Tendons of tabulated paths."""
+    """Tendons with tabulated paths."""
     s = given['tendons.table_s']
     for name in ('sections.offset_base', 'sections.offset_anchorage', 'tendons.twist'):
         if given.get(name):

@@ -1,7 +1,6 @@
-"""Every parameter of the arm and its node, declared once.
+"""The table of all parameters of the arm and its node: name, type, unit, default and range.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and the manual
-prints it, so a name, a unit or a default is written in one place only.
+The YAML loader reads it, the node declares its ROS parameters from it, and the manual prints it.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ class Parameter:
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
         is_array: whether it is a list.
-        unless: name of the parameter that takes its place; with that one it may be missing.
-        range: what its values must be, in words; the core checks and says so itself.
+        unless: name of the parameter that replaces it; if that one is given it may be missing.
+        range: allowed values, in words; the core checks them.
     """
 
     name: str
@@ -56,9 +55,9 @@ class Parameter:
 
     @property
     def default_or_none_given(self) -> Any:
-        """Value where none is given, in ROS, where every parameter has one.
+        """Value in ROS, where every parameter has one, if none is given.
 
-        Of one that must be given that is zero or an empty list.
+        The default, or zero or an empty list for a parameter without one.
         """
         if self.default is not None:
             return self.default
@@ -74,7 +73,7 @@ class Parameter:
         return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
 
     def convert(self, value: object) -> Any:
-        """Return ``value`` as this parameter's type; an integer will do for a double.
+        """Return ``value`` as this parameter's type; an integer is accepted for a double.
 
         Raises:
             ConfigError: if the type is another.
