@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.build import build_arm, build_limits, build_loads, build_uncertainty
+from octo_arm_model.config.build import build_arm, build_limits, build_uncertainty
+from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
