@@ -51,8 +51,8 @@ PARAMETERS = (
               range=' or '.join(LAWS)),
     Parameter('material.shear', bool, 'whether cross sections shear, with law linear', False),
     Parameter('material.table_s', float,
-              'arc coordinates of a material that varies along the arm, from 0 on [m]' + TABLE_BOUND,
-              (), is_array=True, range='increasing from 0 to the tip'),
+              'arc coordinates of a material that varies along the arm, from 0 on [m]'
+              + TABLE_BOUND, (), is_array=True, range='increasing from 0 to the tip'),
     Parameter('material.table_youngs_modulus', float, 'E at each of table_s [Pa]', (),
               is_array=True, range='> 0'),
     Parameter('material.table_poisson_ratio', float,
