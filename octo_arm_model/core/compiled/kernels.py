@@ -1,4 +1,4 @@
-"""The paper's models node by node: what `numba_build` compiles.
+"""Shapes node by node: what `numba_build` compiles.
 
 These are loops alone. All formulas are those that NumPy evaluates for whole arrays, imported from
 their modules, so that each is written once. The functions run as plain Python as well, a thousand
@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.section_kernels import find_exact_twist
 from octo_arm_model.core.compiled.tables import MarchTables, Tables, Weights
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import (
@@ -45,24 +47,6 @@ def sums_of(weights: Weights, tensions: FloatArray) -> FloatArray:
                 out[i] += tensions[tendon] * values[i]
         place += count
     return sums
-
-
-def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
-    """Add the product of ``row`` (n,) with ``matrix`` (n, m) to ``out`` (m,)."""
-    i = 0
-    # By fours, so that `out` is loaded and stored less often.
-    while i + 4 <= row.size:
-        a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
-        for j in range(out.size):
-            out[j] += (
-                a * matrix[i, j] + b * matrix[i + 1, j]
-                + (c * matrix[i + 2, j] + d * matrix[i + 3, j])
-            )  # fmt: skip
-        i += 4
-    while i < row.size:
-        for j in range(out.size):
-            out[j] += row[i] * matrix[i, j]
-        i += 1
 
 
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
@@ -176,6 +160,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
 
 def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple[float, int]:
     """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
+    if tables.exact.sections.axial.size:
+        return find_exact_twist(tables.exact, tensions, twist)
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
     if len(tables.march.elements):
@@ -250,11 +236,28 @@ def find_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        integrate_twist(tables, twist, position[arm], quaternion[arm])
-        for station in range(tables.station_node.size):
-            node = tables.station_node[station]
-            stretched = twist[3, node]
-            for k in range(3):
-                strains[k, arm, station] = twist[k, node] / stretched
-            strains[3, arm, station] = stretched - 1.0
+        read_out(tables, twist, strains[:, arm], position[arm], quaternion[arm])
     return without
+
+
+def read_out(
+    tables: Tables, twist: FloatArray, strains: FloatArray, position: FloatArray,
+    quaternion: FloatArray,
+) -> bool:  # fmt: skip
+    """Fill in the shape of one arm under a ``twist`` (4, nodes), as `Results` has it.
+
+    Returns:
+        Whether no cross section is turned inside out.
+    """
+    integrate_twist(tables, twist, position, quaternion)
+    is_fine = True
+    for station in range(tables.station_node.size):
+        node = tables.station_node[station]
+        stretched = twist[3, node]
+        for k in range(3):
+            strains[k, station] = twist[k, node] / stretched
+        strains[3, station] = stretched - 1.0
+    for node in range(twist.shape[1]):
+        if not twist[3, node] > 0.0:  # which NaN is not either
+            is_fine = False
+    return is_fine

@@ -7,7 +7,9 @@ answers with is the gradient of its energy.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -55,7 +57,6 @@ class State(NamedTuple):
     Attributes:
         condition: what acts on it.
         shape: twists and orientations.
-        local_tensions: of every tendon at every point [N], (tendons, 1, points).
         rotation: orientation at the points as matrices, (3, 3, points).
         tangent: u', the derivative of the position by s, (3, points) [-].
         moment: of what lies beyond, in base_frame, (3, points) [N m].
@@ -68,7 +69,6 @@ class State(NamedTuple):
 
     condition: Condition
     shape: Shape
-    local_tensions: FloatArray
     rotation: FloatArray
     tangent: FloatArray
     moment: FloatArray
@@ -94,10 +94,30 @@ class Stability(NamedTuple):
     softest_mode: Response
 
 
+# From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
+# (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
+Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def evaluate(
+    energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`Evaluate` for the cross sections ``energy``."""
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    strain = to_scaled(energy.law, twist[:, np.newaxis])
+    gradient, hessian = energy.material(strain)
+    pulled, across = energy.tendon_derivatives(strain, local_tensions)
+    gradient += pulled
+    hessian += across
+    gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
+    return gradient[:, 0], hessian[:, :, 0], force_scale(energy, local_tensions)[:, 0]
+
+
 class Equilibrium:
     """The equations of one arm under loads.
 
     Attributes:
+        evaluate: how the cross sections answer a twist.
         energy: of the cross sections at the points.
         collocation: the points.
         loads: at the points.
@@ -109,6 +129,7 @@ class Equilibrium:
         """Prepare for the cross sections ``energy`` at the points of ``collocation``."""
         self.energy, self.collocation = energy, collocation
         self.loads, self._base = loads, base
+        self.evaluate: Evaluate = functools.partial(evaluate, energy)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
         # Without loads every balance is stable.
@@ -136,16 +157,9 @@ class Equilibrium:
 
     def state(self, condition: Condition, shape: Shape) -> State:
         """Evaluate the balance of ``shape``."""
-        energy, (twist, orientation) = self.energy, shape
+        twist, orientation = shape
         count = twist.shape[1]
-        local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
-        strain = to_scaled(energy.law, twist[:, np.newaxis])
-        gradient, hessian = energy.material(strain)
-        pulled, across = energy.tendon_derivatives(strain, local_tensions)
-        gradient += pulled
-        hessian += across
-        gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
-
+        gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
         force = condition.factor * self.loads.force + condition.tip_wrench[:3, np.newaxis]
@@ -153,14 +167,13 @@ class Equilibrium:
         moment += condition.factor * self.loads.moment + condition.tip_wrench[3:, np.newaxis]
         wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
         wrench = wrench.reshape(6, count)[: len(twist)]
-        imbalance = wrench - gradient[:, 0]
-        scale = force_scale(energy, local_tensions)[:, 0]
+        imbalance = wrench - gradient
         outside = np.abs(wrench).max(axis=1, keepdims=True)
         # NaN where a section cannot be.
         residual = float((np.abs(imbalance) / (scale + outside)).max())
         return State(
-            condition, shape, local_tensions, rotation, tangent, moment, force, imbalance,
-            hessian[:, :, 0], residual,
+            condition, shape, rotation, tangent, moment, force, imbalance,
+            hessian, residual,
         )  # fmt: skip
 
     def linearised(self, state: State, damping: float = 0.0) -> Linearised:

@@ -13,7 +13,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model import Backbone, Config, SolveError, Solver, load_config
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    Loads,
+    Material,
+    ProfiledBody,
+    Section,
+    SolveError,
+    Solver,
+    Table,
+    load_config,
+)
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
@@ -137,6 +150,56 @@ def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) ->
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
 
 
+HELICAL = Arm(
+    Material(1.1e5, 0.45, 1080.0),
+    Body(0.4, 0.015, 0.006),
+    (
+        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
+        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
+    ),
+)
+
+
+@pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
+@pytest.mark.parametrize('arm', [TABLE_4.arm, HELICAL], ids=['table 4', 'helical'])
+@pytest.mark.parametrize(
+    'loads',
+    [Loads(), Loads(gravity=(0.0, 0.0, -9.81), fluid_density=900.0, tip_force=(0.0, 1e-3, 1e-3))],
+    ids=['unloaded', 'loaded'],
+)
+def test_exact_comes_out_as_with_numpy(arm: Arm, law: str, loads: Loads) -> None:
+    arm = arm.with_density(1080.0)
+    machine, numpy = (
+        Solver(arm, 'exact', material=law, loads=loads, compiled=flag) for flag in (True, False)
+    )
+    assert machine.is_compiled and not numpy.is_compiled
+    random = np.random.default_rng(1)
+    tensions = random.random((6, *arm.tension_shape)) * random.integers(0, 2, arm.tension_shape)
+    one, other = machine.solve(tensions), numpy.solve(tensions)
+    # Both are balanced to the same tolerance.
+    for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9 * max(1.0, np.abs(b).max()))
+    assert one.residual.max() < 1e-10
+    alone = machine.solve(tensions[3])
+    np.testing.assert_allclose(alone.position, one.position[3], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        machine.sensitivity(alone).by_tension.pose,
+        numpy.sensitivity(numpy.solve(tensions[3])).by_tension.pose,
+        atol=1e-7,
+    )
+
+
+def test_what_points_do_not_resolve_is_found_at_all_nodes() -> None:
+    profile = Table((0.0, 0.1, 0.2, 0.4), (0.016, 0.012, 0.015, 0.009))
+    arm = Arm(Material(1.1e5), ProfiledBody(0.4, profile), HELICAL.sections)
+    machine, numpy = (Solver(arm, 'exact', compiled=flag) for flag in (True, False))
+    tensions = np.array([[0.2, 0.1, 0.0], [0.5, 0.0, 0.4]])
+    np.testing.assert_allclose(
+        machine.solve(tensions).position, numpy.solve(tensions).position, atol=1e-10
+    )
+
+
 # Where it hands on -------------------------------------------------------------------------------
 
 
@@ -179,7 +242,8 @@ def test_an_arm_compressed_to_nothing_is_refused_by_name(papers_model: str) -> N
 
 def test_what_the_loops_do_not_cover_is_solved_by_numpy(rod: Config) -> None:
     assert not rod.solver('closed_form', compiled=True).is_compiled
-    assert not TABLE_4.solver('exact', compiled=True).is_compiled
+    shearing = Solver(TABLE_4.arm, 'exact', material='linear', shear=True, compiled=True)
+    assert not shearing.is_compiled
     tensions = random_tensions(rod, 2)
     one, other = (
         rod.solver('closed_form', compiled=flag).solve(tensions) for flag in (True, False)
