@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.core.compiled.compiled_rod import CompiledNewton
 from octo_arm_model.core.compiled.numba_build import evaluate_sections, find_shapes, read_out
 from octo_arm_model.core.compiled.tables import (
     SectionTables,
@@ -21,6 +22,7 @@ from octo_arm_model.core.compiled.tables import (
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Evaluate
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.papers_model import PapersModel
@@ -64,7 +66,7 @@ class Compiled:
         self._tables: Tables = _own(tables)
 
         if isinstance(statics, Exact):
-            statics.use(_evaluation)
+            statics.use(_speed_up)
 
     def read_out(
         self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
@@ -98,6 +100,12 @@ class Compiled:
             others = tuple(array[np.newaxis] for array in others)
         without = self._find_shapes(self._tables, tensions, results.twist, strains, *others)
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
+
+
+def _speed_up(rod: LoadedRod) -> None:
+    """Have a ``rod`` evaluate its sections and iterate in machine code."""
+    rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
+    rod.newton = CompiledNewton(rod.equilibrium, _own)
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:

@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled import kernels, products, section_kernels
-from octo_arm_model.core.compiled.tables import no_arm
+from octo_arm_model.core.compiled import kernels, products, rod_kernels, section_kernels
+from octo_arm_model.core.compiled.tables import no_arm, no_rod
 
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
-_KERNELS = (kernels, section_kernels, products)
+_KERNELS = (kernels, section_kernels, rod_kernels, products)
 
 
 def is_available() -> bool:
@@ -79,6 +79,20 @@ def evaluate_sections() -> Callable[..., None]:
         functools.partial(_entry, function=section_kernels.evaluate_sections),
         (sections, np.zeros(0), none, none, np.zeros((4, 4, 0)), none),
     )
+
+
+@functools.cache
+def newton() -> Callable[..., tuple[float, int, float, int]]:
+    """`rod_kernels.newton`, compiled; raises as `find_shapes`."""
+    four, three, none = np.zeros((4, 0)), np.zeros((3, 0)), np.zeros(0, np.complex128)
+    six = np.zeros((4, 6, 0))
+    return _made(
+        functools.partial(_entry, function=rod_kernels.newton),
+        (
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, four, none, none, np.zeros((3, 3, 0)),
+            three, three, four, np.zeros((4, 4, 0)), six, six,
+        ),
+    )  # fmt: skip
 
 
 @functools.cache

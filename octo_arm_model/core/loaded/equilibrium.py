@@ -16,7 +16,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
-from octo_arm_model.core.loaded.linearised import Linearised, Response
+from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
@@ -121,6 +121,8 @@ class Equilibrium:
         energy: of the cross sections at the points.
         collocation: the points.
         loads: at the points.
+        base: orientation of the base.
+        unloaded_sign: sign of the determinant of the equations without loads.
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class Equilibrium:
     ) -> None:
         """Prepare for the cross sections ``energy`` at the points of ``collocation``."""
         self.energy, self.collocation = energy, collocation
-        self.loads, self._base = loads, base
+        self.loads, self.base = loads, base
         self.evaluate: Evaluate = functools.partial(evaluate, energy)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
@@ -139,13 +141,13 @@ class Equilibrium:
             np.eye(energy.strains)[..., np.newaxis], (energy.strains, energy.strains, count)
         )
         rotation = np.broadcast_to(np.eye(3)[..., np.newaxis], (3, 3, count))
-        self._sign = Linearised(
+        self.unloaded_sign = Linearised(
             collocation, unloaded, rotation, nothing, nothing, nothing, 1.0
         ).sign
 
     def shape(self, twist: FloatArray) -> Shape:
         """The shape of a rod of ``twist`` (n, points)."""
-        return Shape(twist, frames(twist[:3], self.collocation, self._base))
+        return Shape(twist, frames(twist[:3], self.collocation, self.base))
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
         """``shape`` after ``part`` of a ``change`` of one column."""
@@ -183,7 +185,7 @@ class Equilibrium:
             state.moment, state.force, self._unit,
         )  # fmt: skip
 
-    def stability(self, state: State, system: Linearised | None = None) -> Stability:
+    def stability(self, state: State, system: System | None = None) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
@@ -209,7 +211,7 @@ class Equilibrium:
         # vertical, say. Rounding gives that any sign.
         is_free = np.abs(values) > _FREE * np.median(np.abs(values))
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
-        sign = system.sign * self._sign
+        sign = system.sign * self.unloaded_sign
         if not is_free.any() and sign < 0:
             is_stable = False
         # A moment that keeps its direction has no energy, and nothing follows from compliance.

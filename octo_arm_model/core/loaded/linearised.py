@@ -13,7 +13,7 @@ can bend.
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs
@@ -37,6 +37,17 @@ class Response(NamedTuple):
 
     twist: FloatArray
     turn: FloatArray
+
+
+class System(Protocol):
+    """The linearised equilibrium near a state."""
+
+    @property
+    def sign(self) -> int:
+        """Sign of its determinant, 1 or -1."""
+
+    def solve(self, imbalance: FloatArray) -> Response:
+        """Answer to the unit wrenches on the tip as ``imbalance``."""
 
 
 class Linearised:

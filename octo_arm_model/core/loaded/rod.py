@@ -12,6 +12,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
@@ -31,6 +32,7 @@ class LoadedRod:
 
     Attributes:
         equilibrium: its equations.
+        newton: Newton's method for these.
         points: how many points there are.
     """
 
@@ -44,6 +46,7 @@ class LoadedRod:
         self.points = own.s.size
         energy = SectionEnergy(arm, own.s, own.section, law, shear)
         self.equilibrium = Equilibrium(energy, own, LoadTable(arm, own, loads), base.rotation)
+        self.newton: Newton = functools.partial(newton, self.equilibrium)
 
     @functools.cached_property
     def nodes(self) -> Readout:

@@ -17,7 +17,7 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import follow
-from octo_arm_model.core.loaded.equilibrium import Condition, Evaluate
+from octo_arm_model.core.loaded.equilibrium import Condition
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
@@ -64,12 +64,12 @@ class Exact:
         self._setup = setup
         self.law, self.strains = setup.law, 6 if setup.shear else 4
         arm, grid, base, law, shear, loads, _ = setup
-        self._compiled: Callable[[SectionEnergy], Evaluate] | None = None
+        self._compiled: Callable[[LoadedRod], None] | None = None
 
         def rod(level: int) -> LoadedRod:
             rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
             if self._compiled:
-                rod.equilibrium.evaluate = self._compiled(rod.equilibrium.energy)
+                self._compiled(rod)
             return rod
 
         self._rod = functools.lru_cache(rod)
@@ -93,8 +93,8 @@ class Exact:
         )
         self.tail = tail_matrix(POINTS)
 
-    def use(self, compiled: Callable[[SectionEnergy], Evaluate]) -> None:
-        """Have sections of loaded arms evaluated by what ``compiled`` makes for these."""
+    def use(self, compiled: Callable[[LoadedRod], None]) -> None:
+        """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
         self._compiled = compiled
         self._rod.cache_clear()
 
@@ -155,12 +155,12 @@ class Exact:
         wanted = Condition(tensions, tip_wrench, 1.0)
         rod = self._rod(level)
         spending = Spending(self._setup.budget)
-        state = follow(rod.equilibrium, known, shape, wanted, spending)
+        state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)
-            state = follow(rod.equilibrium, wanted, shape, wanted, spending)
+            state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
         twist = rod.twist_at_nodes(state.shape)
