@@ -114,7 +114,7 @@ def _levenberg_marquardt(
         spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
             stability = problem.stability(state)
-            if stability.is_stable is not False:
+            if stability.softest_mode is None:
                 return state
             # Unstable equilibrium: perturb along the softest mode, in either direction.
             nudged = problem.moved(state.shape, stability.softest_mode, _NUDGE)

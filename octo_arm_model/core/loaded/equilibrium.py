@@ -85,13 +85,13 @@ class Stability(NamedTuple):
         is_stable: whether it would come back; None under moments, where that is not known.
         sign: of the determinant of its equations, over that without loads, 1 or -1; where it
             changes, one branch has been left for another.
-        softest_mode: change of least, or most negative, stiffness, scaled to turn the arm by
-            about one radian.
+        softest_mode: of what is not stable, the change of least, or most negative, stiffness,
+            scaled to turn the arm by about one radian.
     """
 
     is_stable: bool | None
     sign: int
-    softest_mode: Response
+    softest_mode: Response | None
 
 
 # From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
@@ -201,15 +201,10 @@ class Equilibrium:
         work = wrench[: len(state.imbalance)] * self.collocation.weights
         compliance = np.tensordot(work, response.twist, axes=([0, 2], [0, 2]))
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
-        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        softest_mode = Response(
-            *(np.einsum('icn,c->in', part, vectors[:, worst])[:, np.newaxis] for part in response)
-        )
-        size = self.turn(softest_mode)
-        softest_mode = Response(*(part / size for part in softest_mode))
         # What yields without end in one direction is neither: an arm that may turn about the
         # vertical, say. Rounding gives that any sign.
-        is_free = np.abs(values) > _FREE * np.median(np.abs(values))
+        size = np.sort(np.abs(values))
+        is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
         sign = system.sign * self.unloaded_sign
         if not is_free.any() and sign < 0:
@@ -217,7 +212,14 @@ class Equilibrium:
         # A moment that keeps its direction has no energy, and nothing follows from compliance.
         if self.loads.has_moments or state.condition.tip_wrench[3:].any():
             is_stable = None
-        return Stability(is_stable, sign, softest_mode)
+        if is_stable is not False:
+            return Stability(is_stable, sign, None)
+        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
+        softest_mode = Response(
+            *(np.einsum('icn,c->in', part, vectors[:, worst])[:, np.newaxis] for part in response)
+        )
+        turn = self.turn(softest_mode)
+        return Stability(is_stable, sign, Response(*(part / turn for part in softest_mode)))
 
     def tip_wrenches(self, state: State) -> FloatArray:
         """What unit forces and moments on the tip do to all cross sections, (6, 6, points).

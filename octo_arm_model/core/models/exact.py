@@ -73,7 +73,7 @@ class Exact:
             return rod
 
         self._rod = functools.lru_cache(rod)
-        self._rod(0)
+        self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
         s, numbers, self.panels = [], [], []
@@ -97,6 +97,8 @@ class Exact:
         """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
         self._compiled = compiled
         self._rod.cache_clear()
+        if self._is_loaded:
+            self._rod(0)
 
     @functools.cached_property
     def sections(self) -> SectionEnergy:
@@ -109,7 +111,7 @@ class Exact:
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
-        return bool(tip_wrench.any()) or not self._rod(0).equilibrium.loads.is_empty
+        return self._is_loaded or bool(tip_wrench.any())
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
@@ -121,8 +123,11 @@ class Exact:
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
+        is_loaded = self.is_loaded(tip_wrench)
+        if is_loaded and tensions.ndim == 1:
+            return self._solve_loaded(tensions, tip_wrench, start)
         rows = np.atleast_2d(tensions)
-        if not self.is_loaded(tip_wrench):
+        if not is_loaded:
             solution = self._solve_unloaded(rows)
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
