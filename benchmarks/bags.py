@@ -4,23 +4,25 @@ On one core, for the arm of Table 4. Every message of the recording is another s
 Written is the answer of the node: path, poses, strains and tip pose of 101 stations, 19 kB for
 every message, beside a copy of the message itself.
 
-    python benchmarks/bags.py [--seconds 60] [--folder /dev/shm]
+    python benchmarks/bags.py [--brief] [--seconds 60] [--folder /dev/shm]
 """
 
 from __future__ import annotations
 
-import argparse
+import functools
 import os
 import shutil
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-# One core is one thread of BLAS as well; it looks when it is loaded.
+# One thread of BLAS too, which reads this when it is loaded.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
+from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Config, load_config
 from octo_arm_model.bags.answers import Answers
@@ -49,7 +51,7 @@ def record(path: Path, config: Config, count: int, storage: str) -> None:
     with BagWriter(path, storage) as writer:
         topic = writer.add('/tendon_tensions', name)
 
-        def message(number: int) -> tuple[object, int, bytes]:
+        def message(number: int) -> tuple[Any, int, bytes]:
             time_ns = 10**18 + round(number * 1e9 / RATE)
             stamp = make['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
             header = make['std_msgs/msg/Header'](stamp=stamp, frame_id='arm_base')
@@ -62,7 +64,7 @@ def record(path: Path, config: Config, count: int, storage: str) -> None:
 
 
 def clock(work: Callable[[], object]) -> tuple[float, float]:
-    """Seconds that ``work`` takes, and those of them that the core worked on it."""
+    """Seconds that ``work`` takes, and the processor time of it [s]."""
     began, worked = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - began, time.process_time() - worked
@@ -85,8 +87,9 @@ def read_all(source: Path, config: Config) -> None:
 
 def main() -> None:
     """Record, replay and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seconds', type=float, default=20.0, help='of the recording')
+    parser = make_parser(__doc__)
+    length = 0.1 if IS_BRIEF else 20.0
+    parser.add_argument('--seconds', type=float, default=length, help='of the recording')
     parser.add_argument('--folder', type=Path, help='where to write (default: that of temp files)')
     options = parser.parse_args()
     if hasattr(os, 'sched_setaffinity'):
@@ -102,16 +105,12 @@ def main() -> None:
         for storage in STORAGES:
             source, out = Path(folder) / f'in_{storage}', Path(folder) / 'out'
             record(source, config, count, storage)
-            taken = clock(lambda source=source: read_all(source, config))
+            taken = clock(functools.partial(read_all, source, config))
             row(storage, 'none, read alone', '', taken, count)
             for model in ('renda2012', 'closed_form'):
                 values = {**load_parameters(PRESET), 'model': model}
                 is_quick = Answers(Config.from_parameters(values)).is_quick
-                taken = clock(
-                    lambda source=source, out=out, storage=storage, model=model: replay_all(
-                        source, out, storage, model
-                    )
-                )
+                taken = clock(functools.partial(replay_all, source, out, storage, model))
                 shutil.rmtree(out)
                 row(storage, model, 'yes' if is_quick else 'no: other bits', taken, count)
 

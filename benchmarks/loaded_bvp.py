@@ -1,4 +1,4 @@
-"""The loaded arm by `scipy.integrate.solve_bvp`: the general-purpose way, to compare with.
+"""The loaded arm by `scipy.integrate.solve_bvp`, for comparison.
 
 Position, orientation and moment along every stretch between anchorages are unknowns, all stretches
 mapped onto the same interval and coupled at its ends. Strains come at each point from the balance
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from octo_arm_model import Arm, Loads, Pose, Solver
+from octo_arm_model import Arm, Body, Loads, Pose, Solver
 from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
@@ -33,6 +33,7 @@ class LoadedBvp:
     def force(self, s: np.ndarray) -> np.ndarray:
         """Resultant of what lies beyond s (3, n): the weight of a frustum and the tip force."""
         body = self._arm.body
+        assert isinstance(body, Body)
         radius, tip = body.radius(s), body.radius_tip
         volume = np.pi / 3 * (body.length - s) * (radius**2 + radius * tip + tip**2)
         return np.outer(self.density, volume) + np.array(self._loads.tip_force)[:, np.newaxis]

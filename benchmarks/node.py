@@ -1,4 +1,4 @@
-"""What the node costs beyond ROS itself: its latency and rate against three others.
+"""Latency and rate of the node against three other nodes, down to ROS itself.
 
 Every node is a process of its own, asked over DDS by the same client, one after the other:
 
@@ -13,7 +13,7 @@ All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/
 that whatever else the machine does is no node's own. What the processor spends on an answer, one
 by one, depends least on that; it holds the threads of DDS as well.
 
-    python benchmarks/node.py
+    python benchmarks/node.py [--brief]
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
+from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
@@ -42,7 +43,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
-from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
+from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -54,11 +55,12 @@ COMMANDS = {
     'ours': ['-m', 'octo_arm_model.ros.node.main', *QUIET, '--params-file', str(CONFIG_FILE)],
 }
 OTHERS = ('floor', 'plain', 'naive')
-TURNS = 3
-QUESTIONS = 1000
+TURNS = 1 if IS_BRIEF else 3
+QUESTIONS = 20 if IS_BRIEF else 1000
 LONGEST_LOOP = 4.0  # [s] of questions one by one
 RATES = (250, 500, 1000, 2000, 3000, 4000, 5000, 6500, 8000, 10000, 12000)  # [Hz]
-BURST = 1.0  # [s] at each rate
+MOST_RATES = 1 if IS_BRIEF else len(RATES)
+BURST = 0.2 if IS_BRIEF else 1.0  # [s] at each rate
 RISE = 1.03  # what one of the next two higher rates has to bring for more to be tried
 DEADLINE = 20.0  # [s] for a node to start or answer
 OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
@@ -69,7 +71,7 @@ OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 def question(number: int) -> bytes:
     """Tensions, stamped with the ``number`` of the question as its nanoseconds."""
     message = TendonTensions(name=list(CONFIG.arm.tendon_names))
-    # The load changes, so nothing can be kept from one question to the next.
+    # The tensions change, so that no answer can be reused.
     message.tension = (1.0 + 0.1 * np.sin(0.1 * number)) * np.ravel(FETCHING_IN_SPACE)
     message.header.stamp.sec, message.header.stamp.nanosec = 1, number
     return serialize_message(message)
@@ -81,14 +83,14 @@ def stamp_of(answer: bytes) -> int:
 
 
 def answer_for_ever(kind: str) -> None:
-    """Be the node ``kind``, floor, plain or naive, until interrupted."""
+    """Run the node ``kind``, floor, plain or naive, until interrupted."""
     rclpy.init()
     node = Node(kind)
     publishers = [node.create_publisher(of, to, OUTPUT_QOS) for to, of in OUTPUTS.items()]
     solver = CONFIG.solver()
 
     def solved(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
-        backbone = solver.solve(tensions_from_tendon_tensions(message, CONFIG.arm))
+        backbone = solver.solve(TENDON_TENSIONS.read(message, CONFIG.arm))
         return backbone_messages(backbone, message.header.stamp, CONFIG.base_frame)
 
     names, values = list(CONFIG.arm.tendon_names), np.ravel(FETCHING_IN_SPACE)
@@ -109,7 +111,7 @@ def answer_for_ever(kind: str) -> None:
 
 
 class Measured(NamedTuple):
-    """How a node did.
+    """Measurements of a node.
 
     Attributes:
         median: latency of questions one by one [s].
@@ -129,12 +131,12 @@ class Measured(NamedTuple):
     def best(cls, turns: Sequence[Measured]) -> Measured:
         """The best of every number; the rates belong together."""
         quickest = max(turns, key=lambda turn: turn.answered)
-        smallest = (min(turn[i] for turn in turns) for i in range(3))
-        return cls(*smallest, quickest.answered, quickest.asked)
+        median, worst, spent = (min(turn[i] for turn in turns) for i in range(3))
+        return cls(median, worst, spent, quickest.answered, quickest.asked)
 
 
 def processor_time(process: int) -> float:
-    """What the processor has spent on a ``process`` so far [s]."""
+    """Processor time of a ``process`` so far [s]."""
     with open(f'/proc/{process}/stat') as file:
         fields = file.read().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
@@ -155,7 +157,7 @@ class Client:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = Node('client', context=self._context)
-        # In bursts nobody takes what arrives here, so it costs the client only its transport.
+        # In bursts nothing is taken from this subscription: it costs the client only transport.
         self._unread = Node('unread', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -217,7 +219,7 @@ class Client:
     def sustained(self) -> tuple[float, int]:
         """Most answers in a second [Hz], and the rate of questions it took [Hz]."""
         best, best_rate, in_vain = 0.0, 0, 0
-        for rate in RATES:
+        for rate in RATES[:MOST_RATES]:
             answered = self._burst(rate)
             in_vain = 0 if answered > RISE * best else in_vain + 1
             best, best_rate = max((best, best_rate), (answered, rate))
@@ -248,7 +250,7 @@ class Client:
         return count
 
     def _drain(self, quiet: float) -> None:
-        """Take what is still under way until nothing came for ``quiet`` [s]."""
+        """Take messages until none has arrived for ``quiet`` [s]."""
         time.sleep(quiet)
         while self._take():
             time.sleep(quiet)
@@ -279,6 +281,7 @@ def measure(kind: str, domain: int) -> Measured:
 
 def main() -> None:
     """Print the table."""
+    make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     first_domain = 82 + 4 * (os.getpid() % 4)
     turns = [
@@ -302,7 +305,7 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    if sys.argv[1:]:
+    if sys.argv[1:2] and sys.argv[1] in OTHERS:
         answer_for_ever(sys.argv[1])
     else:
         main()

@@ -1,4 +1,4 @@
-"""The node under abuse: long, hostile and restless; prints a table.
+"""The node under load for long, with invalid messages, changed parameters and restarts.
 
     python benchmarks/soak.py                 an hour: a million messages
     python benchmarks/soak.py --part 0.01     a minute
@@ -10,6 +10,8 @@ same with a thousandth part.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib
 import itertools
 import os
 import signal
@@ -25,7 +27,8 @@ import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, WrenchStamped
+from node import processor_time
 from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
@@ -36,12 +39,17 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 
 from octo_arm_model import Config, load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_templates import BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BackboneWriter
 
 FILE = preset_path('renda2012_table4')
 CONFIG = load_config(FILE)
 SCALE = np.array([[0.2], [1.5], [3.0]])
+TENSIONS = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
 ARM_RATES = (50.0, 100.0, 150.0, 200.0, 300.0, 400.0)  # [Hz]
+RECORDED_RATE = 100.0  # [Hz]
+WARM = 2000  # hostile messages until every queue has been full and all that is cached is cached
+LARGEST_RISE = 5.0  # [MB] of memory from then on
+WRENCH = 3  # among the publishers of a `Client`
 DEADLINE = 30.0  # [s] for what takes milliseconds
 SAID: dict[int, IO[bytes]] = {}  # what nodes wrote to stderr, by their process
 STAMP = slice(4, 12)  # of a serialised message with a header
@@ -81,19 +89,24 @@ def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
 
 
 class Client:
-    """Sends tensions as bytes, and knows what the answers must be to the last bit."""
+    """Sends tensions as bytes, and computes the expected answers, byte for byte."""
 
     KEYS = ('output answered', 'output skipped', 'input refused', 'solver failures')
 
     def __init__(self, domain: int, config: Config = CONFIG, namespace: str = '') -> None:
-        """Talk to the node in ``domain``."""
+        """Connect to the node in ``domain``."""
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node('soak', context=self.context, namespace=namespace)
         self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        kinds = (TendonTensions, Float64MultiArray, JointState)
-        topics = ('tendon_tensions', 'tendon_tensions/array', 'tendon_tensions/joint_state')
+        kinds = (TendonTensions, Float64MultiArray, JointState, WrenchStamped)
+        topics = (
+            'tendon_tensions',
+            'tendon_tensions/array',
+            'tendon_tensions/joint_state',
+            'tip_wrench',
+        )
         self.publishers = [
             self.node.create_publisher(kind, topic, QoSProfile(depth=1000))
             for kind, topic in zip(kinds, topics, strict=True)
@@ -130,13 +143,13 @@ class Client:
                     self.totals[f'{status.name.split(": ")[1]} {value.key}'] = int(value.value)
 
     def close(self) -> None:
-        """Stop talking."""
+        """Leave the domain."""
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
     def wait(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> None:
-        """Listen until ``condition``."""
+        """Receive until ``condition``."""
         end = time.monotonic() + deadline
         while not condition():
             if time.monotonic() > end:
@@ -144,7 +157,7 @@ class Client:
             self.executor.spin_once(timeout_sec=0.05)
 
     def listen(self) -> None:
-        """Hear what is there."""
+        """Receive what has arrived."""
         for _ in range(4):
             self.executor.spin_once(timeout_sec=0.0)
 
@@ -157,25 +170,26 @@ class Client:
         return second.to_bytes(4, 'little') + (7).to_bytes(4, 'little')
 
     def send(self, topic: int, data: bytes) -> None:
-        """Send bytes on one of the three topics."""
+        """Send bytes on one of the topics."""
         self.publishers[topic].publish(data)
-        self.sent += 1
+        # Wrenches that are no message, or overtaken by others, are not counted by the node.
+        self.sent += topic != WRENCH
 
     def expected(self, tensions: np.ndarray, stamp: bytes) -> bytes:
-        """What the answer must be."""
+        """The expected answer."""
         backbone = self.solver.solve(tensions)
         second = int.from_bytes(stamp[:4], 'little')
         return self.writer.poses(backbone, second, 7)
 
     def connect(self) -> None:
-        """Ask until there is an answer, and forget it."""
+        """Ask until there is an answer, and drop it."""
 
         def answered() -> bool:
             self.good(np.zeros(CONFIG.arm.tension_shape))
             return bool(self.answers)
 
         self.wait(answered, 'a first answer')
-        # What was sent before the two had found each other went nowhere: count from here.
+        # Messages sent before discovery were not delivered: count from here.
         for _ in range(2):
             self.totals.clear()
             self.wait(lambda: len(self.totals) > 5, 'a diagnosis')
@@ -192,14 +206,14 @@ class Client:
 
 
 def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Many valid messages: memory flat, none lost without being counted."""
+    """Many valid messages: constant memory, none lost without being counted."""
     random = np.random.default_rng(1)
     sets = random.uniform(0.0, 1.0, (200, *CONFIG.arm.tension_shape)) * SCALE
     warm = max(count // 20, 500)
     memory = 0.0
     for number in range(count):
         client.good(sets[number % len(sets)])
-        # Now one by one, now in bursts that nobody could answer.
+        # One by one, and in bursts faster than they can be answered.
         if number % 20 == 0 or number % 2000 < 1000:
             client.listen()
             time.sleep(0.001)
@@ -216,7 +230,7 @@ def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[
 
 
 def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[[], Any]:
-    """A source of (topic, bytes) that no arm should answer."""
+    """A source of (topic, bytes) that no arm should answer; the topics are those of a `Client`."""
     good = np.full(12, 0.1)
     value = [np.nan, np.inf, -np.inf, -1.0, -1e-300, 1e300]
 
@@ -255,21 +269,41 @@ def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[
 
     def broken() -> tuple[int, bytes]:
         topic, data = one_bad()
-        # At least a byte: what has none DDS does not take for a message, and delivers nothing.
+        # At least a byte: DDS delivers no empty message.
         if random.random() < 0.5:
             return topic, data[: int(random.integers(1, len(data)))]
         return int(random.integers(3)), random.bytes(int(random.integers(1, 300)))
 
-    kinds = (one_bad, wrong_length, wrong_names, odd_layout, empty_joints, broken)
+    def large() -> tuple[int, bytes]:
+        count = int(2.0 ** random.uniform(0.0, 15.0))
+        kind = int(random.integers(4))
+        if kind == 0:
+            return tensions(['x' * count, *names[1:]], good)
+        if kind == 1:
+            return tensions([f'tendon {number}' for number in range(count // 16)], good)
+        if kind == 2:
+            return 1, serialize_message(Float64MultiArray(data=np.full(count + 12, 0.1)))
+        return int(random.integers(4)), random.bytes(8 * count)
+
+    def wrench() -> tuple[int, bytes]:
+        message = WrenchStamped(header=Header(frame_id=str(random.choice(['', 'x' * 5000]))))
+        message.wrench.force.z = float(random.choice([np.nan, np.inf, 1e300]))
+        data = serialize_message(message)
+        return WRENCH, data[: int(random.integers(1, len(data) + 1))]
+
+    kinds = (one_bad, wrong_length, wrong_names, odd_layout, empty_joints, broken, large, wrench)
     return lambda: kinds[int(random.integers(len(kinds)))]()
 
 
 def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Hostile messages mixed with good ones, every good one answered rightly."""
+    """Invalid messages among valid ones: every valid one answered correctly, memory constant."""
     random = np.random.default_rng(2)
     source = hostile_messages(client.names, random)
     sent = right = 0
+    before = None
     while sent < count:
+        if before is None and sent >= WARM:
+            before = megabytes(process)
         for _ in range(int(random.integers(1, 6))):
             client.send(*source())
             sent += 1
@@ -283,12 +317,75 @@ def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> lis
     client.check_count()
     if process.poll() is not None:
         raise RuntimeError('the node died')
-    return [f'{sent} hostile messages', f'{right} good ones among them answered rightly']
+    outcome = f'{right} good ones among them answered rightly'
+    if before is not None:
+        after = megabytes(process)
+        outcome += f', memory from {before:.1f} to {after:.1f} MB'
+        if after > before + LARGEST_RISE:
+            raise RuntimeError(f'{outcome}, expected a rise of at most {LARGEST_RISE} MB')
+    return [f'{sent} hostile messages', outcome]
+
+
+def recorded(domain: int, seconds: float) -> list[str]:
+    """A node of which everything is heard, as by `ros2 bag record -a`: everything answered."""
+    process = start_node(domain)
+    client = Client(domain)
+    counts, shares = [], []
+    try:
+        client.connect()
+        for is_recorded in (False, True):
+            if is_recorded:
+                hear_everything(client)
+            client.listen()
+            client.answers.clear()
+            began, worked = time.monotonic(), processor_time(process.pid)
+            asked = ask_steadily(client, RECORDED_RATE, seconds)
+            shares.append((processor_time(process.pid) - worked) / (time.monotonic() - began))
+            counts.append(f'{len(client.answers)} of {asked}')
+    finally:
+        client.close()
+        process.send_signal(signal.SIGINT)
+        end(process, {0})
+    return [
+        f'everything recorded at {RECORDED_RATE:.0f} Hz', f'{counts[1]} answered ({counts[0]} '
+        f'where only backbone/poses is heard), for {shares[1] / max(shares[0], 1e-3):.1f} times '
+        f'the processor time, {shares[1]:.0%} of a core',
+    ]  # fmt: skip
+
+
+def ask_steadily(client: Client, rate: float, seconds: float) -> int:
+    """Ask at ``rate`` [Hz], never two at once to catch up; returns how often."""
+    now = due = time.monotonic()
+    stop = now + seconds
+    asked = 0
+    while now < stop:
+        if now >= due:
+            client.good(TENSIONS)
+            asked += 1
+            due = max(due + 1.0 / rate, now)
+        client.executor.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
+        now = time.monotonic()
+    with contextlib.suppress(RuntimeError):
+        client.wait(lambda: len(client.answers) >= asked, 'every answer', 3.0)
+    return asked
+
+
+def hear_everything(client: Client) -> None:
+    """Subscribe to all that the node publishes."""
+    heard = []
+    for topic, (kind, *_) in client.node.get_publisher_names_and_types_by_node('octo_arm', '/'):
+        package, name = kind.split('/msg/')
+        message = getattr(importlib.import_module(f'{package}.msg'), name)
+        heard.append(
+            client.node.create_subscription(
+                message, topic, lambda data: None, QoSProfile(depth=100), raw=True
+            )
+        )
+    client.wait(lambda: all(it.get_publisher_count() for it in heard), 'all topics of the node')
 
 
 def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Parameters changed under load without one wrong shape."""
-    tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
+    """Parameters changed under load: no wrong shape."""
     variants = [
         {'stations': 101, 'material.youngs_modulus': 1.1e5},
         {'stations': 61, 'material.youngs_modulus': 2.2e5},
@@ -305,7 +402,7 @@ def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> li
         path.write_text(text)
         config = load_config(path)
         path.unlink()
-        backbone = config.solver(compiled=None).solve(tensions)
+        backbone = config.solver(compiled=None).solve(TENSIONS)
         allowed.add(Client.writer_of(config).poses(backbone, 0, 0)[STAMP.stop :])
     client.answers.clear()
     seen = set()
@@ -318,7 +415,7 @@ def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> li
             SetParametersAtomically.Request(parameters=parameters)
         )
         while not future.done():
-            client.good(tensions)
+            client.good(TENSIONS)
             client.executor.spin_once(timeout_sec=0.002)
         if not future.result().result.successful:
             raise RuntimeError(future.result().result.reason)
@@ -385,7 +482,6 @@ def octopus(domain: int, seconds: float) -> list[str]:
 
 def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
     """Answers in a second to every one of ``clients`` that ask at ``rate`` [Hz]."""
-    tensions = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
     for client in clients:
         client.listen()
         client.answers.clear()
@@ -394,7 +490,7 @@ def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
     while (now := time.monotonic() - began) < seconds:
         while sent < now * rate:
             for client in clients:
-                client.good(tensions)
+                client.good(TENSIONS)
             sent += 1
         for client in clients:
             client.listen()
@@ -405,13 +501,13 @@ def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
 
 
 def run(part: float, domain: int) -> list[list[str]]:
-    """All of it, ``part`` of the full length; returns rows of (what, outcome)."""
+    """All parts for ``part`` of the full length; returns rows of (what, outcome)."""
     rows = []
     process = start_node(domain)
     client = Client(domain)
     try:
         client.connect()
-        for abuse, full in ((hostile, 10_000), (restless, 1000), (valid, 1_000_000)):
+        for abuse, full in ((hostile, 100_000), (restless, 1000), (valid, 1_000_000)):
             rows.append(abuse(client, process, max(int(full * part), 5)))
             print(*rows[-1], sep=': ', flush=True)
         process, *row = restart(client, domain, process)
@@ -421,8 +517,12 @@ def run(part: float, domain: int) -> list[list[str]]:
         client.close()
         process.send_signal(signal.SIGINT)
         end(process, {0})
-    rows.append(octopus(domain + 1, max(10.0 * part, 1.0)))
-    print(*rows[-1], sep=': ', flush=True)
+    for row in (
+        recorded(domain + 1, max(60.0 * part, 2.0)),
+        octopus(domain + 1, max(10.0 * part, 1.0)),
+    ):
+        rows.append(row)
+        print(*row, sep=': ', flush=True)
     return rows
 
 

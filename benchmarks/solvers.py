@@ -1,11 +1,11 @@
-"""How much quicker, and how much closer, than general-purpose ways to solve the same models.
+"""Time and error against general-purpose ways to solve the same models.
 
 The paper's way: equations (10) to (12) with `solve_ivp`, RK23 at its default tolerances, then
 the kinematics (1) likewise, read out at 101 stations. Everything is timed in this one run and
 reported as ratios; the errors are against the same equations at tight tolerances. Loads: see
 `loaded_bvp`.
 
-    python benchmarks/solvers.py
+    python benchmarks/solvers.py [--brief]
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from brief import IS_BRIEF, make_parser
 from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
-from octo_arm_model import MODELS, Arm, Config, Loads, Solver, load_config
+from octo_arm_model import MODELS, Arm, Body, Config, Loads, Section, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.compiled import is_available
+from octo_arm_model.core.compiled.numba_build import is_available
 
 STATIONS = 101
-BATCH = 10_000
+BATCH = 100 if IS_BRIEF else 10_000
+MOST_REPEATS = 2 if IS_BRIEF else 1000
 
 
 class PaperWay:
@@ -32,14 +34,18 @@ class PaperWay:
 
     def __init__(self, arm: Arm, **integrator: Any) -> None:
         """Solve ``arm`` with `solve_ivp` options ``integrator``."""
-        self._arm = arm
         self._options = integrator
-        parts = arm.sections
+        parts = [part for part in arm.sections if isinstance(part, Section)]
         self._l = [part.anchorage for part in parts]
         self._a = np.array([part.offset_base for part in parts])
         self._b = np.array([part.offset_anchorage for part in parts])
         self._slope = (self._b - self._a) / np.array(self._l)
-        body = arm.body
+        body, material = arm.body, arm.material
+        assert isinstance(body, Body)
+        assert isinstance(material.youngs_modulus, float)
+        assert isinstance(material.shear_modulus, float)
+        self._young, self._shear = material.youngs_modulus, material.shear_modulus
+        self._radius_base = body.radius_base
         self._taper = (body.radius_tip - body.radius_base) / body.length
 
     def tip(self, tensions: Any) -> np.ndarray:
@@ -54,18 +60,18 @@ class PaperWay:
         return self._l[i + 1] if i + 1 < len(self._l) else 0.0
 
     def _strains(self, tensions: np.ndarray) -> list[Callable[[float], np.ndarray]]:
-        young, shear = self._arm.material.youngs_modulus, self._arm.material.shear_modulus
-        omega = np.zeros(3)
+        young, shear = self._young, self._shear
+        omega: np.ndarray = np.zeros(3)
         solutions = []
         for i, stop in enumerate(self._l):
             t1, t2, t3, t4 = tensions[: i + 1].T
             a, slope, b = self._a[: i + 1], self._slope[: i + 1], self._b[i]
             second = 0.25 * np.pi * self._radius(stop) ** 4
-            omega = omega + (
+            omega = omega + np.array([
                 0.0,
                 b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second),
                 b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second),
-            )
+            ])  # fmt: skip
 
             def slope_of(s_tilde: float, omega: np.ndarray) -> np.ndarray:
                 tau, xi, k = omega
@@ -98,7 +104,7 @@ class PaperWay:
         t1, t2, t3, t4 = tensions[: i + 1].T
         total = tensions[: i + 1].sum()
         a, slope = self._a[: i + 1], self._slope[: i + 1]
-        young = self._arm.material.youngs_modulus
+        young = self._young
 
         def slope_of(s: float, state: np.ndarray) -> np.ndarray:
             tau, xi, k = omega(-s)
@@ -115,13 +121,13 @@ class PaperWay:
         return solve_ivp(slope_of, span, state, t_eval=stations, **self._options).y[:, -1]
 
     def _radius(self, s: float) -> float:
-        return self._arm.body.radius_base + self._taper * s
+        return self._radius_base + self._taper * s
 
 
 def seconds(work: Callable[[], object], repeats: int) -> float:
     """Median time of ``work`` [s]."""
     times = []
-    for _ in range(repeats):
+    for _ in range(min(repeats, MOST_REPEATS)):
         start = time.perf_counter()
         work()
         times.append(time.perf_counter() - start)
@@ -130,6 +136,7 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
 
 def main() -> None:
     """Print the tables."""
+    make_parser(__doc__).parse_args()
     config = load_config(preset_path('renda2012_table4'))
     arm = config.arm
     solvers = {model: Solver(arm, model, STATIONS) for model in MODELS}
@@ -158,7 +165,7 @@ def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
             way: seconds(lambda: solver.solve(tensions), 400) for way, solver in solvers.items()
         }
         for way, solver in solvers.items():
-            # The others are not the paper's equations: their own fine grid is the reference.
+            # Other models, other equations: the reference is a fine grid of the same model.
             fine = reference
             if solver.model != 'renda2012':
                 fine = Solver(arm, solver.model, 20 * STATIONS).solve(tensions).tip
@@ -180,7 +187,8 @@ def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
     print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
     print(f'{"way":24}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
     for way, solver in solvers.items():
-        single = seconds(lambda: [solver.solve(x) for x in sets[:500]], 3) / 500
+        some = sets[:500]
+        single = seconds(lambda: [solver.solve(x) for x in some], 3) / len(some)
         batch = seconds(lambda: solver.solve(sets), 3) / BATCH
         print(f'{way:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
 

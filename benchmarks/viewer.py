@@ -1,11 +1,11 @@
-"""What the viewer costs the node, and how many pictures a second it gets to the browser.
+"""Cost of the viewer for the node, and the pictures a second that reach the browser.
 
 One node is asked again and again, in turn alone, with a viewer that nobody looks at, and with a
 browser looking. The browser draws without a graphics card, which takes all there is of a small
 machine; it runs at a lower priority, so that what is measured is the viewer, not the drawing.
 Numbers depend on the machine, ratios less so. Needs chromium and chromedriver.
 
-    python benchmarks/viewer.py
+    python benchmarks/viewer.py [--brief]
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
+from brief import IS_BRIEF, make_parser
 from node import COMMANDS, Client, question
 from rclpy.node import Node
 
@@ -31,7 +32,7 @@ from octo_arm_model.viewer.options import LOOPBACK, PORT
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test'))
 
-ROUNDS = 3
+ROUNDS = 1 if IS_BRIEF else 3
 STEADY = 200  # [Hz]
 RATE = 60.0  # [Hz] of the tensions while pictures are counted
 COUNTED = 6.0  # [s]
@@ -39,7 +40,7 @@ KINDS = ('alone', 'viewer', 'browser')
 
 
 def serve(port: int) -> None:
-    """Be the viewer until interrupted, and say every second how many pictures it drew."""
+    """Run the viewer until interrupted, and print every second how many pictures it drew."""
     is_over = stop_signals()
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     with serving(LOOPBACK, port) as server:
@@ -54,7 +55,7 @@ def serve(port: int) -> None:
 
 
 def look(address: str) -> None:
-    """Be the browser until interrupted."""
+    """Run the browser until interrupted."""
     from browser import Browser
 
     os.nice(10)
@@ -111,7 +112,7 @@ class Measured(NamedTuple):
 
 
 def measure(kind: str, client: Client) -> Measured:
-    """What the node does alone, with a viewer, or with a browser that looks at it."""
+    """Measure the node alone, with a viewer, or with a viewer and a browser."""
     parts: list[Part] = []
     try:
         if kind != 'alone':
@@ -134,6 +135,7 @@ def measure(kind: str, client: Client) -> Measured:
 
 def main() -> None:
     """Print the table."""
+    make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     domain = 60 + os.getpid() % 20
     os.environ['ROS_DOMAIN_ID'] = str(domain)

@@ -1,10 +1,15 @@
 """Sphinx: `tools/with_ros sphinx-build -W docs docs/_build`."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.application import Sphinx
 
 from octo_arm_model import __version__
 from octo_arm_model.config.parameters import PARAMETERS, as_markdown
@@ -18,7 +23,7 @@ extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 3
 exclude_patterns = ['_build', '_generated']
-# Sections of the README keep their level.
+# The changelog and the notes for contributors keep their levels.
 suppress_warnings = ['myst.header']
 html_theme = 'alabaster'
 html_static_path: list[str] = []
@@ -30,29 +35,31 @@ autodoc_typehints = 'signature'
 autodoc_type_aliases = {name: name for name in ('ArrayLike', 'FloatArray', 'IntArray')}
 napoleon_use_ivar = True
 
-# The table that declares the parameters is the one that documents them.
+# The manual's tables of parameters are generated from their declarations.
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
 for _name, _table in (('parameters', PARAMETERS), ('simulator_parameters', SIMULATOR)):
     (_GENERATED / f'{_name}.md').write_text(as_markdown(_table), encoding='utf-8')
 
 
-def _math(is_block):
+def _math(is_block: bool) -> tuple[Callable[[Any, nodes.Node], None], None]:
     """Write a formula as MathML, which browsers draw without fetching anything."""
 
-    def visit(writer, node):
+    def visit(writer: Any, node: nodes.Node) -> None:
         writer.body.append(tex2mathml(node.astext(), as_block=is_block))
         raise nodes.SkipNode
 
     return visit, None
 
 
-def _plain_names(app, what, name, obj, options, signature, returns):
+def _plain_names(
+    app: Sphinx, what: str, name: str, obj: object, options: object, signature: str, returns: str
+) -> tuple[str, str]:
     """Show aliases of types by their names alone."""
     return signature, re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r'\1', returns or '')
 
 
-def setup(app):
+def setup(app: Sphinx) -> None:
     """Register what writes formulas and signatures."""
     app.connect('autodoc-process-signature', _plain_names)
     app.add_html_math_renderer('mathml', _math(False), _math(True))

@@ -24,12 +24,12 @@ from browser import Browser  # noqa: E402 - what drives the browser is with the 
 from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.config.presets import preset_path  # noqa: E402
 from octo_arm_model.ros.child_processes import children  # noqa: E402
+from octo_arm_model.simulation.limits import figures  # noqa: E402
 from octo_arm_model.viewer.address import free_port, url  # noqa: E402
-from octo_arm_model.viewer.commander import figures  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
 
 WIDTH, HEIGHT = 1280, 860  # of the window; the page is a little less high
-_ROUND = -300  # pixels
+_ROUND = 165  # pixels
 COLOURS = 255  # of a picture, which is plenty, and a third of its size
 
 
@@ -60,7 +60,7 @@ def opened(port: int) -> Iterator[Browser]:
 
 
 def tidy(browser: Browser) -> None:
-    """Away with hints, and with what is said of rendering without a graphics card."""
+    """Close the hints and the notice about rendering without a graphics card."""
     browser.leave()
     browser.driver.execute_script(
         'document.querySelectorAll(".mantine-Notifications-root").forEach(e => e.remove())'
@@ -154,7 +154,7 @@ def main() -> int:
         return 2
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    # Nobody else's arm is in the picture.
+    # A domain of its own: no other arm is in the picture.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
     for take in (bends, fetching, octopus):

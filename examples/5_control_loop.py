@@ -13,18 +13,20 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model import TipPosition, find_tensions, load_config
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.child_processes import children
 from octo_arm_model.ros.node.main import make_executor
+from octo_arm_model.simulation.limits import tendon_limits
 
 CONFIG = 'config/renda2012_table4.yaml'
 RATE = 200.0  # [Hz]
 PERIOD = 8.0  # of the circle [s]
 GAIN = 4.0  # [1/s]
-HIGHEST = 1.0  # [N]
+HIGHEST = 1.0  # [N], or the limit of a tendon where that is less
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
 
 
-def wanted(time):
+def wanted(time: float) -> tuple[FloatArray, FloatArray]:
     """Where the tip should be at ``time`` [s], and how fast it should go there."""
     angle = 2.0 * np.pi * time / PERIOD
     radial, along = (
@@ -37,36 +39,42 @@ def wanted(time):
 class Controller(Node):
     """Turns the distance to the wanted tip into changes of the tensions."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Begin with tensions that would bring the tip to the circle."""
         super().__init__('controller')
         config = load_config(CONFIG)
         self.solver = config.solver('closed_form', stations=41)
-        start = find_tensions(config.solver('exact'), TipPosition(wanted(0.0)[0]), highest=HIGHEST)
+        # Nothing beyond the limit of a tendon is taken.
+        self.highest = np.minimum(HIGHEST, tendon_limits(config))
+        target = TipPosition(wanted(0.0)[0])
+        highest = self.highest.reshape(config.arm.tension_shape)
+        start = find_tensions(config.solver('exact'), target, highest=highest)
         self.tensions = start.backbone.tensions.ravel().copy()
         self.command = TendonTensions(name=list(config.arm.tendon_names))
-        self.tip, self.steps, self.errors = None, 0, []
+        self.tip: FloatArray | None = None
+        self.steps = 0
+        self.errors: list[float] = []
         self.publisher = self.create_publisher(TendonTensions, 'tendon_commands', 1)
         self.create_subscription(PoseWithCovarianceStamped, 'tip_pose', self.on_tip, 1)
         self.create_timer(1.0 / RATE, self.step)
 
-    def on_tip(self, message):
+    def on_tip(self, message: PoseWithCovarianceStamped) -> None:
         """Keep where the tip is."""
         p = message.pose.pose.position
         self.tip = np.array([p.x, p.y, p.z])
 
-    def step(self):
+    def step(self) -> None:
         """Pull a little more or less."""
         if self.tip is not None:
             target, speed = wanted(self.steps / RATE)
             error = target - self.tip
-            # How the tip answers to the tensions is the model's to say; where it is, the node's.
+            # The Jacobian is the model's; the position of the tip is the node's.
             backbone = self.solver.solve(self.tensions.reshape(self.solver.arm.tension_shape))
             jacobian = self.solver.sensitivity(backbone).by_tension.tip[:3]
             damped = jacobian @ jacobian.T + 1e-4 * np.eye(3)
             change = jacobian.T @ np.linalg.solve(damped, speed + GAIN * error)
-            self.tensions = np.clip(self.tensions + change / RATE, 0.0, HIGHEST)
-            self.errors.append(np.linalg.norm(error))
+            self.tensions = np.clip(self.tensions + change / RATE, 0.0, self.highest)
+            self.errors.append(float(np.linalg.norm(error)))
             self.steps += 1
             if self.steps % int(2 * RATE) == 0:
                 recent = 1e3 * np.array(self.errors[-int(2 * RATE) :])

@@ -2,27 +2,25 @@
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch.substitutions import LaunchConfiguration
 
 from octo_arm_model.analysis.octopus_layout import ARMS, RADIUS, base_pose
-
-PACKAGE = 'octo_arm_model'
+from octo_arm_model.ros.launch_parts import (
+    declare,
+    node,
+    overrides,
+    rviz,
+    sim_time,
+    text,
+    value_of,
+)
 
 
 def start(context):
-    """The eight nodes, once the arguments have values."""
-    radius = float(LaunchConfiguration('radius').perform(context))
-    common = {
-        'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool),
-        'base_frame': ParameterValue(LaunchConfiguration('base_frame'), value_type=str),
-    }
-    # Empty, the parameter file has its way.
-    if LaunchConfiguration('model').perform(context):
-        common['model'] = ParameterValue(LaunchConfiguration('model'), value_type=str)
-    nodes = []
+    """The eight nodes and, if wanted, RViz, once the arguments have values."""
+    radius = float(value_of('radius', context))
+    common = sim_time() | overrides(context, 'model') | {'base_frame': text('base_frame')}
+    actions = [rviz('octopus.rviz', arguments=['-f', LaunchConfiguration('base_frame')])]
     for number in range(1, ARMS + 1):
         position, quaternion = base_pose(number, radius)
         own = {
@@ -30,34 +28,17 @@ def start(context):
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
         }
-        nodes.append(
-            Node(
-                package=PACKAGE,
-                executable='octo_arm_node',
-                name='octo_arm',
-                namespace=f'arm_{number}',
-                parameters=[LaunchConfiguration('params_file'), common, own],
-                output='screen',
-            )
-        )
-    return nodes
+        params_file = LaunchConfiguration('params_file')
+        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', params_file, common | own)
+        actions.append(arm)
+    return actions
 
 
 def generate_launch_description():
     """Declare the arguments; what they say decides what is started."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=PathJoinSubstitution(
-                    [
-                        FindPackageShare(PACKAGE),
-                        'config',
-                        'renda2012_table4.yaml',
-                    ]
-                ),
-                description='ROS parameter file of every arm; its base and frame are not used',
-            ),
+            *declare('params_file', 'use_sim_time', 'rviz', 'model'),
             DeclareLaunchArgument(
                 'radius',
                 default_value=str(RADIUS),
@@ -66,17 +47,8 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'base_frame',
                 default_value='octopus',
-                description='frame of the body, at its centre, that all arms are expressed in',
-            ),
-            DeclareLaunchArgument(
-                'use_sim_time',
-                default_value='false',
-                description='whether time comes from /clock, as with a bag or a simulation',
-            ),
-            DeclareLaunchArgument(
-                'model',
-                default_value='',
-                description='name of a model; empty for that of params_file',
+                description='frame of the body, at its centre, that all arms are expressed in; '
+                'base and frame of params_file are not used',
             ),
             OpaqueFunction(function=start),
         ]

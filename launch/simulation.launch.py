@@ -1,61 +1,43 @@
 """One arm without hardware: the node and the simulator; where wanted, the shape it really has."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 
-PACKAGE = 'octo_arm_model'
-# Passed on to the launch file of the node.
-SHARED = ('params_file', 'namespace', 'use_sim_time', 'rviz', 'model')
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.ros.launch_parts import (
+    arm_node,
+    declare,
+    node,
+    rviz,
+    sim_time,
+    text,
+    value_of,
+)
 
 
 def start(context):
     """Everything to start, once the arguments have values."""
-    params_file = LaunchConfiguration('params_file')
-    sim_time = {
-        'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
-    }
-    # Of type string: a file may be called 1.
-    profile = {
-        'profile.name': ParameterValue(LaunchConfiguration('profile'), value_type=str),
-        'profile.loop': True,
-    }
+    namespace, params_file = LaunchConfiguration('namespace'), LaunchConfiguration('params_file')
     of_simulator = [params_file]
-    if LaunchConfiguration('simulator_file').perform(context):
+    if value_of('simulator_file', context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
-    of_simulator.append(sim_time)
-    if LaunchConfiguration('profile').perform(context):
-        of_simulator.append(profile)
-    path = PathJoinSubstitution([FindPackageShare(PACKAGE), 'launch', 'octo_arm.launch.py'])
+    of_simulator.append(sim_time())
+    if value_of('profile', context):
+        of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     actions = [
-        IncludeLaunchDescription(
-            PythonLaunchDescriptionSource(path),
-            launch_arguments=[(name, LaunchConfiguration(name)) for name in SHARED],
-        ),
-        Node(
-            package=PACKAGE,
-            executable='octo_arm_sim',
-            name='octo_arm_sim',
-            namespace=LaunchConfiguration('namespace'),
-            parameters=of_simulator,
-            output='screen',
-        ),
+        arm_node(context),
+        node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
+        rviz('octo_arm.rviz', namespace),
     ]
-    if LaunchConfiguration('ground_truth').perform(context).lower() in ('true', '1'):
-        actions.append(
-            Node(
-                package=PACKAGE,
-                executable='octo_arm_node',
-                name='octo_arm',
-                namespace=[LaunchConfiguration('namespace'), '/ground_truth'],
-                parameters=[params_file, sim_time | {'frame_prefix': 'ground_truth_'}],
-                output='screen',
-            )
-        )
+    if value_of('ground_truth', context).lower() in ('true', '1'):
+        # Beside the frames of the arm, which differ from those of other arms.
+        prefix = value_of('frame_prefix', context) or load_parameters(
+            value_of('params_file', context)
+        ).get('frame_prefix', '')
+        truth = sim_time() | {'frame_prefix': f'{prefix}ground_truth_'}
+        name, where = 'octo_arm', [namespace, '/ground_truth']
+        actions.append(node('octo_arm_node', name, where, params_file, truth))
     return actions
 
 
@@ -63,17 +45,7 @@ def generate_launch_description():
     """Declare the arguments; what they say decides what is started."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=PathJoinSubstitution(
-                    [
-                        FindPackageShare(PACKAGE),
-                        'config',
-                        'renda2012_table4.yaml',
-                    ]
-                ),
-                description='ROS parameter file of the arm, for both nodes',
-            ),
+            *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),
             DeclareLaunchArgument(
                 'simulator_file',
                 default_value='',
@@ -89,21 +61,8 @@ def generate_launch_description():
                 'ground_truth',
                 default_value='false',
                 description='whether another node publishes the shape that the simulated arm '
-                'really has, in the namespace ground_truth',
-            ),
-            DeclareLaunchArgument(
-                'namespace', default_value='', description='namespace of all topics and services'
-            ),
-            DeclareLaunchArgument(
-                'use_sim_time', default_value='false', description='whether time is that of /clock'
-            ),
-            DeclareLaunchArgument(
-                'rviz', default_value='false', description='whether to start RViz'
-            ),
-            DeclareLaunchArgument(
-                'model',
-                default_value='',
-                description='name of a model; empty for that of params_file',
+                'really has, in the namespace ground_truth, its frames with the prefix '
+                'ground_truth_ after that of the arm',
             ),
             OpaqueFunction(function=start),
         ]

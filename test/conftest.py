@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from workspaces import HIGHEST
 
 from octo_arm_model import MODELS, Config, load_config
+from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled.numba_build import is_available
 
@@ -41,28 +45,26 @@ def papers_model(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(scope='session')
-def table2() -> Config:
-    """Arm of the bending simulations, three sections."""
-    return load_config(preset_path('renda2012_table2'))
+def _arm(name: str) -> Any:
+    """Fixture of the arm of the preset ``name``."""
+
+    @pytest.fixture(scope='session')
+    def config() -> Config:
+        return load_config(preset_path(name))
+
+    return config
+
+
+table2 = _arm('renda2012_table2')  # bending simulations, three sections
+table4 = _arm('renda2012_table4')  # fetching simulations, three sections
+rod = _arm('rao2021')  # metal rod of Rao et al. 2021, two sections of three tendons
+prototype = _arm('renda2012_prototype')  # arm of the tank, one section
 
 
 @pytest.fixture(scope='session')
-def table4() -> Config:
-    """Arm of the fetching simulations, three sections."""
-    return load_config(preset_path('renda2012_table4'))
-
-
-@pytest.fixture(scope='session')
-def rod() -> Config:
-    """Metal rod of Rao et al. 2021, two sections of three tendons."""
-    return load_config(preset_path('rao2021'))
-
-
-@pytest.fixture(scope='session')
-def prototype() -> Config:
-    """Arm of the tank, one section."""
-    return load_config(preset_path('renda2012_prototype'))
+def cloud(table4: Config) -> Workspace:
+    """Tips of the arm of the fetching simulations, in four chunks."""
+    return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
 @pytest.fixture

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,29 @@ from octo_arm_model.config.config import Config, load_parameters, parameters_as_
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.curves import resample
-from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import Window
 
 PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
 ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
+STEPS = HELD[1:]
+TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the config says 1.1e5
 FAR = Alignment(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
 
 
 def one_tendon(tension: float) -> np.ndarray:
     return np.array([tension, 0.0, 0.0, 0.0])
+
+
+PULLS = tuple(one_tendon(tension) for tension in STEPS)
+
+
+def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarray:
+    """An arc in the plane z = 0 from the origin along x [m]."""
+    at = np.linspace(0.0, angle, count)
+    return radius * np.stack([np.sin(at), 1.0 - np.cos(at), 0.0 * at], axis=1)
 
 
 def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
@@ -42,7 +54,7 @@ def shapes(
     rng: np.random.Generator | None = None,
     noise: float = 0.0,
     frames: int = 5,
-) -> list[Shape]:
+) -> list[MeasuredShape]:
     """Steps with ``frames`` noisy copies of each of the true ``lines``."""
     rng = rng or np.random.default_rng(0)
     return [
@@ -52,6 +64,30 @@ def shapes(
         )
         for line, pulled in zip(lines, tensions, strict=True)
     ]
+
+
+def measured(
+    model: str = 'closed_form',
+    seed: int = 0,
+    noise: float = 0.0,
+    wrong: float = 0.0,
+    pulls: tuple[np.ndarray, ...] = PULLS,
+    count: int = 61,
+    parameters: dict | None = None,
+    **changes: float,
+) -> list[MeasuredShape]:
+    """Steps of an arm of modulus `TRUE`; ``wrong`` is the stddev of each step's tension [N]."""
+    rng = np.random.default_rng(seed)
+    changes = {'material__youngs_modulus': TRUE, **(parameters or {}), **changes}
+    pulled = [np.maximum(pull + wrong * rng.standard_normal() * (pull > 0.0), 0.0)
+              for pull in pulls]  # fmt: skip
+    lines = [midline(model, pull, count, **changes) for pull in pulled]
+    return shapes(lines, pulls, rng, noise, frames=8)
+
+
+def tips(steps: list[MeasuredShape]) -> list[MeasuredShape]:
+    """The same ``steps`` of which the tips alone were measured."""
+    return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]
 
 
 def staircase(
@@ -72,7 +108,7 @@ def recording(
     rate: float = 10.0,
     **changes: Any,
 ) -> Recording:
-    """A camera that sees the arm follow a staircase at once, its clock ``ahead`` [s]."""
+    """Frames of an arm that follows a staircase without lag, their clock ``ahead`` by [s]."""
     time, pulled = staircase(held)
     tensions = np.zeros((time.size, 4))
     tensions[:, 0] = pulled
@@ -145,3 +181,19 @@ def description(**changes: Any) -> Sample:
 def bag_of(path: Path, samples: Sequence[Sample]) -> Path:
     """A bag of ``samples`` in order of receipt."""
     return write_bag(path, sorted(samples, key=lambda sample: sample.received_ns))
+
+
+def staircase_bag(path: Path, held: Sequence[float], see: Callable[[float, int], Sample]) -> Path:
+    """A bag of tensions held for 2 s each, and of what a camera saw ``see`` meanwhile, at 10 Hz.
+
+    ``see`` makes the message for a tension [N] and a stamp [ns].
+    """
+    time, pulled = staircase(held, hold=2.0)
+    seen = np.arange(0.0, time[-1], 0.1)
+    samples = [description(), *tension_samples(time, pulled)]
+    samples += [
+        see(tension, nanoseconds(at))
+        for at, tension in zip(seen, np.interp(seen, time, pulled))
+        if tension in held
+    ]
+    return bag_of(path, samples)

@@ -7,6 +7,11 @@ from hypothesis import strategies as st
 
 from octo_arm_model import Arm, Body, Material, Section
 
+# Of three tendons [N], sequences of them, and times [s].
+tensions = st.lists(st.floats(0.0, 50.0), min_size=3, max_size=3).map(np.array)
+commands = st.lists(tensions, min_size=1, max_size=8)
+times = st.floats(1e-3, 100.0)
+
 MODEL_NAMES = ('renda2012', 'closed_form')
 
 
@@ -36,6 +41,35 @@ def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
     )
     young, ratio = draw(fractions(1e4, 1e6)), draw(fractions(0.0, 0.5))
     return Arm(Material(young, ratio), body, sections)
+
+
+def scaled(arm: Arm, scale: float) -> Arm:
+    """The same arm, ``scale`` times as large."""
+    body = arm.body
+    assert isinstance(body, Body)
+    sections = []
+    for section in arm.sections:
+        assert isinstance(section, Section)
+        lengths = section.anchorage, section.offset_base, section.offset_anchorage
+        sections.append(Section(*(scale * length for length in lengths)))
+    radii = scale * body.radius_base, scale * body.radius_tip
+    return Arm(arm.material, Body(scale * body.length, *radii), tuple(sections))
+
+
+@st.composite
+def extreme_arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
+    """Arms at the ends of what can be: tendons on the midline or the surface, thin tips."""
+    length = draw(fractions(0.1, 1.0))
+    radius_base = length * draw(fractions(0.03, 0.08))
+    body = Body(length, radius_base, radius_base * 10.0 ** draw(fractions(-3.0, 0.0)))
+    parts = draw(st.lists(fractions(0.2, 0.9), max_size=max_sections - 1))
+    anchorages = [length, *(length * np.cumprod(parts)).tolist()]
+    share = st.sampled_from([0.0, 1.0]) | fractions()
+    sections = tuple(
+        Section(s, radius_base * draw(share), float(body.radius(s)) * draw(share))
+        for s in anchorages
+    )
+    return Arm(Material(draw(fractions(1e4, 1e6)), draw(fractions(0.0, 0.5))), body, sections)
 
 
 @st.composite

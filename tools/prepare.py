@@ -26,8 +26,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST, NEWEST = (3, 10), (3, 13)
-# A wheel environment's Python leaves these to its children, where they belong to another Python.
+# The Python of a wheel environment sets these; child processes with another Python must not.
 FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
+
+
+# Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
+_COMPILE = (
+    'from octo_arm_model import load_config;'
+    'load_config("config/renda2012_table4.yaml").solver(compiled=None)'
+)
 
 
 class CannotPrepare(Exception):
@@ -172,7 +179,7 @@ def install(steps: Steps, venv: Path) -> None:
     pip = (venv / 'bin' / 'python', '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
     steps.announce('making a virtual environment')
     if has_sourced_jazzy():
-        # What is installed, numpy and scipy above all, stays as the system has it.
+        # Packages of the system, numpy and scipy above all, are not replaced.
         steps.run(sys.executable, '-m', 'venv', '--clear', '--system-site-packages', venv)
     else:
         steps.run(sys.executable, '-m', 'venv', '--clear', venv)
@@ -214,12 +221,16 @@ def mend_cmake_files(venv: Path) -> None:
 
 
 def build(steps: Steps, folder: Path, venv: Path) -> None:
-    """Both packages with colcon, beside each other in ``folder``/install."""
+    """The packages with colcon, beside each other in ``folder``/install."""
     steps.announce('building octo_arm_msgs and octo_arm_model with colcon')
     colcon: str | Path = 'colcon'
     python = Path(sys.executable)
     environment = {}
+    packages: list[object] = ['.', 'msg_defs']
     if not has_sourced_jazzy():
+        # No wheel has it. A sourced ROS is never given a second one, which would hide its own.
+        if not (venv / 'share' / 'tf2_msgs').is_dir():
+            packages.append(Path('tools') / 'ros_packages' / 'tf2_msgs')
         colcon, python = venv / 'bin' / 'colcon', venv / 'bin' / 'python'
         environment = {
             'PATH': f'{venv / "bin"}{os.pathsep}{os.environ["PATH"]}',
@@ -229,13 +240,27 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
     steps.run(
         colcon,
         '--log-base', folder / 'log', 'build',
-        '--base-paths', '.', 'msg_defs',
+        '--base-paths', *packages,
         '--build-base', folder / 'build',
         '--install-base', folder / 'install',
         '--symlink-install',
         '--cmake-args', f'-DPython3_EXECUTABLE={python}', '-DBUILD_TESTING=OFF',
         **environment,
     )  # fmt: skip
+
+
+def compile_solver(steps: Steps, folder: Path, venv: Path) -> None:
+    """Compile the solver, unless that was done since its sources changed."""
+    stamp = folder / 'compiled'
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / 'octo_arm_model' / 'core').rglob('*.py')):
+        digest.update(path.read_bytes())
+    wanted = digest.hexdigest()
+    if stamp.is_file() and stamp.read_text() == wanted:
+        return
+    steps.announce('compiling the solver')
+    steps.run(venv / 'bin' / 'python', '-c', _COMPILE, PYTHONPATH=str(ROOT))
+    stamp.write_text(wanted)
 
 
 def prepare() -> None:
@@ -251,6 +276,7 @@ def prepare() -> None:
     python = venv / 'bin' / 'python'
     # A link to a Python that is gone does not exist.
     if python.exists() and stamp.is_file() and stamp.read_text() == wanted:
+        compile_solver(Steps(folder, 1), folder, venv)
         return
     check_machine()
     folder.mkdir(parents=True, exist_ok=True)
@@ -265,7 +291,8 @@ def prepare() -> None:
     is_installed = (
         python.exists() and installed.is_file() and installed.read_text() == requirements
     )
-    steps = Steps(folder, 1 if is_installed else 3 if has_sourced_jazzy() else 4)
+    (folder / 'compiled').unlink(missing_ok=True)
+    steps = Steps(folder, 2 if is_installed else 4 if has_sourced_jazzy() else 5)
     if not is_installed:
         installed.unlink(missing_ok=True)
         for stale in ('build', 'install'):
@@ -273,6 +300,7 @@ def prepare() -> None:
         install(steps, venv)
         installed.write_text(requirements)
     build(steps, folder, venv)
+    compile_solver(steps, folder, venv)
     stamp.write_text(wanted)
 
 

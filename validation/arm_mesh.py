@@ -1,4 +1,4 @@
-"""Hexahedra that fill a round, tapered arm: a square laid into the disc, times layers along s.
+"""Hexahedra of a round, tapered arm: the disc as a mapped square, times layers along s.
 
 Layers are as thick as the arm is there, or a given part of it. A point of the arm has *reference
 coordinates* (X, Y, layer): (X, Y) in the square [-1, 1]^2 is what `to_disc` lays into the unit
@@ -26,7 +26,7 @@ _RINGS_FROM = 0.5  # |X| or |Y| where the rings around it begin
 
 @dataclass(frozen=True)
 class Mesh:
-    """How fine the elements are.
+    """Numbers of elements.
 
     Attributes:
         across: elements from the midline to a side of the inner square, and of the rings around
@@ -92,7 +92,7 @@ def _section(count: int, half: bool) -> tuple[FloatArray, IntArray]:
             x, y = -y, x
         lattices.append([x, y])
     corners = np.concatenate([_quads(np.stack(lattice)) for lattice in lattices], axis=2)
-    # What lattices share is one point.
+    # Points shared by lattices are merged.
     points, where = np.unique(np.round(corners.reshape(2, -1), 12), axis=1, return_inverse=True)
     return points, where.reshape(4, -1)
 

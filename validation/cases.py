@@ -1,4 +1,4 @@
-"""What is compared: arms of the paper, tensions, meshes and what is varied.
+"""The cases: arms of the paper, tensions, meshes and variants.
 
 The paper prints neither the tensions of its Figure 8 nor how wide sheaths and how thick discs are.
 The arm of 5.1 is pulled until its tip has turned by 260 degrees. Sheaths are 2 mm wide where there

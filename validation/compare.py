@@ -1,4 +1,4 @@
-"""A case computed with elements, and the models held against it.
+"""A case solved with finite elements, and the models compared with it.
 
 Lengths of the answer are in mm, errors in % of the arm's length.
 """
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from arm_mesh import Mesh
 from cases import Case
-from elasticity import ElasticArm, Report, Shape
+from elasticity import ElasticArm, Report, SolidShape
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.core.hints import FloatArray
@@ -33,11 +33,11 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
         SolveError: if a load is not reached.
     """
     arms: dict[Mesh, ElasticArm] = {}
-    shapes: dict[Mesh, list[Shape]] = {}
+    shapes: dict[Mesh, list[SolidShape]] = {}
     for mesh in case.meshes:
         tell = _telling(report, f'{case.name}, mesh {mesh}')
         arms[mesh] = ElasticArm(case.arm, mesh, case.pulled, case.contact)
-        # From the best that is known; the first of all is followed from the unloaded arm.
+        # From the finest solution so far; the first is followed from the unloaded arm.
         nearest = case.basis if case.basis in shapes else case.meshes[0]
         known = shapes.get(nearest, [])
         guesses = [arms[mesh].guess(arms[nearest], shape.state) for shape in known]
@@ -95,11 +95,11 @@ def _variant(
     case: Case,
     change: dict[str, Any],
     base: ElasticArm,
-    shapes: list[Shape],
+    shapes: list[SolidShape],
     models: dict[str, list[Backbone]],
     report: Report,
 ) -> dict[str, Any]:
-    """What ``change`` of the contact or of nu does to the tip of the arm ``base``."""
+    """Displacement of the tip of the arm ``base`` by a ``change`` of the contact or of nu."""
     arm, contact = case.arm, dict(change)
     if 'poisson_ratio' in contact:
         ratio = contact.pop('poisson_ratio')
@@ -124,7 +124,9 @@ def _telling(report: Report, what: str) -> Report:
     return lambda line: report(f'{what}: {line}')
 
 
-def _apart(some: Sequence[Backbone | Shape], others: Sequence[Backbone | Shape]) -> FloatArray:
+def _apart(
+    some: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]
+) -> FloatArray:
     """Distances of the tips [m]."""
     apart = [np.linalg.norm(a.tip - b.tip) for a, b in zip(some, others, strict=True)]
     return np.array(apart, dtype=np.float64)
@@ -134,7 +136,7 @@ def _percent(case: Case, lengths: FloatArray) -> list[float]:
     return [round(float(x), 3) for x in 100.0 / case.arm.length * lengths]
 
 
-def _angle(backbone: Backbone, shape: Shape) -> float:
+def _angle(backbone: Backbone, shape: SolidShape) -> float:
     """Between the tangents of the two tips [deg]."""
     x, y, z, w = backbone.quaternion[-1]
     tangent = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 from solid import Solid
-from tendon_potential import Tendon
+from tendon_potential import SolidTendon
 
 from octo_arm_model import Arm, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -28,7 +28,7 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Contact:
-    """How tendons, discs and base hold the rubber.
+    """Constraints by tendons, discs and base.
 
     Attributes:
         sheath: radius of the tendons' sheaths [m]; None where the whole section holds a tendon.
@@ -45,7 +45,7 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Shape:
+class SolidShape:
     """Equilibrium of an elastic arm; places in the axes t, n, b of the base.
 
     Attributes:
@@ -98,10 +98,10 @@ class ElasticArm:
         self.mesh = ArmMesh(arm, mesh, half, contact.disc)
         self.solid = Solid(self.mesh, arm.material, _DISC_FACTOR)
         self.tendons = [
-            Tendon(self.mesh, arm, number, contact.sheath, contact.steps) for number in pulled
+            SolidTendon(self.mesh, arm, number, contact.sheath, contact.steps) for number in pulled
         ]
         self._free = np.flatnonzero(~self._fixed(contact.clamped))
-        # Displacements and pressures of one size, for the pivots.
+        # Displacements and pressures of one magnitude, for the pivots.
         count = self.solid.displacements
         young = float(arm.material.youngs_modulus_at(0.0))
         self._scale = np.full(self.solid.size, young)
@@ -115,7 +115,7 @@ class ElasticArm:
         tensions: Sequence[Sequence[float]],
         report: Report = lambda line: None,
         guesses: Sequence[FloatArray] = (),
-    ) -> Iterator[Shape]:
+    ) -> Iterator[SolidShape]:
         """Equilibria at each of ``tensions``, followed from the unloaded arm or near ``guesses``.
 
         Raises:
@@ -217,8 +217,8 @@ class ElasticArm:
                     return None
                 solve, count = self._factorised(self._hessian(tensions, state)), count + 1
             step = solve(-gradient)
-            # Bending turns a step's error into stretch, so a while of growth is no failure. With
-            # the stiffness of an earlier state a step must pay.
+            # Bending turns a step's error into stretch, so growth for a few steps is no failure.
+            # With the stiffness of an earlier state every step must lower the residual.
             allowed = _GROWTH * max(residual, 1e-3) if fresh else _REUSE * residual
             part = 1.0
             while True:
@@ -264,11 +264,11 @@ class ElasticArm:
     def _displacement(self, state: FloatArray) -> FloatArray:
         return state[: self.solid.displacements].reshape(-1, 3)
 
-    def _shape(self, tensions: FloatArray, state: FloatArray, residual: float) -> Shape:
+    def _shape(self, tensions: FloatArray, state: FloatArray, residual: float) -> SolidShape:
         moved = self._displacement(state)
         places = self.mesh.nodes.T + moved
         double = 2.0 if self.mesh.half else 1.0
-        return Shape(
+        return SolidShape(
             tensions=tuple(float(t) for t in tensions),
             s=self.mesh.nodes[0][self._axis],
             midline=self.midline(moved),

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model import OctoArmError, __version__
+from octo_arm_model.terminal import StatusLine
 
 try:
     from cases import CASES, coarse
@@ -33,11 +34,12 @@ except ModuleNotFoundError as error:
 HERE = Path(__file__).parent
 
 
-class Progress:
+class Progress(StatusLine):
     """One line on stderr: the part, its load and residual, and the time since the start."""
 
     def __init__(self) -> None:
         """Start the clock."""
+        super().__init__(sys.stderr)
         self.part = ''
         self._start = time.monotonic()
 
@@ -47,17 +49,8 @@ class Progress:
         return time.monotonic() - self._start
 
     def __call__(self, line: str) -> None:
-        """Show ``line``, over the last one where there is a terminal."""
-        text = f'{self.seconds:6.0f} s  {self.part} {line}'
-        if sys.stderr.isatty():
-            print(f'\r\x1b[K{text[:98]}', end='', file=sys.stderr, flush=True)
-        else:
-            print(text, file=sys.stderr, flush=True)
-
-    def done(self) -> None:
-        """End the line."""
-        if sys.stderr.isatty():
-            print('\r\x1b[K', end='', file=sys.stderr, flush=True)
+        """Show ``line``, on a terminal over the last one."""
+        self.show(lambda: f'{self.seconds:6.0f} s  {self.part} {line}'[:98], always=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,10 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             progress.part = f'[{number}/{len(picked)}]'
             cases[case.name] = run_case(coarse(case) if options.coarse else case, progress)
     except OctoArmError as error:
-        progress.done()
+        progress.leave()
         print(f'run.py: error: {error}', file=sys.stderr)
         return 1
-    progress.done()
+    progress.leave()
     results = {
         'made_by': 'python validation/run.py' + (' --coarse' if options.coarse else ''),
         'minutes': round(progress.seconds / 60.0, 1),

@@ -92,7 +92,7 @@ class Solid:
     def _parts(
         self, state: FloatArray
     ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
-        """Some elements, and F, J and p at their quadrature points, again and again."""
+        """Batches of elements, with F, J and p at their quadrature points."""
         displacement = state[: self.displacements].reshape(-1, 3)
         pressure = state[self.displacements :]
         for start in range(0, len(self._node), _CHUNK):

@@ -25,7 +25,7 @@ _RIM = 8  # points of a sheath's rim
 _RINGS, _SPOKES = 6, 16  # of the points of a section
 
 
-class Tendon:
+class SolidTendon:
     """One tendon, laid through a mesh. Energies and forces are those per newton of tension."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Tendon:
         return float(np.sum(np.linalg.norm(self._deformed(displacement), axis=0)))
 
     def gradient(self, displacement: FloatArray) -> FloatArray:
-        """Derivative (nodes, 3) of what of the length the mesh bears."""
+        """Derivative (nodes, 3) of the length, of which a half arm bears its part."""
         edges = self._deformed(displacement)
         towards = self._share * edges / np.linalg.norm(edges, axis=0)
         return np.stack([m.T @ t for m, t in zip(self._edges, towards)], axis=1)

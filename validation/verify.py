@@ -1,4 +1,4 @@
-"""Is the finite-element model itself right? Answers known by other means."""
+"""The finite-element model against results known by other means."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _E, _R = 1.1e5, 0.01
 
 
 class Check(NamedTuple):
-    """A number computed and known.
+    """A computed number and its known value.
 
     Attributes:
         what: what it is.

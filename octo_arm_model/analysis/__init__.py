@@ -1,1 +1,4 @@
-"""Asked of a solver: inverse, displacements, workspace, meshes. Imports config and core."""
+"""Computed with a solver: inverse, displacements of winches, workspace, geometry to draw.
+
+May import config and core.
+"""

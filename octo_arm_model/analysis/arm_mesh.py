@@ -1,4 +1,4 @@
-"""What an arm looks like: body, anchorage discs and tendons, as geometry for any screen."""
+"""Body, anchorage discs and tendons of a solved arm as triangles, discs and lines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
 SIDES = 12
-# More rings than these cannot be told apart on a screen, but cost as much as the rest.
+# A screen does not resolve more rings, and each costs time.
 MOST_RINGS = 101
 
 SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
@@ -21,7 +21,7 @@ TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
 # Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
 LINE_WIDTH = 0.002
 DISC_THICKNESS = 0.004
-_DISC_RIM = 1.05  # surfaces in the same place would flicker
+_DISC_RIM = 1.05  # coincident surfaces flicker
 
 # A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
 _UPRIGHT = Quaternions.from_xyzw((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
@@ -46,12 +46,14 @@ class Drawn(NamedTuple):
 
 
 class Drawing:
-    """Draws shapes of one arm, many times; what does not depend on the shape is tabulated once.
+    """Geometry of many shapes of one arm; what does not depend on the shape is tabulated once.
 
     Attributes:
         triangles: vertices of each triangle of the body, anticlockwise seen from outside,
             (triangles, 3).
+        disc_count: how many discs there are.
         disc_thickness: [m].
+        tendon_points: how many points each tendon is drawn through.
         line_width: of a tendon [m].
     """
 
@@ -63,9 +65,9 @@ class Drawing:
         Args:
             arm: the arm.
             s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
-            widen: whether cross sections that are compressed get wider by (1 + q)^-1/2 and take
-                their tendons along, as those of an elastic law that keeps the volume do.
-            sides: corners of the polygons that stand for circles.
+            widen: whether cross sections and the distances of their tendons are scaled by
+                (1 + q)^-1/2, as in an elastic law of constant volume.
+            sides: corners of the polygons drawn for circles.
         """
         self._widen = widen
         self._anchorages = anchorage_stations(arm, s)
@@ -80,6 +82,8 @@ class Drawing:
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
         self.triangles = _triangles(self._rings.size, sides)
+        self.disc_count = self._anchorages.size
+        self.tendon_points = [int(end) + 1 for end in self._tendon_ends]
         self.disc_thickness = DISC_THICKNESS * arm.length
         self.line_width = LINE_WIDTH * arm.length
 

@@ -1,9 +1,9 @@
-"""Winches that are wound by length instead of tension: from displacements to tensions.
+"""Tendons of prescribed displacement instead of tension: the tensions that hold them.
 
-The length of a tendon is the derivative of the arm's least energy E(T) by its tension, and E is
-concave: the tensions that hold given lengths maximise E(T) - sum T l over T >= 0. So a tendon that
-would have to push is slack instead, and the answer is unique where the arm's own is. Newton's
-method on those that are taut (Bertsekas 1982).
+The length of a tendon is the derivative of the arm's minimal energy E(T) by its tension, and E is
+concave: the tensions that hold given lengths l maximise E(T) - sum T l over T >= 0. Where the
+multiplier would be negative the tendon is slack, and the maximum is unique where the equilibrium
+is. Projected Newton method on the taut tendons (Bertsekas 1982).
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _SMALLEST_STEP = 1e-6
 
 @dataclass(frozen=True)
 class Wound:
-    """An arm whose tendons were wound.
+    """An arm with tendons of prescribed displacement.
 
     Attributes:
         backbone: its shape; ``backbone.tensions`` are the tensions of all tendons [N].
         displacement: by how much each tendon is shorter than in the unloaded arm [m], of
             `Arm.tension_shape`; more than was wound where it is slack.
-        slack: names of wound tendons that hang slack.
+        slack: names of wound tendons without tension that are longer than their path.
     """
 
     backbone: Backbone
@@ -50,7 +50,7 @@ def solve_displacements(
 
     Args:
         solver: of the model exact.
-        displacements: length wound in, by tendon name [m]; negative is let out.
+        displacements: length wound in, by tendon name [m]; negative for length paid out.
         tensions: tension by tendon name [N]; zero for those named in neither.
         start: solution to begin from.
 
@@ -85,7 +85,7 @@ def solve_displacements(
 
 
 class _Winding:
-    """The wound tendons of an arm."""
+    """Newton's method on the tensions of the wound tendons."""
 
     def __init__(self, solver: Solver, wound: FloatArray, wanted: FloatArray) -> None:
         self._solver, self._wound, self._wanted = solver, wound, wanted
@@ -94,10 +94,10 @@ class _Winding:
     def solve(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:
         """Backbone that holds the wanted displacements and by how much it exceeds them [m]."""
         wound = self._wound
-        backbone, excess = self._look(tensions, start)
+        backbone, excess = self._solve(tensions, start)
         for iteration in range(MAX_ITERATIONS):
             pull = backbone.tensions.ravel()[wound]
-            # A slack tendon whose path is short enough already stays slack.
+            # The active set: a slack tendon whose path is short enough stays slack.
             free = (pull > 0.0) | (excess < 0.0)
             if np.abs(excess[free]).max(initial=0.0) <= self._scale:
                 return backbone, excess
@@ -113,10 +113,10 @@ class _Winding:
                 tensions = tensions.copy()
                 tensions[wound] = new
                 try:
-                    found, left = self._look(tensions, backbone)
+                    found, left = self._solve(tensions, backbone)
                 except SolveError:
                     found = None
-                # Too long a step has the displacements exceed by more than they fell short.
+                # Curvature condition: past the maximum the slope may not grow to 0.9 of the first.
                 moved = new - pull
                 if found is not None and left @ moved <= 0.9 * np.abs(excess @ moved):
                     break
@@ -130,7 +130,7 @@ class _Winding:
         left = float(np.abs(excess).max(initial=0.0)) / self._solver.arm.length
         return ConvergenceError('the displacement of the tendons', left, iterations)
 
-    def _look(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:
+    def _solve(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:
         solver = self._solver
         backbone = solver.solve(tensions.reshape(solver.arm.tension_shape), start=start)
         displacement = (solver.rest_lengths - solver.tendon_lengths(backbone)).ravel()

@@ -1,8 +1,8 @@
-"""From a wanted shape to tensions: bounded, of least effort, and honest about what is left.
+"""From a wanted shape to bounded tensions of least effort, and the error that remains.
 
 Two steps, both by scipy's optimisers with analytic derivatives: bounded least squares from several
-starts finds how near the arm gets, and, where many tensions get there, sequential quadratic
-programming goes among them to those of least effort.
+starts minimises the error; where the tensions that reach the target are not unique, sequential
+quadratic programming minimises the effort among them.
 """
 
 from __future__ import annotations
@@ -16,23 +16,25 @@ from scipy.optimize import least_squares, minimize
 
 from octo_arm_model.analysis.targets import Target
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import SolveError, TargetError, TensionError
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import SolveError, TargetError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendon_sums import check_highest
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
 
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6
 _STARTS = 8
-_INDEPENDENT = 1e-6  # singular values below this part of the largest count as none
-_STIFFNESS_STEP = 1e-4  # part of the bound by which tensions are moved to see stiffness change
+_INDEPENDENT = 1e-6  # of the largest singular value: smaller ones count as zero
+_STIFFNESS_STEP = 1e-4  # of the bound: difference of the tensions for the change of stiffness
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness against a force on the tip, to be reached by pulling against each other.
+    """Stiffness of the tip against a force, to be reached by co-contraction.
 
     Attributes:
         direction: of the force, in base_frame, (3,).
@@ -47,13 +49,17 @@ class Stiffness:
 
     def __post_init__(self) -> None:
         """Validate."""
-        direction = np.array(self.direction, dtype=np.float64)
-        if direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
+        direction = real_numbers(self.direction)
+        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
             raise TargetError(
-                f'stiffness direction is {self.direction!r}, expected three numbers, not all zero'
+                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
+                'zero'
             )
-        if not (np.isfinite(self.value) and self.value > 0.0):
-            raise TargetError(f'stiffness is {self.value!r}, expected a finite number > 0 [N/m]')
+        value = real_numbers(self.value)
+        if value is None or value.shape or not 0.0 < value < np.inf:
+            raise TargetError(
+                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
+            )
         object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:
@@ -64,12 +70,12 @@ class Stiffness:
 
 @dataclass(frozen=True)
 class Inverse:
-    """Tensions for a target, and what they achieve.
+    """Tensions for a target, the shape under them and its error.
 
     Attributes:
         backbone: the shape; its ``tensions`` are the answer.
-        error: what is left of the target [m]; see the target for what counts.
-        reached: whether that is nothing, to a millionth of the length of the arm.
+        error: norm of the error of the target [m]; the target says what it is made of.
+        reached: whether it is below a millionth of the length of the arm.
         stiffness: the stiffness reached along the wanted direction [N/m]; None if none was wanted.
         iterations: how often the arm was solved.
     """
@@ -93,36 +99,37 @@ def find_tensions(
     """Tensions from 0 to ``highest`` [N] that bring the arm to ``target`` with least effort.
 
     Effort is the sum of squares of tensions over their bounds. Where the target is out of reach,
-    the nearest found is returned and says so. The search is local, from ``start`` (if given) and
-    from tensions spread over the box (drawn with ``seed``), until one start reaches the target.
+    the nearest found is returned and its ``reached`` is false. The search is local, from ``start``
+    (if given) and from tensions drawn from the box with ``seed``, until one start reaches it.
 
     Args:
         solver: of any model; a wanted ``stiffness`` takes the model exact.
         target: what to reach.
         highest: largest tension [N] of all tendons, or of each, of `Arm.tension_shape`.
-        stiffness: stiffness to reach as well, by pulling tendons against each other.
+        stiffness: stiffness to reach as well, by co-contraction.
         start: tensions to begin from [N].
         seed: of the drawn starts.
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
-        SolveError: if the model has no answer anywhere it was tried.
+        SolveError: if the model has no answer for any of the tensions tried.
     """
     arm = solver.arm
-    limit = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    for name, value in zip(arm.tendon_names, limit.tolist(), strict=True):
-        if not 0.0 < value < np.inf:
-            raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
-            )
+    limit = check_highest(arm, highest)
     search = _Search(solver, target, limit, stiffness)
     drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
-        given = np.asarray(start, dtype=np.float64).reshape(-1) / limit
-        if given.shape != limit.shape or not ((given >= 0.0) & (given <= 1.0)).all():
-            raise TensionError(f'start is {start!r}, expected tensions from 0 to {highest!r} [N]')
-        starts.insert(0, given)
+        given = real_numbers(start)
+        if (
+            given is None
+            or given.size != limit.size
+            or not ((given.ravel() >= 0.0) & (given.ravel() <= limit)).all()
+        ):
+            raise TensionError(
+                f'start is {shown(start)}, expected tensions from 0 to {shown(highest)} [N]'
+            )
+        starts.insert(0, given.ravel() / limit)
     enough = REACHED * arm.length
     best: FloatArray | None = None
     for first in starts:
@@ -142,11 +149,10 @@ def find_tensions(
 
 
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
-    """Tensions that alone strain the arm much [N], of `Arm.tension_shape`.
+    """Tensions each of which alone strains the arm much [N], of `Arm.tension_shape`.
 
     Of each tendon the one that compresses the cross section at its anchorage by ``part``, but no
-    more than what would bend the arm by two turns if it went on as it begins: so slender metal
-    rods are not asked for what would break them.
+    more than what bends the arm by two turns to first order, which is less for slender rods.
     """
     highest = np.empty(len(arm.tendons))
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
@@ -159,64 +165,64 @@ def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
 
 
 class _Search:
-    """A target seen from tensions over their bounds, 0 to 1."""
+    """Error of a target, and its Jacobian, by tensions over their bounds (0 to 1)."""
 
     def __init__(
         self, solver: Solver, target: Target, limit: FloatArray, stiffness: Stiffness | None
     ) -> None:
         self._solver, self._target, self._limit = solver, target, limit
         self._stiffness = stiffness
-        self._seen: tuple[bytes, Backbone, Sensitivity] | None = None
+        self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
         self._last: Backbone | None = None
         self.iterations = 0
 
-    def _look(self, part: FloatArray) -> tuple[Backbone, Sensitivity]:
+    def _evaluate(self, part: FloatArray) -> tuple[Backbone, Sensitivity]:
         key = part.tobytes()
-        if self._seen is None or self._seen[0] != key:
+        if self._solved is None or self._solved[0] != key:
             tensions = np.clip(part, 0.0, 1.0) * self._limit
             shape = self._solver.arm.tension_shape
             backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
             self._last = backbone
             self.iterations += 1
-            self._seen = key, backbone, self._solver.sensitivity(backbone)
-        return self._seen[1:]
+            self._solved = key, backbone, self._solver.sensitivity(backbone)
+        return self._solved[1:]
 
     def error(self, part: FloatArray) -> FloatArray:
-        backbone, sensitivity = self._look(part)
+        backbone, sensitivity = self._evaluate(part)
         error = self._target.error(backbone)
         if self._stiffness is None:
             return error
-        # Relative, and as long as the arm: twice the wanted stiffness is as bad as its length.
+        # Logarithm of the ratio, times the length of the arm: an error in metres like the others.
         ratio = np.log(self._stiffness.of(sensitivity) / self._stiffness.value)
         return np.append(error, ratio * self._solver.arm.length)
 
     def jacobian(self, part: FloatArray) -> FloatArray:
-        backbone, sensitivity = self._look(part)
+        backbone, sensitivity = self._evaluate(part)
         jacobian = self._target.jacobian(backbone, sensitivity.by_tension)
         if self._stiffness is not None:
-            # The change of a derivative: by differences of the analytic one.
+            # A second derivative: by differences of the analytic first one.
             here = np.log(self._stiffness.of(sensitivity))
             row = np.empty(part.size)
             for j in range(part.size):
                 moved = part.copy()
                 moved[j] += _STIFFNESS_STEP if part[j] < 0.5 else -_STIFFNESS_STEP
-                changed = np.log(self._stiffness.of(self._look(moved)[1]))
+                changed = np.log(self._stiffness.of(self._evaluate(moved)[1]))
                 row[j] = (changed - here) / (moved[j] - part[j]) / self._limit[j]
             jacobian = np.vstack([jacobian, row * self._solver.arm.length])
-            self._look(part)
+            self._evaluate(part)
         return jacobian * self._limit
 
     def distance(self, part: FloatArray) -> float:
         return float(np.linalg.norm(self.error(part)))
 
     def approach(self, part: FloatArray) -> FloatArray:
-        """As near to the target as the bounds let it come from here."""
+        """Local minimum of the error within the bounds, from ``part`` on."""
         inside = np.clip(part, 1e-6, 1.0 - 1e-6)
         found = least_squares(
             self.error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=1e-12,
             x_scale=1.0, max_nfev=60,
         )  # fmt: skip
-        # Bounds are met from inside: what is next to nothing is nothing.
+        # The method stays inside the bounds: tensions next to zero are set to zero.
         rounded = np.where(found.x < 1e-6, 0.0, found.x)
         near = self.distance(rounded) <= self.distance(found.x) + 1e-9 * self._solver.arm.length
         return np.asarray(rounded if near else found.x)
@@ -224,12 +230,11 @@ class _Search:
     def relax(self, part: FloatArray, enough: float) -> FloatArray:
         """The same target with least effort, or ``part`` where none is less."""
         scale = 1.0 / self._solver.arm.length
-        # No more constraints than the tensions have a say in: a target of many points has many
-        # that say the same, and the optimiser needs them independent.
+        # The optimiser needs independent constraints: as many as the rank of the Jacobian.
         directions, sizes, _ = np.linalg.svd(self.jacobian(part), full_matrices=False)
         rank = np.count_nonzero(sizes > _INDEPENDENT * sizes.max(initial=0.0))
         if rank >= part.size:
-            return part  # Nothing is left to choose.
+            return part  # The tensions are locally unique.
         basis = scale * directions[:, :rank].T
         try:
             found = minimize(
@@ -255,7 +260,7 @@ class _Search:
 
     def result(self, part: FloatArray) -> Inverse:
         error = self.distance(part)
-        backbone, sensitivity = self._look(part)
+        backbone, sensitivity = self._evaluate(part)
         stiffness = None
         if self._stiffness is not None:
             stiffness = self._stiffness.of(sensitivity)

@@ -1,4 +1,4 @@
-"""Where the arms of an octopus are."""
+"""Poses of the bases of the eight arms of an octopus."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What an arm can be asked to do: errors of a shape, and how they change with the tensions.
+"""Targets of the inverse: errors of a shape, and their derivatives by the tensions.
 
-Every target measures in metres; angles count as the length they move over `length_per_radian`.
+Errors are in metres; angles are multiplied by `length_per_radian`.
 """
 
 from __future__ import annotations
@@ -12,34 +12,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import TargetError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import TargetError, shown
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 
 
 class Target(Protocol):
-    """Something to reach."""
+    """A target: an error that is zero where it is reached."""
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """How far ``backbone`` is from it, (m,) [m]."""
+        """Error of ``backbone``, (m,) [m]."""
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Derivative of `error` by the quantities of ``change``, (m, quantities)."""
 
 
 def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    given = real_numbers(value)
+    array = np.array(np.nan if given is None else given)
     fits = array.ndim == len(shape) and all(
         size in (wanted, array.shape[i]) if wanted < 0 else size == wanted
         for i, (size, wanted) in enumerate(zip(array.shape, shape, strict=False))
     )
     if not fits or not array.size or not np.isfinite(array).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
-        raise TargetError(f'{name} is {value!r}, expected {words} finite number(s)')
+        raise TargetError(f'{name} is {shown(value)}, expected {words} finite number(s)')
     return array
 
 
@@ -76,7 +75,7 @@ class TipPose:
     Attributes:
         position: in base_frame [m], (3,).
         quaternion: x, y, z, w in base_frame; its x axis is the tangent.
-        length_per_radian: what an angle of one radian counts as [m].
+        length_per_radian: weight of angles [m/rad].
 
     Raises:
         TargetError: if they are not finite numbers, or the quaternion not of unit length.
@@ -117,7 +116,7 @@ class Bending:
     Attributes:
         plane: angle of the plane about the base's tangent [rad], from its n towards its b.
         angle: how far the tangent has turned in it [rad], up to pi.
-        length_per_radian: what an angle of one radian counts as [m].
+        length_per_radian: weight of angles [m/rad].
 
     Raises:
         TargetError: if a value is not finite, or ``angle`` not from 0 to pi.
@@ -134,13 +133,13 @@ class Bending:
             raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Angle from the wanted tangent to that of the tip, about two axes across it."""
+        """Angle from the wanted tangent to that of the tip, along two axes across it."""
         tangent, wanted, across = self._directions(backbone)
         factor, _ = _angle_over_sine(float(tangent @ wanted))
         return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """How it changes as the tangent turns."""
+        """Derivative of `error` for the rotation of the tip."""
         tangent, wanted, across = self._directions(backbone)
         turned = np.cross(change.tip[3:].T, tangent)
         factor, slope = _angle_over_sine(float(tangent @ wanted))
@@ -187,8 +186,8 @@ class BackboneShape:
         # So that the error is the root mean square distance.
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
-    def _stations(self, backbone: Backbone) -> FloatArray:
-        return np.abs(backbone.s - self.s[:, np.newaxis]).argmin(axis=1)
+    def _stations(self, backbone: Backbone) -> IntArray:
+        return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Every point less the wanted one."""
@@ -203,7 +202,7 @@ class BackboneShape:
 
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
     """Angle over its sine, and the derivative of that by the cosine."""
-    cosine = max(-0.999999, cosine)  # Opposite tangents: any way round is right.
+    cosine = max(-0.999999, cosine)  # Opposite tangents: the axis of the rotation is arbitrary.
     if cosine > 1.0 - 1e-8:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
@@ -211,7 +210,7 @@ def _angle_over_sine(cosine: float) -> tuple[float, float]:
 
 
 def _inverse_left_jacobian(vector: FloatArray) -> FloatArray:
-    """How a rotation vector changes with a small rotation after it (Barfoot 2017, 7.1.4)."""
+    """Derivative of a rotation vector by a small rotation after it (Barfoot 2017, 7.1.4)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -25,12 +25,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
 
-_POOL_START = 1.5  # what it takes to start a pool, about [s]
+_POOL_START = 1.5  # about the time in which a pool starts [s]
 _CONNECT = 5.0  # how long a scheduler may take to answer [s]
 
 
 class Solved(NamedTuple):
-    """Of a chunk: which sets have an answer (sets,), their tips and directions (answers, 3)."""
+    """A chunk: whether each set has a solution (sets,), tips and directions (solutions, 3)."""
 
     kept: np.ndarray
     tip: FloatArray
@@ -38,12 +38,12 @@ class Solved(NamedTuple):
 
 
 Job = tuple[Config, str | None, int | None]  # the arguments of `Config.solver` and itself
-# By number of the chunk, in any order; closed, it ends what it started.
+# By number of the chunk, in any order; closing it ends the workers it started.
 Results = Generator[tuple[int, Solved], None, None]
 
 
 def _solve(solver: Solver, tensions: FloatArray) -> Solved:
-    """Answers to a chunk, without those sets that have none."""
+    """Tips of a chunk, without the sets that have no solution."""
     try:
         backbone = solver.solve(tensions)
     except SolveError:
@@ -52,11 +52,11 @@ def _solve(solver: Solver, tensions: FloatArray) -> Solved:
         parts = [_solve(solver, tensions[i : i + 1]) for i in range(len(tensions))]
         return Solved(*map(np.concatenate, zip(*parts)))
     tangent = Quaternions.from_xyzw(backbone.quaternion[:, -1]).matrix()[:, 0].T
-    # Views would keep whole backbones.
+    # Copies: views would keep whole backbones in memory.
     return Solved(np.ones(len(tensions), bool), backbone.tip.copy(), tangent.copy())
 
 
-def _here(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
+def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
     for number, tensions in enumerate(chunks):
         yield number, _solve(solver, tensions)
 
@@ -73,7 +73,7 @@ def on_cores(
     if processes is None:
         has_affinity = hasattr(os, 'sched_getaffinity')
         processes = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
-        # The first chunk tells.
+        # The time of the first chunk decides.
         began = time.monotonic()
         yield 0, _solve(solver, chunks[0])
         first = 1
@@ -82,7 +82,7 @@ def on_cores(
             processes = 1
     rest = chunks[first:]
     processes = min(processes, len(rest))
-    results = _here(solver, rest) if processes < 2 else _in_pool(job, rest, processes)
+    results = _in_process(solver, rest) if processes < 2 else _in_pool(job, rest, processes)
     with contextlib.closing(results):
         for number, part in results:
             yield first + number, part
@@ -107,7 +107,7 @@ def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
             f'the arm cannot be sent to other processes ({error}): expected functions with a name '
             'in a module, or processes=1'
         ) from error
-    # Fresh processes: a fork beside threads, such as those of BLAS or ROS, may hang.
+    # Spawned: a fork of a process with threads, such as those of BLAS or ROS, may deadlock.
     context = multiprocessing.get_context('spawn')
     lifeline, held = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
@@ -132,9 +132,9 @@ def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
 
 @contextlib.contextmanager
 def _no_interrupts() -> Iterator[None]:
-    """Processes started herein ignore Ctrl-C, which a terminal sends to all; see `_start_worker`.
+    """Processes started herein ignore SIGINT, which a terminal sends to all; see `_start_worker`.
 
-    From their first instruction on, so that none prints where it was.
+    The mask is inherited, so that none prints a traceback while it starts.
     """
     if not hasattr(signal, 'pthread_sigmask'):
         yield
@@ -147,9 +147,9 @@ def _no_interrupts() -> Iterator[None]:
 
 
 def _start_worker(job: bytes, lifeline: Connection) -> None:
-    """Build the solver, and end when the process that holds the other end of ``lifeline`` does.
+    """Build the solver; end, even within a chunk, when the other end of ``lifeline`` is closed.
 
-    However it ends, and in the middle of a chunk.
+    The system closes it when the parent process ends, however that happens.
     """
 
     def watch() -> None:
@@ -188,21 +188,21 @@ def on_cluster(job: Job, chunks: Sequence[FloatArray], scheduler: str) -> Result
 
 
 def _find_scheduler(address: str) -> None:
-    """Knock before a client is made: one that finds nobody says so at length, and twice.
+    """Check the address first: distributed logs two errors when nobody answers a client.
 
     Raises:
         ConfigError: if nobody answers.
     """
     from distributed.comm import connect
 
-    async def knock() -> None:
+    async def connect_once() -> None:
         comm = await connect(address, timeout=_CONNECT)
         await comm.close()
 
     try:
-        # In a thread, as a notebook's has a running loop.
+        # In another thread: that of a notebook already runs an event loop.
         with ThreadPoolExecutor(1) as thread:
-            thread.submit(lambda: asyncio.run(knock())).result()
+            thread.submit(lambda: asyncio.run(connect_once())).result()
     except Exception as error:
         problem = ' '.join(str(error).split())
         raise ConfigError(

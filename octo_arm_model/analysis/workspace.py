@@ -1,8 +1,7 @@
 """Where the tip can go: tensions drawn from a box, solved on all cores or on a cluster.
 
 Tensions are a scrambled Sobol sequence, which fills the box more evenly than random numbers do,
-and are solved in chunks of a fixed size. A set's last bits depend on the sets it is solved beside
-but never on who solves them, so results do not depend on the number of processes.
+and are solved in chunks of a fixed size, so results do not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from numpy.typing import ArrayLike
 from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.core.section.tendon_sums import check_tensions
 
-# Large enough to hide the cost of a call, small enough for one refused set, after which a chunk
-# is solved set by set, to cost little. Other chunks would change the last bits of results.
+# Large enough to hide the cost of a call; small, since one refused set has its whole chunk solved
+# set by set. Results depend on it by rounding.
 CHUNK = 64
-_MOST_SAMPLES = 2**30  # points of the Sobol sequence
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Tips that an arm reaches; ``n`` sets of tensions have an answer.
+    """Tips that an arm reaches, for ``n`` sets of tensions that have a solution.
 
     Attributes:
         tensions: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence.
@@ -80,10 +79,11 @@ def sample_workspace(
             not cover the arm, processes end before their work does, or Dask is missing, does not
             answer or fails.
     """
-    count = _whole('samples', samples, 1, _MOST_SAMPLES)
+    most = min(MAX_SAMPLES, MAX_SAMPLED_TENSIONS // len(config.arm.tendons))
+    count = _whole('samples', samples, 1, most)
     number = _whole('seed', seed, 0)
     if processes is not None:
-        processes = _whole('processes', processes, 1)
+        processes = _whole('processes', processes, 1, MAX_PROCESSES)
         if scheduler is not None:
             raise ConfigError(
                 f'processes is {processes} and scheduler is {scheduler!r}, expected one of them'
@@ -101,7 +101,7 @@ def sample_workspace(
     solved: dict[int, Solved] = {}
     done = 0
     report(done, count)
-    # Closed at once, whatever happens: with it end the processes.
+    # Closing the generator ends the processes it started.
     with contextlib.closing(results):
         for chunk, part in results:
             solved[chunk] = part
@@ -121,7 +121,7 @@ def _whole(name: str, value: object, low: int, high: int | None = None) -> int:
     except TypeError:
         number = low - 1
     if isinstance(value, bool) or number < low or (high is not None and number > high):
-        raise ConfigError(f'{name} is {value!r}, expected {limits}')
+        raise ConfigError(f'{name} is {shown(value)}, expected {limits}')
     return number
 
 
@@ -139,9 +139,9 @@ def _box(arm: Arm, highest: ArrayLike) -> FloatArray:
 
 
 def _sobol(dimensions: int, count: int, seed: int) -> FloatArray:
-    # Takes longer to import than everything else.
+    # Imported here: it takes longer than all other imports together.
     from scipy.stats import qmc
 
-    # All of a power of two are drawn, or SciPy warns of balance: its points are the first alike.
+    # SciPy warns unless a power of two is drawn; the first points are the same.
     sequence = qmc.Sobol(dimensions, seed=np.random.default_rng(seed))
     return np.asarray(sequence.random_base2((count - 1).bit_length())[:count])

@@ -13,7 +13,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
-# Views as on a drawing: beside and below each other they share an axis.
+# Orthographic views: neighbours share an axis.
 _VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))  # place, axis across, axis up
 _ARM_COLOUR = '0.65'
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 25)
@@ -29,7 +29,7 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
         SolveError: if there is no answer without tensions, under the loads of ``solver``.
         OSError: if the file cannot be written.
     """
-    # Here, as all other modules import this one's neighbours without matplotlib.
+    # Imported here: matplotlib is optional.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -52,7 +52,7 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     cloud = _draw_in_space(in_space, workspace, surface, limits)
     bar = figure.colorbar(cloud, ax=[*views, in_space], shrink=0.6, aspect=40, pad=0.02)
     bar.set_label('sum of tensions [N]')
-    # Whatever the name ends with.
+    # A PNG, whatever the suffix.
     figure.savefig(path, dpi=120, format='png')
 
 
@@ -75,7 +75,7 @@ def _limits(workspace: Workspace, surface: FloatArray) -> FloatArray:
 def _style(workspace: Workspace) -> dict[str, Any]:
     """Colours and sizes of the dots: smaller where there are more."""
     total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
-    # Without tips, or with one, a colour bar still needs two ends.
+    # A colour bar needs two different ends, also for one tip or none.
     low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
     return {
         'c': total,

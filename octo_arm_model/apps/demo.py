@@ -17,10 +17,13 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import profile_names
+from octo_arm_model.terminal import StatusLine, make_parser
 from octo_arm_model.viewer.options import add_address
 
 RATE = 50.0  # [Hz] of the simulated tensions
+LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # the first that the arm can make
 _POLL = 1.0 / 30.0  # [s]
 _EPILOG = """\
@@ -39,31 +42,6 @@ def movement_of(arm: Arm) -> str:
     return next(name for name in _MOVEMENTS if name in names)
 
 
-class LiveLine:
-    """What the node answers, in one line that is written again and again."""
-
-    def __init__(self) -> None:
-        """Begin; only a terminal gets more than a line a second."""
-        self._is_live = sys.stdout.isatty()
-        self._period = 0.1 if self._is_live else 1.0
-        self._shown = time.monotonic()
-
-    def show(self, describe: Callable[[], str]) -> None:
-        """Say what ``describe`` says, if it is time to."""
-        now = time.monotonic()
-        if now - self._shown < self._period:
-            return
-        self._shown = now
-        line = describe()
-        print(f'\r{line:<98}' if self._is_live else line, end='' if self._is_live else '\n')
-        sys.stdout.flush()
-
-    def leave(self) -> None:
-        """Go on below the line."""
-        if self._is_live:
-            print()
-
-
 def describe(client: ArmClient) -> str:
     """Tip, distance to the base, rate and latency of the newest shape."""
     if client.shape is None:
@@ -78,11 +56,8 @@ def describe(client: ArmClient) -> str:
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='octo_arm_demo',
-        description='Start node, simulator and viewer of an arm, until Ctrl-C.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = make_parser(
+        'octo_arm_demo', 'Start node, simulator and viewer of an arm, until Ctrl-C.', _EPILOG
     )
     parser.add_argument(
         'config', metavar='CONFIG', help='ROS parameter file of the arm, or the name of a preset'
@@ -107,20 +82,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ('octo_arm_model.ros.node.main', *common),
         ('octo_arm_model.ros.simulator_node', *common, *(a for p in playing for a in ('-p', p))),
     )
-    line = LiveLine()
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        client = ArmClient(Node('octo_arm_demo'))
         try:
+            start_ros([])
+            client = ArmClient(Node('octo_arm_demo'))
             step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
         except OctoArmError as error:
             return _fail(error)
+        line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         while not is_over() and not ended(started):
             step()
             line.show(lambda: describe(client))
-        line.leave()
         return 0 if is_over() else _fail(ended(started), 1)
 
 
@@ -138,7 +112,7 @@ def _viewing(
     except ModuleNotFoundError as error:
         print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
         return _watching(client)
-    server = stack.enter_context(serving(options.host, options.port))
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
     return Viewer(server, client, always=True).step
 
 

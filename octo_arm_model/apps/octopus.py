@@ -15,20 +15,21 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import rclpy
-from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
-from octo_arm_model.apps.demo import LiveLine, movement_of
+from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
-from octo_arm_model.ros.messages import tensions_message
-from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.terminal import StatusLine, make_parser
 from octo_arm_model.viewer.options import add_address
 
 RATE = 30.0  # [Hz] of the tensions of each arm
@@ -48,12 +49,14 @@ class Crawl:
         """Publish on ``node`` to arms like that of ``config``.
 
         Raises:
-            ProfileError: if there is no such ``movement`` of this arm.
+            ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
+                limit of a tendon.
         """
-        self._node, self._arm = node, config.arm
+        self._node = node
         self._profile = find_profile(movement, config.arm)
+        check_profile(self._profile, config.arm, tendon_limits(config))
         self._publishers = [
-            node.create_publisher(TendonTensions, f'arm_{number}/tendon_tensions', OUTPUT_QOS)
+            CommandPublisher(node, f'arm_{number}/tendon_tensions', config)
             for number in range(1, ARMS + 1)
         ]
         self._began = self._due = time.monotonic()
@@ -69,7 +72,7 @@ class Crawl:
         for number, publisher in enumerate(self._publishers):
             behind = self._profile.duration * number / ARMS
             tensions = self._profile.at(now - self._began + behind, loop=True)
-            publisher.publish(tensions_message(tensions, self._arm, stamp, FRAME))
+            publisher.publish(tensions, stamp, FRAME)
 
 
 def describe(clients: Sequence[ArmClient]) -> str:
@@ -88,10 +91,8 @@ def describe(clients: Sequence[ArmClient]) -> str:
 def host(config_file: str, numbers: Sequence[int]) -> None:
     """Be the nodes of the arms ``numbers`` until told to stop."""
     is_over = stop_signals()
-    rclpy.init(
-        args=['--ros-args', '--log-level', 'error'],  # eight times the same would be too much
-        signal_handler_options=rclpy.SignalHandlerOptions.NO,
-    )
+    # Eight times the same would be too much.
+    start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes = []
     for number in numbers:
@@ -119,11 +120,8 @@ def host(config_file: str, numbers: Sequence[int]) -> None:
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='octo_arm_octopus',
-        description='Eight arms around a body, crawling, until Ctrl-C.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = make_parser(
+        'octo_arm_octopus', 'Eight arms around a body, crawling, until Ctrl-C.', _EPILOG
     )
     parser.add_argument(
         'config',
@@ -170,7 +168,7 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
     ]
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
-        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        start_ros([])
         node = Node('octo_arm_octopus')
         crawl = Crawl(node, config, options.movement or movement_of(config.arm))
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
@@ -178,7 +176,7 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
             client.listen({**POSES, 'strains': DETAILS['strains']})
         draw = _viewing(options, clients, stack)
         started = stack.enter_context(children(commands))
-        line = LiveLine()
+        line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         due = time.monotonic()
         while not is_over() and not ended(started):
             crawl.step()
@@ -189,7 +187,6 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
             now = time.monotonic()
             due = max(due + 1.0 / RATE, now)
             time.sleep(due - now)
-        line.leave()
         return 0 if is_over() else _fail(ended(started), 1)
 
 
@@ -209,7 +206,7 @@ def _viewing(
     except ModuleNotFoundError as error:
         print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
         return lambda: None
-    server = stack.enter_context(serving(options.host, options.port))
+    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
     return OctopusPage(server, clients, lambda: describe(clients)).draw
 
 

@@ -1,52 +1,29 @@
-"""Bags as they come: rosbag2 folders of any version, and single files of their storages."""
+"""Bags read: rosbag2 folders of any version, and single files of their storages."""
 
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys.store import Typestore
 
+from octo_arm_model.bags.limits import check_size, expand_message
+from octo_arm_model.bags.metadata import check_folder
+from octo_arm_model.bags.records import Key, Record, count_messages, counts_of
+from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import types_for
 from octo_arm_model.core.errors import BagError
 
 
-class Record(NamedTuple):
-    """A message as it lies in a bag.
-
-    Attributes:
-        topic: where it was published.
-        type_name: its type, such as 'nav_msgs/msg/Path'.
-        received_ns: when the recorder received it [ns].
-        data: its bytes, as ROS 2 sends them.
-    """
-
-    topic: str
-    type_name: str
-    received_ns: int
-    data: bytes
-
-
-def stamp_of(message: Any, received_ns: int) -> int:
-    """Stamp of a decoded message [ns]: that of its header, as the node takes it.
-
-    The time of receipt where it has no header, or an unset stamp.
-    """
-    header = getattr(message, 'header', None)
-    if header is None:
-        return received_ns
-    stamp: int = header.stamp.sec * 10**9 + header.stamp.nanosec
-    return stamp or received_ns
-
-
 class BagReader:
-    """A bag open for reading, which stays as it is.
+    """A bag open for reading only.
 
     Attributes:
         path: where it is.
@@ -54,6 +31,7 @@ class BagReader:
         metadata: custom data of its recording.
         start_ns: when its first message was received [ns].
         duration: from its first message to its last [s].
+        notes: what there is to know of its state.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -70,23 +48,67 @@ class BagReader:
                 f'{self.path}: not a bag, or one whose recording did not end: no metadata.yaml; '
                 'where there is a .mcap or .db3 file in it, give that'
             )
+        self.metadata: dict[str, str] = {}
+        self.notes: list[str] = []
         with self._damage():
-            self._reader = Reader(self.path)
+            if self.path.is_dir():
+                self.metadata = check_folder(self.path)
+            self._reader = BoundedReader(self.path)
             self._reader.open()
+        try:
+            with self._damage():
+                self._look()
+        except BaseException:
+            self.close()
+            raise
+
+    def _look(self) -> None:
+        """Collect topics and counts; the bag and its files must agree on them.
+
+        Raises:
+            ValueError: if they do not.
+        """
+        storage = self._reader.storage
+        files = storage.storages if isinstance(storage, DirectoryReader) else [storage]
+        self._is_each_compressed = storage.metadata.compression_mode == 'message'
+        if self._is_each_compressed:
+            # `messages` expands them, within bounds.
+            storage.metadata = storage.metadata._replace(compression_mode=None)
         self._stores: dict[str, Typestore] = {}
         self._connections = list(self._reader.connections)
         types: dict[str, set[str]] = {}
         for connection in self._connections:
             types.setdefault(connection.topic, set()).add(connection.msgtype)
         self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
-        self.metadata: dict[str, str] = dict(self._reader.storage.metadata.custom or {})
-        count = self._reader.message_count
+        said = count_messages(self._connections)
+        self._counts = count_messages(one for file in files for one in file.connections)
+        for key in said | self._counts:
+            topic, found, expected = key[0], self._counts[key], said[key]
+            if found < expected:
+                raise ValueError(f'{found} messages found of {expected} on {topic}')
+            if found > expected and key not in said:
+                raise ValueError(f'{found} messages of {key[1]} on {topic} that it does not list')
+            if found > expected:
+                self.notes.append(f'{topic}: {found} messages, more than the {expected} it says')
+        for file in files:
+            found, expected = (
+                sum(count_messages(file.connections).values()),
+                file.metadata.message_count,
+            )
+            if found != expected:
+                raise ValueError(f'{found} messages found of {expected} that it says it holds')
+            if isinstance(file, CheckedSqlite3Reader) and file.missing:
+                self.notes.append(
+                    f'{file.path.name}: {file.missing} message(s) of {expected + file.missing} '
+                    'are not there, by their numbers: deleted or lost'
+                )
+        count = sum(self._counts.values())
         self.start_ns = self._reader.start_time if count else 0
-        # rosbags counts the last nanosecond in.
+        # rosbags adds 1 ns.
         self.duration = 1e-9 * max(self._reader.duration - 1, 0)
 
     def __enter__(self) -> BagReader:
-        """Stay open."""
+        """Return this, which is open."""
         return self
 
     def __exit__(
@@ -105,7 +127,7 @@ class BagReader:
 
     @contextlib.contextmanager
     def _damage(self) -> Iterator[None]:
-        """Whatever parsers raise over bytes that make no sense, as one line."""
+        """Errors of any type that parsers raise for damaged bytes, as one line."""
         try:
             yield
         except PermissionError:
@@ -133,7 +155,7 @@ class BagReader:
         Raises:
             BagError: if there is no such topic.
         """
-        return sum(connection.msgcount for connection in self.connections(topics))
+        return sum(counts_of(self._counts, self.connections(topics)).values())
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
         """Messages of ``topics``, of all if None, in the order in which they were received.
@@ -143,17 +165,25 @@ class BagReader:
                 than it says.
         """
         wanted = self.connections(topics)
-        expected, found = self.count(topics), 0
         if not wanted:
             return
+        expected, found = counts_of(self._counts, wanted), Counter[Key]()
         with self._damage():
             for connection, received_ns, data in self._reader.messages(wanted):
-                found += 1
-                yield Record(connection.topic, connection.msgtype, received_ns, data)
-        if found < expected:
-            raise BagError(
-                f'{self.path}: {found} messages found of {expected} that the bag says it holds'
-            )
+                topic, type_name = key = connection.topic, connection.msgtype
+                found[key] += 1
+                check_size(len(data), f'a message on {topic}')
+                if not 0 <= received_ns < 2**63:
+                    raise ValueError(f'a message on {topic} received at {received_ns} ns')
+                if self._is_each_compressed:
+                    data = expand_message(data)
+                yield Record(topic, type_name, received_ns, data)
+        for key, count in expected.items():
+            if found[key] < count:
+                raise BagError(
+                    f'{self.path}: {found[key]} messages found of {count} on {key[0]} that the '
+                    'bag says it holds'
+                )
 
     def decode(self, record: Record) -> Any:
         """The message of a ``record``, an object of rosbags.
@@ -165,7 +195,7 @@ class BagReader:
         try:
             return store.deserialize_cdr(record.data, record.type_name)
         except Exception as error:
-            # Whatever the generated code raises for bytes that are none of its own.
+            # The generated code raises errors of several types for bytes that are no message.
             raise BagError(
                 f'{record.topic}: {len(record.data)} bytes that are no {record.type_name}'
             ) from error

@@ -6,13 +6,15 @@ import functools
 from collections.abc import Iterable
 from pathlib import Path
 
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from octo_arm_model.core.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
+_LONGEST = 2**20  # entries of an array of fixed length
 _IDL_RULE = '=' * 80 + '\n'  # between the files of one IDL definition
 
 
@@ -56,14 +58,30 @@ def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Types
     text = given[0].data
     try:
         if given[0].format == MessageDefinitionFormat.MSG:
-            store.register(get_types_from_msg(text, type_name))
+            store.register(_bounded(get_types_from_msg(text, type_name)))
         else:
             for part in filter(None, text.split(_IDL_RULE)):
                 # Each may begin with a line that says which it is.
                 idl = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
-                store.register(get_types_from_idl(idl))
+                store.register(_bounded(get_types_from_idl(idl)))
         store.get_msgdef(type_name)
+    except BagError:
+        raise
     except Exception as error:
-        # Whatever parsers raise over text that is no definition.
+        # Parsers raise errors of several types for text that is no definition.
         raise BagError(f'the definition of {type_name} makes no sense') from error
     return store
+
+
+def _bounded(types: Typesdict) -> Typesdict:
+    """The ``types``, whose arrays of fixed length rosbags reads by code of as many terms.
+
+    Raises:
+        BagError: if one is too long for that.
+    """
+    for name, (_, fields) in types.items():
+        for field, (kind, content) in fields:
+            length = content[1] if kind == Nodetype.ARRAY else 0
+            if isinstance(length, int) and length > _LONGEST:
+                raise BagError(f'{name} has {length} of {field}, at most {_LONGEST} are read')
+    return types

@@ -22,7 +22,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.bags.mcap import QuickMcapWriter
@@ -52,7 +52,26 @@ _OUTPUT = _qos(5, QosDurability.VOLATILE)
 _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
-class _Sqlite3Writer(Sqlite3Writer):
+class _Numbered:
+    """Names the file as the recorder does and `ros2 bag reindex` expects: the first of its bag."""
+
+    path: Path
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)  # type: ignore[call-arg]
+        self._opened = self.path
+        self.path = path / f'{path.name}_0{self.path.suffix}'
+
+    def close(self, version: int, metadata: str) -> None:
+        super().close(version, metadata)  # type: ignore[misc]
+        self._opened.rename(self.path)
+
+
+class _McapWriter(_Numbered, QuickMcapWriter):
+    pass
+
+
+class _Sqlite3Writer(_Numbered, Sqlite3Writer):
     """That of rosbags with pages that hold several messages.
 
     It keeps no journal: what fails is discarded whole.
@@ -68,7 +87,7 @@ class _Writer(Writer):
 
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
         **Writer.STORAGE_PLUGINS,
-        StoragePlugin.MCAP: QuickMcapWriter,
+        StoragePlugin.MCAP: _McapWriter,
         StoragePlugin.SQLITE3: _Sqlite3Writer,
     }
 
@@ -86,10 +105,10 @@ class _Writer(Writer):
 
 
 class BagWriter:
-    """A bag in the making.
+    """A bag being written.
 
-    It grows in a hidden folder beside its place and takes it when it is complete; left by an
-    exception, of whatever kind, it vanishes.
+    It is written to a hidden folder beside its path and renamed when it is complete; after an
+    exception of any kind the folder is removed.
     """
 
     def __init__(
@@ -127,7 +146,7 @@ class BagWriter:
             raise
 
     def __enter__(self) -> BagWriter:
-        """Go on writing."""
+        """Return this, which is open."""
         return self
 
     def __exit__(
@@ -157,7 +176,7 @@ class BagWriter:
 
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:
-        """What a disk can do, as one line."""
+        """Errors of files and of SQLite, as one line."""
         try:
             yield
         except OSError as error:

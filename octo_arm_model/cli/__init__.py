@@ -1,1 +1,4 @@
-"""The command line, a file for each command. Imports whatever a command needs, when it runs."""
+"""The command line octo-arm: a file for each command, and the options that commands share.
+
+May import every other room; ROS, rosbags and matplotlib only when a command needs them.
+"""

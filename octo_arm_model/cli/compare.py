@@ -1,4 +1,4 @@
-"""``octo-arm compare``: the model against what a camera saw."""
+"""``octo-arm compare``: the model against measured midlines."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
+from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
-from octo_arm_model.experiment.compare import Comparison, compare
+from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
 
 _DESCRIPTION = """\
@@ -36,27 +37,24 @@ ERRORS = ('tip', 'mean', 'max', 'hausdorff')
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'compare',
-        help='compare the model with midlines in a bag',
-        description=_DESCRIPTION,
-        epilog=_EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        'compare the model with midlines in a bag',
+        _DESCRIPTION,
+        _EXAMPLES + EPILOG,
     )
     add_recording(parser)
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for tables and pictures')
-    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
-    parser.set_defaults(run=_run)
+    add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
+    add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> int:
     out = options.out
     if out is not None:
-        import matplotlib  # noqa: F401 - said before the work and not after it
-
-        if out.exists() and not out.is_dir():
-            raise ConfigError(f'--out is {str(out)!r}, a file, expected a folder')
-        out.mkdir(parents=True, exist_ok=True)
+        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
+    check_out(out, folder=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
     notes = [*observations.notes, *notes]
@@ -82,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
     """One entry for each model and step; errors in per cent of the length, None where unknown."""
     table = []
     for comparison in comparisons:
@@ -110,7 +108,7 @@ def rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
 
 
 def as_dict(
-    comparisons: Sequence[Comparison], observations: Observations, notes: Sequence[str]
+    comparisons: Sequence[ModelComparison], observations: Observations, notes: Sequence[str]
 ) -> dict[str, Any]:
     """Everything in SI units but the errors, which are in per cent of the length."""
     return {
@@ -140,8 +138,8 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
             writer.writerow([*(row[name] for name in plain), *row['tensions']])
 
 
-def summary(comparisons: Sequence[Comparison], notes: Sequence[str]) -> str:
-    """The tables for people."""
+def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str:
+    """The tables in text."""
     lines = [*notes]
     for comparison in comparisons:
         lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]

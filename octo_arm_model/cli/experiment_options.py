@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
+from octo_arm_model.cli.options import add_config_option, add_number, add_path
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
@@ -24,9 +23,9 @@ how a recording is read:
   Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
   first --settle seconds do not count. The frames of the camera in a steady step become its mean
   midline, without those more than three times as far from the median as the median frame. The
-  base is the end of the midlines that stays where it is, or --base-end. The clock of the camera is
-  set by the motion, or --clock-offset. What the model published itself (backbone/path, tip_pose)
-  is no measurement unless named by --midlines. All that was decided is printed.
+  base is the end of the midlines that moves least, or --base-end. The offset of the camera's clock
+  is found from the motion, or --clock-offset. What the model published itself (backbone/path,
+  tip_pose) is no measurement unless named by --midlines. All these decisions are printed.
 
 exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
 """
@@ -34,65 +33,65 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """Add the bag and how it is read."""
+    bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
+    add_path(parser, 'bag', 'BAG', bag)
+    add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
-        'bag', metavar='BAG', type=Path,
-        help='rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips',
-    )  # fmt: skip
-    parser.add_argument(
-        '--config', metavar='CONFIG',
-        help='ROS parameter file of the arm, or the name of a preset (default: the '
-        'arm_description in the bag)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--model', nargs='+', choices=(*MODELS, ALL), metavar='MODEL',
+        '--model',
+        nargs='+',
+        choices=(*MODELS, ALL),
+        metavar='MODEL',
         help=f'models: {", ".join(MODELS)} or {ALL} (default: that of the config)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--midlines', metavar='TOPIC',
+        '--midlines',
+        metavar='TOPIC',
         help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
         '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped); by default the only ones there',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--tensions', metavar='TOPIC', help='tensions; by default the only ones there'
     )
     parser.add_argument(
-        '--align', nargs='+', metavar='A',
-        help="'fit' the camera's place; 'none': it sees in base_frame; or X Y Z QX QY QZ QW, its "
-        "pose in base_frame (default: 'none' where the midlines are in base_frame, else 'fit')",
-    )  # fmt: skip
+        '--align',
+        nargs='+',
+        metavar='A',
+        help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
+        "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+    )
     pairing = parser.add_argument_group('pairing of frames and tensions')
+    tolerance = (
+        'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
+        'within this time, and lies at least that far inside its steady step'
+    )
+    add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
     pairing.add_argument(
-        '--tolerance', type=float, default=0.1, metavar='S',
-        help='how far stamps may be off [s] (default: %(default)s): a frame has a sample of '
-        'tensions within this time, and lies at least that far inside its steady step',
-    )  # fmt: skip
-    pairing.add_argument(
-        '--clock-offset', type=float, metavar='S',
+        '--clock-offset',
+        type=float,
+        metavar='S',
         help='to add to the stamps of frames [s]; by default found from the motion',
-    )  # fmt: skip
+    )
     pairing.add_argument(
-        '--base-end', choices=('first', 'last'),
-        help='point of the midlines at the base; by default told from which end stays in place',
-    )  # fmt: skip
+        '--base-end',
+        choices=('first', 'last'),
+        help='point of the midlines at the base; by default the end that moves least',
+    )
     pairing.add_argument(
-        '--steady', type=float, metavar='N',
+        '--steady',
+        type=float,
+        metavar='N',
         help='half the band that steady tensions stay in [N] (default: the larger of 2 percent '
         'of the highest tension and four times the noise)',
-    )  # fmt: skip
-    pairing.add_argument(
-        '--hold', type=float, default=1.0, metavar='S',
-        help='least time that they do [s] (default: %(default)s)',
-    )  # fmt: skip
-    pairing.add_argument(
-        '--settle', type=float, default=0.5, metavar='S',
-        help='time from then on until the arm is at rest [s] (default: %(default)s)',
-    )  # fmt: skip
+    )
+    add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    settle = 'time from its beginning until the arm is at rest [s]'
+    add_number(pairing, '--settle', 0.5, settle, 'S')
 
 
 def read_options(
     options: argparse.Namespace,
 ) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
-    """What `add_recording`'s options ask for.
+    """The recording of `add_recording`'s options, and how it is to be compared.
 
     Returns:
         The recording, what it says, the models, the alignment (None for one to be fitted) and
@@ -108,15 +107,15 @@ def read_options(
         raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
-        _alignment(options.align)  # Said before the bag is read.
-    bar = Bar(sys.stderr, 'messages')
-    try:
+        _alignment(options.align)  # Checked before the bag is read.
+    with Bar('messages') as bar:
         recording = read_recording(
-            options.bag, options.config, options.tensions, options.midlines,
-            progress=bar if sys.stderr.isatty() else lambda done, total: None,
-        )  # fmt: skip
-    finally:
-        bar.leave()
+            options.bag,
+            options.config,
+            options.tensions,
+            options.midlines,
+            progress=bar if bar.is_terminal else lambda done, total: None,
+        )
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
     if options.align is not None:

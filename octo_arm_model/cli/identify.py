@@ -1,16 +1,15 @@
-"""``octo-arm identify``: the arm from what a camera saw."""
+"""``octo-arm identify``: parameters of the arm from measured midlines."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
-import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
+from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import ConfigError, SolveError
@@ -20,8 +19,8 @@ from octo_arm_model.experiment.fitting.unknowns import FITS
 from octo_arm_model.experiment.recording.observations import Observations
 
 _DESCRIPTION = f"""\
-Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, and say
-how far the result is to be trusted. What can be fitted, by default youngs_modulus:
+Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
+confidence intervals and correlations. What can be fitted, by default youngs_modulus:
 
   {'  '.join(FITS)}
 
@@ -44,30 +43,29 @@ length). Of several models that one is taken which best explains steps it was no
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'identify',
-        help='fit the arm to midlines in a bag',
-        description=_DESCRIPTION,
-        epilog=_EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        'fit the arm to midlines in a bag',
+        _DESCRIPTION,
+        _EXAMPLES + EPILOG,
     )
     add_recording(parser)
     parser.add_argument(
-        '--fit', nargs='+', choices=FITS, default=['youngs_modulus'], metavar='NAME',
+        '--fit',
+        nargs='+',
+        choices=FITS,
+        default=['youngs_modulus'],
+        metavar='NAME',
         help='what to fit (default: youngs_modulus)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--out', type=Path, metavar='CONFIG', help='ROS parameter file of the fitted arm to write'
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
-    parser.set_defaults(run=_run)
+    add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
+    add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> int:
-    if options.out is not None and options.out.is_dir():
-        raise ConfigError(f'--out is {str(options.out)!r}, a folder, expected a file')
-    if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
+    check_out(options.out, folder=False)
     recording, observations, models, alignment, notes = read_options(options)
     notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
@@ -75,17 +73,15 @@ def _run(options: argparse.Namespace) -> int:
         fits.append('alignment')
     fitted: dict[str, Identification] = {}
     for model in models:
-        bar = Bar(sys.stderr, f'fits of {model}')
         try:
-            fitted[model] = identify(
-                observations.shapes, recording.parameters, model, fits, alignment, bar
-            )
+            with Bar(f'fits of {model}') as bar:
+                fitted[model] = identify(
+                    observations.shapes, recording.parameters, model, fits, alignment, bar
+                )
         except (ConfigError, SolveError) as error:
             if model == models[-1] and not fitted:
                 raise
             notes.append(f'{model} is not fitted: {error}')
-        finally:
-            bar.leave()
     best = best_of(list(fitted.values()))
     if options.out is not None and best.is_trustworthy:
         options.out.write_text(as_config(best, str(options.bag)), encoding='utf-8')
@@ -199,7 +195,7 @@ def as_dict(
 
 
 def summary(best: Identification, fitted: Sequence[Identification], notes: Sequence[str]) -> str:
-    """The same for people."""
+    """The same in text."""
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():

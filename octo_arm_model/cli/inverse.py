@@ -11,86 +11,65 @@ import numpy as np
 
 from octo_arm_model.analysis.inverse import Inverse, Stiffness, default_highest, find_tensions
 from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPosition
-from octo_arm_model.cli.options import add_config, read_config, read_json
+from octo_arm_model.cli.options import (
+    add_config,
+    add_highest,
+    add_json,
+    add_vector,
+    new_command,
+    read_config,
+    read_highest,
+)
 from octo_arm_model.cli.report import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, TensionError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.solver import Solver
 
 _DESCRIPTION = """\
-Find the tensions, none negative and none above --highest, that bring the tip of the arm where it
-is wanted, with the least effort (sum of squares of tension over bound). What cannot be reached is
-approached as near as it was found to go, and the exit status is then 1.
+Find the tensions, none negative and none above --highest, that bring the tip of the arm to the
+wanted place, with the least effort (sum of squares of tension over bound). A target out of reach
+is approached as near as a local search finds, and the exit status is then 1.
 """
 
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
-        'inverse', help='find tensions for a wanted shape', description=_DESCRIPTION
+    parser = new_command(
+        commands, 'inverse', _run, 'find tensions for a wanted shape', _DESCRIPTION
     )
     add_config(parser)
-    parser.add_argument(
-        '--tip', nargs=3, type=float, metavar=('X', 'Y', 'Z'), help='tip in base_frame [m]'
+    add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
+    orientation = 'orientation of the tip as well, its x axis along the arm'
+    add_vector(parser, '--quaternion', 'X Y Z W', orientation)
+    bend = (
+        'instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE degrees about the '
+        'base, from n towards b'
     )
-    parser.add_argument(
-        '--quaternion',
-        nargs=4,
-        type=float,
-        metavar=('X', 'Y', 'Z', 'W'),
-        help='orientation of the tip as well, its x axis along the arm',
+    add_vector(parser, '--bend', 'PLANE ANGLE', bend)
+    stiffness = 'stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction'
+    add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
+    default = (
+        'for each tendon, what compresses the cross section it is fastened at by 30 percent, or '
+        'bends the arm by two turns'
     )
-    parser.add_argument(
-        '--bend',
-        nargs=2,
-        type=float,
-        metavar=('PLANE', 'ANGLE'),
-        help='instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE degrees about '
-        'the base, from n towards b',
-    )
-    parser.add_argument(
-        '--stiffness',
-        nargs=4,
-        type=float,
-        metavar=('X', 'Y', 'Z', 'K'),
-        help='stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction',
-    )
-    parser.add_argument(
-        '--highest',
-        metavar='N',
-        help='largest tension [N]: one number, or rows as --tensions of solve; by default, for '
-        'each tendon, what compresses the cross section it is fastened at by 30 percent, or '
-        'bends the arm by two turns',
-    )
-    parser.add_argument('--json', action='store_true', help='print one JSON object, in SI units')
-    parser.set_defaults(run=_run)
+    add_highest(parser, default)
+    add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> int:
-    # The model whose answer is nearest to a real arm, unless another is asked for.
+    # The most accurate model, unless another is asked for.
     options.model = options.model or 'exact'
     config = read_config(options)
     solver = config.solver()
     stiffness = None
     if options.stiffness:
         stiffness = Stiffness(np.array(options.stiffness[:3]), options.stiffness[3])
-    highest = default_highest(config.arm)
-    if options.highest is not None:
-        highest = _read_highest(options.highest, config.arm)
+    highest = read_highest(options)
+    if highest is None:
+        highest = default_highest(config.arm)
     found = find_tensions(solver, _target(options), highest, stiffness=stiffness)
     print(json.dumps(_as_dict(found, solver)) if options.json else _summary(found, config.arm))
     return 0 if found.reached else 1
-
-
-def _read_highest(text: str, arm: Arm) -> FloatArray:
-    given = read_json(text, '--highest', "'[[0.5,0.5,0.5,0.5]]'")
-    try:
-        return np.broadcast_to(np.array(given, dtype=np.float64), arm.tension_shape)
-    except (TypeError, ValueError):
-        raise TensionError(
-            f'--highest is {text}, expected one number or shape {arm.tension_shape}'
-        ) from None
 
 
 def _target(options: argparse.Namespace) -> Target:

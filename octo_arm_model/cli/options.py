@@ -1,27 +1,152 @@
-"""Options that several commands of the command line share."""
+"""Commands and the options that several of them share."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import ConfigError, TensionError
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
 
+_CONFIG = 'ROS parameter file of the arm, or the name of a preset'
+
+
+def new_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int | None],
+    summary: str,
+    description: str,
+    epilog: str = '',
+) -> argparse.ArgumentParser:
+    """Add the command ``name``, which calls ``run``, to the subparsers ``commands``."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_number(
+    parser: Any, name: str, default: float, text: str, metavar: str | None = None
+) -> None:
+    """Add the option ``name`` for a number of the type of its ``default``."""
+    parser.add_argument(
+        name,
+        type=type(default),
+        default=default,
+        metavar=metavar,
+        help=text if '%(default)s' in text else f'{text} (default: %(default)s)',
+    )
+
+
+def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
+    """Add the option ``name`` for numbers, one for each word of ``metavar``."""
+    names = tuple(metavar.split())
+    parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
+
+
+def add_path(parser: argparse.ArgumentParser, name: str, metavar: str, text: str) -> None:
+    """Add the option, or the argument, ``name`` for a file or folder."""
+    parser.add_argument(name, type=Path, metavar=metavar, help=text)
+
+
+def add_config_option(
+    parser: argparse.ArgumentParser, default: str | None, otherwise: str = '', more: str = ''
+) -> None:
+    """Add ``--config``; its help names the ``default``, or ``otherwise`` where there is none."""
+    parser.add_argument(
+        '--config',
+        default=default,
+        metavar='CONFIG',
+        help=f'{_CONFIG} (default: {otherwise or "%(default)s"}){more}',
+    )
+
+
+def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
+    """Parameters that ``--config`` names; None where it is not given.
+
+    Raises:
+        ConfigError: if there is no such file or preset, or it cannot be read.
+    """
+    return None if options.config is None else load_parameters(find_path(options.config))
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """Add ``--model``."""
+    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
+
+
+def add_storage(parser: argparse.ArgumentParser) -> None:
+    """Add ``--storage`` of a bag to write."""
+    parser.add_argument(
+        '--storage',
+        choices=('mcap', 'sqlite3'),
+        default='mcap',
+        help='of OUT (default: %(default)s)',
+    )
+
+
+@contextlib.contextmanager
+def unwritten(out: Path) -> Iterator[None]:
+    """Have a KeyboardInterrupt say that ``out`` is not written."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f'no {out} written') from None
+
+
+def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
+    """Add ``--json``."""
+    parser.add_argument('--json', action='store_true', help=f'print one JSON object{more}')
+
+
+def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
+    """Add ``--highest``, bounds of the tensions; ``default`` describes the default."""
+    parser.add_argument(
+        '--highest',
+        metavar='N',
+        help=f'largest tension [N]{of}: one number, or rows as --tensions of solve; by default '
+        f'{default}',
+    )
+
+
+def read_highest(options: argparse.Namespace) -> Any:
+    """Value of ``--highest``; None where it is not given.
+
+    Raises:
+        TensionError: if it is not JSON, or neither a number nor a list.
+    """
+    text = options.highest
+    if text is None:
+        return None
+    highest = read_json(text, '--highest', "3 or '[[0.5,0.5,0.5,0.5]]'")
+    if highest is None or isinstance(highest, (str, dict)):
+        raise TensionError(f'--highest is {text}, expected a number or rows of numbers [N]')
+    return highest
+
+
+def add_config_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the argument ``CONFIG``."""
+    parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
+
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add the arm and what may be said otherwise than in its file."""
-    parser.add_argument(
-        'config',
-        metavar='CONFIG',
-        help='ROS parameter file of the arm, or the name of a preset such as renda2012_table4',
-    )
-    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
+    """Add the arm, and the options that replace values of its file."""
+    add_config_argument(parser)
+    add_model(parser)
     parser.add_argument(
         '--stations', type=int, metavar='N', help='stations, instead of those of the config'
     )
@@ -29,27 +154,19 @@ def add_config(parser: argparse.ArgumentParser) -> None:
         'physics', 'instead of what the config says; with --model exact'
     )
     physics.add_argument('--material', choices=LAWS, help='elastic law of the cross sections')
-    physics.add_argument(
-        '--gravity',
-        nargs=3,
-        type=float,
-        metavar=('X', 'Y', 'Z'),
-        help='acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81',
-    )
-    physics.add_argument('--density', type=float, metavar='RHO', help='of the arm [kg/m^3]')
-    physics.add_argument(
-        '--fluid-density', type=float, metavar='RHO', help='of what is around it [kg/m^3]'
-    )
-    physics.add_argument(
-        '--tip-force', nargs=3, type=float, metavar=('X', 'Y', 'Z'), help='in base_frame [N]'
-    )
-    physics.add_argument(
-        '--tip-moment', nargs=3, type=float, metavar=('X', 'Y', 'Z'), help='in base_frame [N m]'
-    )
+    gravity = 'acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81'
+    add_vector(physics, '--gravity', 'X Y Z', gravity)
+    for name, text in (
+        ('--density', 'of the arm [kg/m^3]'),
+        ('--fluid-density', 'of the surrounding fluid [kg/m^3]'),
+    ):
+        physics.add_argument(name, type=float, metavar='RHO', help=text)
+    add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame [N]')
+    add_vector(physics, '--tip-moment', 'X Y Z', 'in base_frame [N m]')
 
 
 def read_config(options: argparse.Namespace) -> Config:
-    """The config that `add_config`'s options ask for.
+    """The config of `add_config`'s options.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the
@@ -76,6 +193,21 @@ def read_config(options: argparse.Namespace) -> Config:
         law=options.material or config.law,
         loads=dataclasses.replace(config.loads, **loads),
     )
+
+
+def check_out(path: Path | None, *, folder: bool) -> None:
+    """Make the folder for ``--out``, which is a ``folder`` or a file; nothing if it is None.
+
+    Raises:
+        ConfigError: if it is the other of the two.
+        OSError: if the folder cannot be made.
+    """
+    if path is None:
+        return
+    if path.exists() and path.is_dir() != folder:
+        is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
+        raise ConfigError(f'--out is {str(path)!r}, {is_what}, expected {expected}')
+    (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
 
 
 def read_json(text: str, option: str, example: str) -> Any:

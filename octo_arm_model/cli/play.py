@@ -5,26 +5,36 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.options import read_json
+from octo_arm_model.cli.options import (
+    add_config_option,
+    add_highest,
+    add_number,
+    add_path,
+    new_command,
+    read_highest,
+)
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
-from octo_arm_model.simulation.commands import TOPIC, Profile, find_profile, profile_names
+from octo_arm_model.core.limits import MAX_PROFILE_ROWS
+from octo_arm_model.simulation.commands import TOPIC, find_profile, profile_names
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.profile_files import write_csv
+from octo_arm_model.terminal import StatusLine
 
 _DESCRIPTION = """\
 Pull the tendons of an arm along a profile: publish its tensions on tendon_commands, where the
 simulator octo_arm_sim or real winches listen. PROFILE is a movement of --list, or a file. A CSV
 file has the columns time [s] and one of tensions [N] for each tendon, by name; a YAML file has
 times:, tensions: (a row for each time, tendons from the tip) and, if wanted, interpolation:
-smooth, linear or steps. At the end, and at Ctrl-C, the tendons are let go smoothly.
+smooth, linear or steps. What goes beyond a tendon's limit (tendon_limits of the arm) is not
+played. At the end, and at Ctrl-C, the tendons are let go smoothly.
 """
 _EPILOG = """\
 examples:
@@ -35,7 +45,6 @@ examples:
   octo-arm play rotating --plot rotating.png --csv rotating.csv     # without ROS
 """
 _RATES = (1.0, 1000.0)  # [Hz]
-_REFRESH = 0.1  # [s]
 _NO_ROS = (
     'playing needs ROS 2 and the package octo_arm_msgs ({} is missing): source them, or put '
     'tools/with_ros in front; --list, --csv and --plot do without'
@@ -44,53 +53,29 @@ _NO_ROS = (
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'play',
-        help='pull tendons along a profile of commands',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        'pull tendons along a profile of commands',
+        _DESCRIPTION,
+        _EPILOG,
     )
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
     )
     parser.add_argument('--list', action='store_true', help='list the movements of the arm')
-    parser.add_argument(
-        '--config',
-        default='renda2012_table4',
-        metavar='CONFIG',
-        help='ROS parameter file of the arm, or the name of a preset (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--highest',
-        metavar='N',
-        help='largest tension [N] of rotating, ramps, steps and sweeps: one number, or rows as '
-        '--tensions of solve; by default what the arm bears',
-    )
-    parser.add_argument(
-        '--speed', type=float, default=1.0, help='times as fast as written (default: %(default)s)'
-    )
-    parser.add_argument('--loop', action='store_true', help='begin anew at the end, until Ctrl-C')
-    parser.add_argument(
-        '--rate', type=float, default=50.0, metavar='HZ',
-        help='commands, or rows of --csv, a second (default: %(default)s)',
-    )  # fmt: skip
+    add_config_option(parser, 'renda2012_table4')
+    of = ' of rotating, ramps, steps and sweeps'
+    add_highest(parser, 'what the arm bears', of)
+    add_number(parser, '--speed', 1.0, 'factor of the speed it is written for')
+    parser.add_argument('--loop', action='store_true', help='repeat it until Ctrl-C')
+    add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, a second', 'HZ')
     parser.add_argument('--topic', default=TOPIC, help='where to publish (default: %(default)s)')
-    parser.add_argument(
-        '--hold', action='store_true', help='leave the tendons as they are in the end'
-    )
-    parser.add_argument(
-        '--wait',
-        type=float,
-        default=5.0,
-        metavar='S',
-        help='how long to wait for somebody to subscribe [s] (default: %(default)s)',
-    )
-    parser.add_argument('--csv', type=Path, metavar='CSV', help='write it there instead')
-    parser.add_argument(
-        '--plot', type=Path, metavar='PNG', help='draw it there instead; needs matplotlib'
-    )
-    parser.set_defaults(run=_run)
+    parser.add_argument('--hold', action='store_true', help='keep the last tensions at the end')
+    add_number(parser, '--wait', 5.0, 'how long to wait for a subscriber [s]', 'S')
+    add_path(parser, '--csv', 'CSV', 'write it there instead')
+    add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -99,20 +84,18 @@ def _run(options: argparse.Namespace) -> None:
     lowest, highest = _RATES
     if not lowest <= options.rate <= highest:
         raise ArmDefinitionError('--rate', options.rate, f'{lowest} to {highest} [Hz]')
-    arm = find_config(options.config).arm
+    config = find_config(options.config)
+    arm = config.arm
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
         print(_listing(arm))
         return
-    strongest = None
-    if options.highest is not None:
-        strongest = read_json(options.highest, '--highest', "'[[0.5,0.5,0.5,0.5]]'")
-    profile = find_profile(options.profile, arm, strongest)
+    profile = find_profile(options.profile, arm, read_highest(options))
     if options.csv or options.plot:
         _write(options, profile, arm)
     else:
-        _play(options, profile, arm)
+        _play(options, profile, config)
 
 
 def _listing(arm: Arm) -> str:
@@ -125,8 +108,13 @@ def _listing(arm: Arm) -> str:
     )
 
 
-def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
+def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> None:
     duration = profile.duration / options.speed
+    if duration * options.rate > MAX_PROFILE_ROWS - 1:
+        raise ConfigError(
+            f'{options.profile} is {duration * options.rate:.6g} rows at this --speed and --rate, '
+            f'expected at most {MAX_PROFILE_ROWS}'
+        )
     times = np.linspace(0.0, duration, max(2, 1 + round(duration * options.rate)))
     tensions = profile.at(options.speed * times)
     if options.csv:
@@ -140,51 +128,27 @@ def _write(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
         print(options.plot)
 
 
-def _play(options: argparse.Namespace, profile: Profile, arm: Arm) -> None:
+def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) -> None:
     try:
         from octo_arm_model.ros.profile_player import play
     except ModuleNotFoundError as error:
         raise ConfigError(_NO_ROS.format(error.name)) from error
 
-    line = _Line(options.profile)
-    try:
+    def state(what: str, played: float, duration: float) -> str:
+        rounds = max(0, math.ceil(played / duration) - 1)
+        again = f', time {rounds + 1}' if rounds else ''
+        within = played - rounds * duration
+        return f'{options.profile}: {what}, {within:.1f} of {duration:.1f} s{again}'
+
+    with StatusLine(sys.stderr) as line:
         play(
             profile,
-            arm,
+            config,
             topic=options.topic,
             speed=options.speed,
             loop=options.loop,
             rate=options.rate,
             release=not options.hold,
             patience=options.wait,
-            report=line,
+            report=lambda *played: line.show(lambda: state(*played)),
         )
-    finally:
-        line.leave()
-
-
-class _Line:
-    """What is being done, on a terminal; elsewhere nothing."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._shown = -math.inf
-        self._is_open = False
-
-    def __call__(self, what: str, played: float, duration: float) -> None:
-        """Show that ``what`` has gone on for ``played`` of ``duration`` [s], or begun anew."""
-        now = time.monotonic()
-        if not sys.stderr.isatty() or now - self._shown < _REFRESH:
-            return
-        self._shown, self._is_open = now, True
-        rounds = max(0, math.ceil(played / duration) - 1)
-        within = played - rounds * duration
-        again = f', time {rounds + 1}' if rounds else ''
-        sys.stderr.write(f'\r{self._name}: {what}, {within:.1f} of {duration:.1f} s{again}\x1b[K')
-        sys.stderr.flush()
-
-    def leave(self) -> None:
-        """Go on below the line."""
-        if self._is_open:
-            sys.stderr.write('\n')
-            self._is_open = False

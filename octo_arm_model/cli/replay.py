@@ -1,26 +1,28 @@
-"""``octo-arm replay``: the shapes that belong to the tensions in a bag."""
+"""``octo-arm replay``: the shapes for the tensions in a bag."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import json
-import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from octo_arm_model.cli.options import (
+    add_config_option,
+    add_json,
+    add_model,
+    add_path,
+    add_storage,
+    new_command,
+    read_config_option,
+    unwritten,
+)
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.config.config import load_parameters
-from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import BagError
-from octo_arm_model.core.solver import MODELS
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay import Report
-
-STORAGES = ('mcap', 'sqlite3')
-INTERRUPTED = 130  # exit status, as shells have it
 
 _DESCRIPTION = """\
 Answer every message of tensions in a bag as the node would, byte for byte, and write a new bag:
@@ -35,8 +37,8 @@ examples:
   octo-arm replay rosbag2_2024_05_02 shapes --topics /arm_1/tendon_tensions --storage sqlite3
   octo-arm replay experiment.mcap shapes --no-copy --json
 
-IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. Which arm it
-was says --config, or else the topic arm_description, on which the node says so. Messages that
+IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. The arm
+is that of --config, or else of the topic arm_description, which the node publishes. Messages that
 hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
 trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
@@ -52,21 +54,18 @@ bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 inte
 
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'replay',
-        help='add to a bag of tensions the shapes of the arm',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        'add to a bag of tensions the shapes of the arm',
+        _DESCRIPTION,
+        _EPILOG,
     )
-    parser.add_argument('bag', metavar='IN', type=Path, help='bag with tensions')
-    parser.add_argument('out', metavar='OUT', type=Path, help='bag to write, not there yet')
-    parser.add_argument(
-        '--config',
-        help='ROS parameter file of the arm, or the name of a preset such as renda2012_table4 '
-        '(default: what the bag says)',
-    )
-    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
+    add_path(parser, 'bag', 'IN', 'bag with tensions')
+    add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
+    add_config_option(parser, None, 'what the bag says')
+    add_model(parser)
     parser.add_argument(
         '--topics',
         nargs='+',
@@ -83,46 +82,33 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         '--no-copy', action='store_true', help='write the answers alone, without what is in IN'
     )
-    parser.add_argument(
-        '--storage', choices=STORAGES, default='mcap', help='of OUT (default: %(default)s)'
-    )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.set_defaults(run=_run)
+    add_storage(parser)
+    add_json(parser, '')
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.arms import find_arms
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.bags.replay import replay
     from octo_arm_model.bags.writer import BagWriter
 
-    parameters = None
-    if options.config is not None:
-        parameters = load_parameters(find_path(options.config))
-    bar = Bar(sys.stderr, 'messages')
+    parameters = read_config_option(options)
     began = time.monotonic()
-    try:
-        with BagReader(options.bag) as reader:
-            if options.bag.resolve() in options.out.resolve().parents:
-                raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
-            arms = find_arms(reader, options.topics, parameters, options.model)
-            custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
-            with BagWriter(options.out, options.storage, custom) as writer:
-                report = replay(
-                    reader,
-                    writer,
-                    arms,
-                    copy=not options.no_copy,
-                    lengths=options.lengths,
-                    progress=bar,
-                )
-            duration = reader.duration
-    except KeyboardInterrupt:
-        bar.leave()
-        print(f'octo-arm: interrupted, no {options.out} written', file=sys.stderr)
-        return INTERRUPTED
-    finally:
-        bar.leave()
+    with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
+        if options.bag.resolve() in options.out.resolve().parents:
+            raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
+        arms = find_arms(reader, options.topics, parameters, options.model)
+        custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
+        with BagWriter(options.out, options.storage, custom) as writer:
+            report = replay(
+                reader,
+                writer,
+                arms,
+                copy=not options.no_copy,
+                lengths=options.lengths,
+                progress=bar,
+            )
+        duration = reader.duration
     elapsed = time.monotonic() - began
     if options.json:
         content = dataclasses.asdict(report)
@@ -131,11 +117,10 @@ def _run(options: argparse.Namespace) -> int:
     else:
         print(summary(report))
         print(f'{options.out}: {duration:.4g} s recorded, replayed in {elapsed:.4g} s')
-    return 0
 
 
 def summary(report: Report) -> str:
-    """What a replay came to, for people."""
+    """Counts and reasons of a replay, in text."""
     lines = []
     for name, topic in report.topics.items():
         lines.append(f'{name}: {topic.answered} answered by {topic.model}')

@@ -1,4 +1,4 @@
-"""A solved arm for programs and for people."""
+"""A solution as JSON and as a table."""
 
 from __future__ import annotations
 

@@ -7,9 +7,9 @@ import dataclasses
 import itertools
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from octo_arm_model.cli.options import add_path, new_command
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.page.document import Block, Picture
@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Compute the paper's figures and tables anew and check the claims of its text, with all three
-models, and write them on one page to hold beside the paper: OUTDIR/renda2012.html, which needs no
-other file and no network, and the same for print, OUTDIR/renda2012.pdf. Takes some ten seconds;
-needs matplotlib.
+models, and write them on one page: OUTDIR/renda2012.html, which needs no other file and no
+network. A browser prints it on A4. Takes about five seconds; needs matplotlib.
 """
 _EPILOG = """\
 example:
@@ -31,34 +30,31 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 """
 
 
-def add_command(commands: argparse._SubParsersAction[Any]) -> None:
+def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
+    parser = new_command(
+        commands,
         'reproduce',
-        help="compute the paper's figures, tables and claims anew, on one page",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _run,
+        "compute the paper's figures, tables and claims anew, on one page",
+        _DESCRIPTION,
+        _EPILOG,
     )
-    parser.add_argument('outdir', metavar='OUTDIR', type=Path, help='folder for the page')
-    parser.set_defaults(run=_run)
+    add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Before the work and not after it: is there what draws, and somewhere to write?
+    # Imported before the work, so that a missing matplotlib is reported at once.
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
-    from octo_arm_model.reproduce.page.pdf_pages import as_pdf
 
     options.outdir.mkdir(parents=True, exist_ok=True)
     claims = [claim() for claim in CLAIMS]
-    bar = Bar(sys.stderr, 'pictures')
-    blocks = _counting(content.blocks(claims), bar)
-    html, pdf = options.outdir / 'renda2012.html', options.outdir / 'renda2012.pdf'
-    html.write_text(as_html(blocks), encoding='utf-8')
-    pdf.write_bytes(as_pdf(blocks))
-    bar.leave()
-    print(html, pdf, content.summary(claims), sep='\n')
+    html = options.outdir / 'renda2012.html'
+    with Bar('pictures') as bar:
+        page = as_html(_counting(content.blocks(claims), bar))
+    html.write_text(page, encoding='utf-8')
+    print(html, content.summary(claims), sep='\n')
     failed = [claim for claim in claims if claim.fails]
     for claim in failed:
         print(f'octo-arm: does not hold: {claim.says} ({claim.where})', file=sys.stderr)
@@ -66,9 +62,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _counting(blocks: Sequence[Block], bar: Bar) -> list[Block]:
-    """``blocks``, whose pictures move the ``bar`` when they are drawn: all else takes no time."""
-    # Each is drawn for the screen and for print.
-    total = 2 * sum(isinstance(block, Picture) for block in blocks)
+    """``blocks`` whose pictures advance the ``bar`` when they are drawn."""
+    total = sum(isinstance(block, Picture) for block in blocks)
     numbers = itertools.count(1)
 
     def counting(picture: Picture) -> Picture:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
+from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
-from octo_arm_model.cli.inverse import default_highest
-from octo_arm_model.cli.options import add_config, read_config, read_json
+from octo_arm_model.cli.options import (
+    add_config,
+    add_highest,
+    add_json,
+    add_number,
+    add_path,
+    check_out,
+    new_command,
+    read_config,
+    read_highest,
+)
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, TensionError
 from octo_arm_model.core.hints import FloatArray
 
 _DESCRIPTION = """\
@@ -35,80 +42,59 @@ to a hundred milliseconds: then begin with few --samples. The same --seed, --sam
 give the same tips whatever --processes or --scheduler are.
 """
 _PARTS = 0.1  # of the section at its anchorage that a tendon alone may compress it by
-_INTERRUPTED = 130  # exit status, as shells have it
 
 
-def add_command(commands: argparse._SubParsersAction[Any]) -> None:
+def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
-    parser = commands.add_parser(
-        'workspace',
-        help='draw where the tip can go',
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = new_command(
+        commands, 'workspace', _run, 'draw where the tip can go', _DESCRIPTION, _EPILOG
     )
     add_config(parser)
+    default = (
+        'for each tendon, what alone compresses the cross section it is fastened at by 10 '
+        'percent, or bends the arm by two turns'
+    )
+    add_highest(parser, default)
+    add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')
+    add_number(parser, '--seed', 0, 'other seeds draw other tensions, as evenly', 'N')
     parser.add_argument(
-        '--highest',
+        '--processes',
+        type=int,
         metavar='N',
-        help='largest tension [N]: one number for all tendons, or rows as --tensions of solve; '
-        'by default, for each tendon, what alone compresses the cross section it is fastened at '
-        'by 10 percent, or bends the arm by two turns',
+        help='worker processes; by default one for each core where that is quicker',
     )
     parser.add_argument(
-        '--samples', type=int, default=4096, metavar='N',
-        help='sets of tensions, best a power of two (default: %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--seed', type=int, default=0, metavar='N',
-        help='other seeds draw other tensions, as evenly (default: %(default)s)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--processes', type=int, metavar='N',
-        help='worker processes; by default one for each core where that is quicker',
-    )  # fmt: skip
-    parser.add_argument(
-        '--scheduler', metavar='ADDRESS',
+        '--scheduler',
+        metavar='ADDRESS',
         help='Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
         "pip install 'octo_arm_model[cluster]'",
-    )  # fmt: skip
-    parser.add_argument(
-        '--out', type=Path, metavar='PNG',
-        help='picture to write (default: workspace.png; with --json none)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--json',
-        action='store_true',
-        help='print one JSON object, in SI units: highest, seed, refused, and of each set with '
-        'an answer its tensions, tip and direction',
     )
-    parser.set_defaults(run=_run)
+    add_path(parser, '--out', 'PNG', 'picture to write (default: workspace.png; with --json none)')
+    sets = (
+        ': highest, seed, refused, and of each set with an answer its tensions, tip and direction'
+    )
+    add_json(parser, f', in SI units{sets}')
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     config = read_config(options)
     picture = options.out
     if picture is None and not options.json:
         picture = Path('workspace.png')
     if picture is not None:
-        _check_picture(picture)
-    bar = Bar(sys.stderr, 'sets of tensions')
-    try:
+        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
+    check_out(picture, folder=False)
+    highest = read_highest(options)
+    with Bar('sets of tensions') as bar:
         workspace = sample_workspace(
             config,
-            _highest(options.highest, config),
+            default_highest(config.arm, _PARTS) if highest is None else highest,
             options.samples,
             options.seed,
             processes=options.processes,
             scheduler=options.scheduler,
             progress=bar,
         )
-    except KeyboardInterrupt:
-        bar.leave()
-        print('octo-arm: interrupted', file=sys.stderr)
-        return _INTERRUPTED
-    finally:
-        bar.leave()
     if picture is not None:
         from octo_arm_model.analysis.workspace_figure import draw_workspace
 
@@ -118,30 +104,6 @@ def _run(options: argparse.Namespace) -> int:
         if options.json
         else summary(workspace, config.model, picture)
     )
-    return 0
-
-
-def _check_picture(path: Path) -> None:
-    """Before the work and not after it: is there what draws, and somewhere to write?
-
-    Raises:
-        ConfigError: if ``path`` cannot be a file.
-        ModuleNotFoundError: if matplotlib is missing.
-    """
-    import matplotlib  # noqa: F401
-
-    if path.is_dir():
-        raise ConfigError(f'--out is {str(path)!r}, a folder, expected a picture to write')
-    path.parent.mkdir(parents=True, exist_ok=True)
-
-
-def _highest(text: str | None, config: Config) -> FloatArray | Any:
-    if text is None:
-        return default_highest(config.arm, _PARTS)
-    highest = read_json(text, '--highest', "3 or '[[0.5,0.5,0.5,0.5]]'")
-    if highest is None or isinstance(highest, (str, bool, dict)):
-        raise TensionError(f'--highest is {text}, expected a number or rows of numbers [N]')
-    return highest
 
 
 def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
@@ -157,7 +119,7 @@ def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
 
 
 def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
-    """How many tips there are and how far they reach, for people: millimetres."""
+    """Number and extent of the tips in text, in millimetres."""
     reached, refused = len(workspace.tip), workspace.refused
     lines = [
         f'model     {model}',

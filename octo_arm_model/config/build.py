@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.arm import Arm, check_size
 from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.limits import MAX_POINT_LOADS
 from octo_arm_model.core.sensitivity.results import Uncertainty
 
 Values = Mapping[str, Any]
@@ -36,6 +37,9 @@ def build_loads(given: Values) -> Loads:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if a load cannot be.
     """
+    if len(given['loads.point_s']) > MAX_POINT_LOADS:
+        count = len(given['loads.point_s'])
+        raise ConfigError(f'loads.point_s has {count} values, expected at most {MAX_POINT_LOADS}')
     points = _vectors(given, 'loads.point_force', 'loads.point_s')
     along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
     return Loads(
@@ -46,6 +50,19 @@ def build_loads(given: Values) -> Loads:
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
     )
+
+
+def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
+    """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
+
+    Raises:
+        ConfigError: if they are not as many as the tendons.
+        ArmDefinitionError: if one is not finite or not > 0.
+    """
+    limits = given['tendon_limits']
+    if limits:
+        _check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
+    return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
 
 
 def build_uncertainty(given: Values) -> Uncertainty:
@@ -100,6 +117,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
         if number < 1:
             raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
     total = sum(numbers)
+    check_size(count, total)
     angles = given['tendons.angle'] or tuple(
         2.0 * math.pi * j / number for number in numbers for j in range(number)
     )

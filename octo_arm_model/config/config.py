@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import re
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from octo_arm_model.config.build import build_arm, build_loads, build_uncertainty
+from octo_arm_model.config.build import build_arm, build_limits, build_loads, build_uncertainty
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver
+
+
+@dataclass(frozen=True)
+class DiagnosticLimits:
+    """What the node's diagnostics warn of, each >= 0 [s].
+
+    Attributes:
+        silence: time without tensions.
+        age: age of a stamp on arrival.
+        ahead: how far a stamp is ahead of the clock.
+    """
+
+    silence: float
+    age: float
+    ahead: float
 
 
 @dataclass(frozen=True)
@@ -38,6 +54,10 @@ class Config:
         shear: whether its cross sections shear.
         loads: what loads the arm but its tendons.
         uncertainty: how well tensions, material and tendons are known.
+        markers_rate: how often the node publishes markers at most [Hz]; 0 for every shape.
+        limits: what its diagnostics warn of.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
+            the arm bears, see `simulation.limits`.
     """
 
     arm: Arm
@@ -50,6 +70,9 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    markers_rate: float = 0.0
+    limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
+    tendon_limits: tuple[float, ...] = ()
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -80,8 +103,9 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
+        arm = build_arm(given)
         return cls(
-            arm=build_arm(given),
+            arm=arm,
             base=base,
             model=given['model'],
             stations=given['stations'],
@@ -91,6 +115,9 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
+            limits=_limits(given),
+            tendon_limits=build_limits(given, arm),
         )
 
     def solver(
@@ -121,6 +148,14 @@ class Config:
         )
 
 
+def _limits(given: Mapping[str, Any]) -> DiagnosticLimits:
+    limits = {}
+    for name in ('silence', 'age', 'ahead'):
+        parameter = f'diagnostics.{name}_limit'
+        limits[name] = not_negative(parameter, given[parameter], 'time', 's')
+    return DiagnosticLimits(**limits)
+
+
 def load_config(path: str | Path) -> Config:
     """Read a ROS parameter file: one node name or wildcard, then ``ros__parameters``.
 
@@ -128,8 +163,8 @@ def load_config(path: str | Path) -> Config:
         ConfigError: if the file cannot be read or does not describe an arm; the message names
             the file.
     """
-    with _naming(path):
-        return Config.from_parameters(_parse(_read(path)))
+    with naming(path):
+        return Config.from_parameters(_parse(read_text(path, MAX_YAML_BYTES)))
 
 
 def load_parameters(path: str | Path) -> dict[str, Any]:
@@ -138,8 +173,8 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigError: if the file cannot be read or is none; the message names the file.
     """
-    with _naming(path):
-        return _parse(_read(path))
+    with naming(path):
+        return _parse(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
@@ -148,7 +183,7 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
     Raises:
         ConfigError: if it is none.
     """
-    with _naming(name):
+    with naming(name):
         return _parse(text)
 
 
@@ -157,57 +192,28 @@ def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     plain = {
         name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
     }
-    return yaml.safe_dump({'/**': {'ros__parameters': plain}}, sort_keys=True)
+    return dump_yaml({'/**': {'ros__parameters': plain}})
 
 
-def _read(path: str | Path) -> str:
-    return Path(path).read_text(encoding='utf-8')
+def is_of_every_node(name: str) -> bool:
+    """Whether ROS declares the parameter ``name`` for every node; `ros2 param dump` writes it."""
+    own = ('start_type_description_service', 'use_sim_time')
+    return name in own or name.startswith('qos_overrides.')
 
 
 def _parse(text: str) -> dict[str, Any]:
-    return _flatten(_ros_parameters(yaml.load(text, _Loader)))
+    values = _flatten(_ros_parameters(load_yaml(text)))
+    return {name: value for name, value in values.items() if not is_of_every_node(name)}
 
 
 @contextlib.contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
+def naming(path: str | Path) -> Iterator[None]:
     """Whatever goes wrong with a parameter file, as an error that names it."""
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f'{path}: not a text file') from error
-    except yaml.YAMLError as error:
-        line = getattr(error, 'problem_mark', None)
-        where = f', line {line.line + 1}' if line else ''
-        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
-        raise ConfigError(f'{path}{where}: not valid YAML, {problem}') from error
-    except OctoArmError as error:
-        raise ConfigError(f'{path}: {error}') from error
-    except (AttributeError, KeyError, RecursionError, ValueError) as error:
-        # What the YAML library raises for tags, dates and nesting that make no sense.
-        raise ConfigError(f'{path}: not valid YAML, {error}') from error
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that reads 1e5 as the number it is, like ROS, and refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        mapping = super().construct_mapping(node, deep)
-        if len(mapping) < len(node.value):
-            keys = [key.value for key, _ in node.value]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise yaml.MarkedYAMLError(
-                problem=f'{twice!r} is given twice', problem_mark=node.start_mark
-            )
-        return mapping
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
-    list('-+.0123456789'),
-)
+    with reading(path, ConfigError):
+        try:
+            yield
+        except OctoArmError as error:
+            raise ConfigError(f'{path}: {error}') from error
 
 
 def _ros_parameters(document: object) -> Mapping[str, Any]:
@@ -225,7 +231,7 @@ def _ros_parameters(document: object) -> Mapping[str, Any]:
         )
     parameters = document[nodes[0]]['ros__parameters']
     if not isinstance(parameters, dict):
-        raise ConfigError(f'ros__parameters is {parameters!r}, expected parameters')
+        raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
     return parameters
 
 
@@ -251,4 +257,4 @@ def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) 
         if name not in known:
             close = difflib.get_close_matches(str(name), known, n=1)
             hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
-            raise ConfigError(f'{name} is no parameter of {owner}; {hint}')
+            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

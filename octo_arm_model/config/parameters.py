@@ -1,7 +1,7 @@
 """Every parameter of the arm and its node, declared once.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and a test holds
-the README to it, so a name, a unit or a default is written in one place only.
+The YAML loader reads this table, the node declares its ROS parameters from it and the manual
+prints it, so a name, a unit or a default is written in one place only.
 """
 
 from __future__ import annotations
@@ -10,7 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.arm.validation import is_text
+from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.core.limits import (
+    MAX_INTERVALS,
+    MAX_NAME,
+    MAX_POINT_LOADS,
+    MAX_SECTIONS,
+    MAX_STATIONS,
+    MAX_TABLE_POINTS,
+    MAX_TENDONS,
+)
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
@@ -45,6 +55,16 @@ class Parameter:
         return word + '[]' if self.is_array else word
 
     @property
+    def default_or_none_given(self) -> Any:
+        """Value where none is given, in ROS, where every parameter has one.
+
+        Of one that must be given that is zero or an empty list.
+        """
+        if self.default is not None:
+            return self.default
+        return () if self.is_array else self.kind()
+
+    @property
     def table_row(self) -> str:
         """Row of a Markdown table: name, type, default and meaning."""
         default = list(self.default or ()) if self.is_array else self.default
@@ -70,20 +90,26 @@ class Parameter:
             except OverflowError:
                 return self._refuse(value)
         if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
+            if self.kind is str and not is_text(element):
+                return self._refuse(value, f' of at most {MAX_NAME} characters, without NUL')
             return element
         return self._refuse(value)
 
-    def _refuse(self, value: object) -> Any:
-        raise ConfigError(f'{self.name} is {value!r}, expected {self.type_name}')
+    def _refuse(self, value: object, what: str = '') -> Any:
+        raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
 
 
+_TABLE = f'; at most {MAX_TABLE_POINTS}'
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
 
 PARAMETERS = (
     Parameter('model', str, f'what turns tensions into strains: {_MODELS}', DEFAULT_MODEL,
               range=_MODELS),
-    Parameter('stations', int, 'stations along the backbone, anchorages and loads among them',
-              DEFAULT_STATIONS, range='at least two, one more for every anchorage and load'),
+    Parameter('stations', int,
+              'stations along the backbone, anchorages and loads among them; at most '
+              f'{MAX_STATIONS}', DEFAULT_STATIONS,
+              range='at least two, one more for every anchorage and load; at most '
+              f'{MAX_STATIONS}'),
     Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),
     Parameter('frame_prefix', str,
               'what the names of the frames of tip and anchorages begin with', ''),
@@ -106,8 +132,8 @@ PARAMETERS = (
               range='neo_hookean or linear'),
     Parameter('material.shear', bool, 'whether cross sections shear, with law linear', False),
     Parameter('material.table_s', float,
-              'arc coordinates of a material that varies along the arm, from 0 on [m]', (),
-              is_array=True, range='increasing from 0 to the tip'),
+              f'arc coordinates of a material that varies along the arm, from 0 on [m]{_TABLE}',
+              (), is_array=True, range='increasing from 0 to the tip'),
     Parameter('material.table_youngs_modulus', float, 'E at each of table_s [Pa]', (),
               is_array=True, range='> 0'),
     Parameter('material.table_poisson_ratio', float,
@@ -116,21 +142,26 @@ PARAMETERS = (
     Parameter('body.length', float, 'length L of the arm [m]', range='> 0'),
     Parameter('body.radius_base', float, 'radius at the base [m]', unless='body.table_s',
               range='> 0'),
-    Parameter('body.radius_tip', float, 'radius at the tip [m]', unless='body.table_s',
-              range='> 0'),
+    Parameter('body.radius_tip', float,
+              'radius at the tip [m]; the arm is refused where more than '
+              f'{MAX_INTERVALS} intervals, each no longer than thick, are needed',
+              unless='body.table_s', range='> 0'),
     Parameter('body.disc_radius', float,
               'radius of discs that lead tendons outside the body [m]; 0 for none', 0.0,
               range='>= 0'),
     Parameter('body.table_s', float,
-              'arc coordinates of a body that is no cone, from 0 to the tip [m]', (),
+              f'arc coordinates of a body that is no cone, from 0 to the tip [m]{_TABLE}', (),
               is_array=True, range='increasing from 0 to the tip'),
     Parameter('body.table_radius', float, 'radius at each of table_s [m]', (), is_array=True,
               range='> 0'),
     Parameter('sections.anchorage', float,
-              'arc coordinate of each anchorage, from the tip to the base [m]', is_array=True,
+              'arc coordinate of each anchorage, from the tip to the base [m]; at most '
+              f'{MAX_SECTIONS}', is_array=True,
               range='decreasing, in (0, body.length]'),
-    Parameter('sections.tendons', int, 'number of tendons of each section; empty for four each',
-              (), is_array=True, range='>= 1'),
+    Parameter('sections.tendons', int,
+              'number of tendons of each section; empty for four each; at most '
+              f'{MAX_TENDONS} in all', (), is_array=True,
+              range=f'>= 1, at most {MAX_TENDONS} in all'),
     Parameter('sections.offset_base', float,
               "distance of each section's tendons from the midline at the base [m]",
               is_array=True, unless='tendons.table_s',
@@ -146,7 +177,7 @@ PARAMETERS = (
               'angle each tendon winds about the midline up to its anchorage [rad]; empty for '
               'straight ones', (), is_array=True),
     Parameter('tendons.table_s', float,
-              'arc coordinates of tabulated paths of all tendons, from 0 on [m]', (),
+              f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{_TABLE}', (),
               is_array=True, range='increasing from 0 on, as far as the tendons go'),
     Parameter('tendons.table_offset', float,
               'distance from the midline at each of table_s [m], tendon after tendon', (),
@@ -157,6 +188,9 @@ PARAMETERS = (
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
+    Parameter('tendon_limits', float,
+              'largest tension that may be commanded of each tendon [N], section by section from '
+              'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
               (0.0, 0.0, 0.0), is_array=True),
     Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,
@@ -165,17 +199,30 @@ PARAMETERS = (
               is_array=True),
     Parameter('loads.tip_moment', float, 'moment on the tip in base_frame [N m]',
               (0.0, 0.0, 0.0), is_array=True),
-    Parameter('loads.point_s', float, 'arc coordinates of point forces [m]', (), is_array=True,
-              range='in [0, body.length]'),
+    Parameter('loads.point_s', float,
+              f'arc coordinates of point forces [m]; at most {MAX_POINT_LOADS}', (),
+              is_array=True, range='in [0, body.length]'),
     Parameter('loads.point_force', float,
               'x, y, z of each point force in base_frame [N], one after the other', (),
               is_array=True),
     Parameter('loads.distributed_s', float,
-              'arc coordinates of a distributed force, linear between them [m]', (),
+              f'arc coordinates of a distributed force, linear between them [m]{_TABLE}', (),
               is_array=True, range='increasing, in [0, body.length]'),
     Parameter('loads.distributed_force', float,
               'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
               (), is_array=True),
+    Parameter('markers_rate', float,
+              'how often markers are published at most [Hz]; 0 for every shape', 30.0,
+              range='>= 0'),
+    Parameter('diagnostics.silence_limit', float,
+              'time without tensions after which diagnostics warn of silence [s]', 2.0,
+              range='>= 0'),
+    Parameter('diagnostics.age_limit', float,
+              'age on arrival from which stamps of tensions are called old [s]', 1.0,
+              range='>= 0'),
+    Parameter('diagnostics.ahead_limit', float,
+              'how far stamps of tensions may be ahead of the clock, beside twice the last step '
+              'of a simulated one [s]', 0.1, range='>= 0'),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),
     Parameter('material.youngs_modulus_stddev', float,

@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+_SHOWN = 200  # characters of a value in a message
+_LONGEST = 300  # characters of what went wrong that are worth keeping
+
+
+def shown(value: object) -> str:
+    """``value`` as messages show it: in one line, and of a long one its beginning."""
+    text = ' '.join(repr(value).splitlines())
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+
 
 class OctoArmError(Exception):
     """Base of every error this package raises on purpose."""
@@ -17,7 +26,7 @@ class ArmDefinitionError(OctoArmError, ValueError):
 
     def __init__(self, field: str, value: object, expected: str) -> None:
         """Say which ``field`` holds which ``value`` and what was ``expected``."""
-        super().__init__(f'{field} is {value!r}, expected {expected}')
+        super().__init__(f'{field} is {shown(value)}, expected {expected}')
         self.field = field
         self.value = value
         self.expected = expected
@@ -33,6 +42,10 @@ class TensionError(OctoArmError, ValueError):
 
 class LoadError(OctoArmError, ValueError):
     """A load given with the tensions is not one."""
+
+
+class MessageError(OctoArmError, ValueError):
+    """What arrived on a topic is no message of its type."""
 
 
 class TargetError(OctoArmError, ValueError):
@@ -121,3 +134,12 @@ class ContinuationError(ConvergenceError):
             f'iterations (residual there {residual:.2e})',
         )
         self.part = part
+
+
+def in_short(error: Exception) -> str:
+    """What an ``error`` says, without the middle where that is long, as names from outside are."""
+    text = str(error)
+    if len(text) <= _LONGEST:
+        return text
+    half = (_LONGEST - 5) // 2
+    return f'{text[:half]} ... {text[-half:]}'

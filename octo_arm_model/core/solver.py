@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import (
@@ -18,9 +19,11 @@ from octo_arm_model.core.errors import (
     ConvergenceError,
     LoadError,
     SolveError,
+    shown,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -36,12 +39,6 @@ from octo_arm_model.core.section.tendon_sums import check_tensions, largest_of
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver', 'solve']
-
-# Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
-# stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
-# busy machine.
-_LARGEST_BATCH = 128
-_LARGEST_PRODUCT = 250_000  # multiplications
 
 
 class Solver:
@@ -83,7 +80,8 @@ class Solver:
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, or the stations are too few.
-            ArmDefinitionError: if a load does not fit the arm.
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
                 whatever it raises.
         """
@@ -104,11 +102,12 @@ class Solver:
                 f'and {material}'
             )
         self._check_loads(loads.any)
-        product = self.grid.nodes.size * len(arm.tendons)
-        self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+        self._batch = setup.batch
+        stiffness = SectionStiffness.at(arm, self.grid.nodes)
         # The axial force is a difference of terms of this size; further up it is all rounding.
-        self._largest_tension = 1e6 * float(SectionStiffness.at(arm, self.grid.nodes).axial.min())
+        self._largest_tension = 1e6 * float(stiffness.axial.min())
         self._wrench = loads.tip_wrench
+        self._limits = LoadLimits(stiffness)
         self._compiled: Compiled | None = None
         if Compiled.covers(self._statics) and (is_available() if compiled is None else compiled):
             self._compiled = Compiled(self._statics, self.grid, self._base)
@@ -138,7 +137,8 @@ class Solver:
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
-            LoadError: if the tip's wrench is not six finite numbers.
+            LoadError: if the tip's wrench is not six finite numbers, or larger than
+                `LoadLimits` allow.
             ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer.
             ContinuationError: if a loaded arm would take more than the budget.
@@ -152,8 +152,7 @@ class Solver:
         lead = checked.shape[: -len(self.arm.tension_shape)]
         wrench = self._wrench
         if tip_wrench is not None:
-            wrench = wrench + _check_wrench(tip_wrench)
-            self._check_loads(bool(wrench.any()))
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         checked = checked.copy()
@@ -184,6 +183,18 @@ class Solver:
                     error.in_batch(part.start, part.stop - part.start)
                 raise
         return results.backbone(self.model, checked, wrenches, lead)
+
+    def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
+        """Return ``tip_wrench`` (..., 6) as a float array.
+
+        Raises:
+            LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
+            ConfigError: if it is not zero and the model has no loads.
+        """
+        wrench = _check_wrench(tip_wrench)
+        self._check_loads(bool(wrench.any()))
+        self._limits.check_tip_wrench(wrench)
+        return wrench
 
     def follow(
         self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
@@ -266,15 +277,13 @@ class Solver:
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
-    try:
-        array = np.asarray(tip_wrench)
-    except ValueError:  # rows of different length
-        array = np.asarray(None)
-    if array.dtype.kind not in 'fiu' or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+    array = real_numbers(tip_wrench)
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
         raise LoadError(
-            f'tip_wrench is {tip_wrench!r}, expected force and moment: (..., 6) finite numbers'
+            f'tip_wrench is {shown(tip_wrench)}, expected force and moment: (..., 6) finite '
+            'numbers'
         )
-    return array.astype(np.float64)
+    return array.copy()
 
 
 @functools.lru_cache(maxsize=16)

@@ -15,7 +15,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
     MidlineErrors,
     fraction_at_start,
@@ -25,34 +25,34 @@ from octo_arm_model.experiment.recording.midlines import (
 
 @dataclass(frozen=True)
 class StepComparison:
-    """One step: what was measured and what the model says.
+    """One step: the measurement, the solution and their distance.
 
     Attributes:
-        number: which of the steps, from 1.
-        shape: what was measured.
+        number: of the step, from 1.
+        shape: the measurement.
         measured: its midline in base_frame (m, 3) [m].
-        backbone: the model's answer.
-        errors: how far it is off.
+        backbone: the solution of the model.
+        errors: distances between the two.
     """
 
     number: int
-    shape: Shape
+    shape: MeasuredShape
     measured: FloatArray
     backbone: Backbone
     errors: MidlineErrors
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """All steps of one model.
 
     Attributes:
         model: its name.
         length: of the arm [m].
         alignment: transform camera to base.
-        steps: those the model has an answer for.
-        refused: what it says of the others.
-        notes: what is to be known of a fitted alignment.
+        steps: those with a solution.
+        refused: errors of the others.
+        notes: remarks on a fitted alignment.
     """
 
     model: str
@@ -70,15 +70,15 @@ class Comparison:
 
 
 def compare(
-    shapes: Sequence[Shape],
+    shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
     alignment: Alignment | None,
-) -> Comparison:
-    """Hold ``model`` of the arm of ``parameters`` against measured ``shapes``.
+) -> ModelComparison:
+    """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
-    Without ``alignment`` one is fitted, the same for all steps: it then hides whatever of the
-    model's error a motion of the camera explains.
+    Without ``alignment`` one is fitted, the same for all steps: it removes the part of the model's
+    error that a rigid motion of the camera explains.
 
     Raises:
         SolveError: if the model has no answer for any step.
@@ -87,7 +87,7 @@ def compare(
     """
     config = Config.from_parameters(parameters)
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
-    answered: list[tuple[int, Shape, Backbone]] = []
+    answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
     for number, shape in enumerate(shapes, start=1):
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
@@ -101,7 +101,7 @@ def compare(
     if alignment is None:
         alignment = fit_alignment([shape for _, shape, _ in answered], parameters, model)
         notes.append(
-            'the alignment is fitted: it hides what of the error moving the camera explains'
+            'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
         notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]))
     steps = []
@@ -110,6 +110,6 @@ def compare(
         fraction_at_start(measured, backbone.position, check=True)
         errors = midline_errors(measured, backbone.position)
         steps.append(StepComparison(number, shape, measured, backbone, errors))
-    return Comparison(
+    return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
     )

@@ -13,24 +13,24 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.experiment.compare import Comparison, StepComparison
+from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.reproduce.plotting import LINES
 
 _MEASURED = '0.15'
 _FRAME = '0.78'
-# Of the length: farther out of the main plane a second view is worth having.
+# Of the length: arms farther out of the main plane have a second view.
 _FLAT = 0.05
 _MOST_FRAMES = 30
 
 
-def draw(comparisons: Sequence[Comparison], folder: Path) -> list[Path]:
+def draw(comparisons: Sequence[ModelComparison], folder: Path) -> list[Path]:
     """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
 
     Raises:
         OSError: if a file cannot be written.
     """
     axes = _axes(comparisons)
-    steps: dict[int, list[tuple[Comparison, StepComparison]]] = {}
+    steps: dict[int, list[tuple[ModelComparison, StepComparison]]] = {}
     for comparison in comparisons:
         for step in comparison.steps:
             steps.setdefault(step.number, []).append((comparison, step))
@@ -58,15 +58,15 @@ def _save(figure: Any, path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _points(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Everything modelled and measured, (n, 3) [m]."""
+def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
+    """All points of solutions and measurements, (n, 3) [m]."""
     parts = [part for one in comparisons for step in one.steps
              for part in (step.measured, step.backbone.position)]  # fmt: skip
     return np.concatenate(parts)
 
 
-def _axes(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Directions to draw along (2 or 3, 3): the base's tangent, and where the arm bends to."""
+def _axes(comparisons: Sequence[ModelComparison]) -> FloatArray:
+    """Axes of the views (2 or 3, 3): the base's tangent, and the principal bending direction."""
     backbone = comparisons[0].steps[0].backbone
     tangent = Quaternions.from_xyzw(backbone.quaternion[0]).matrix()[:, 0]
     away = _points(comparisons) - backbone.position[0]
@@ -80,15 +80,15 @@ def _axes(comparisons: Sequence[Comparison]) -> FloatArray:
     return np.array([tangent, first] if flat else [tangent, first, second])
 
 
-def _limits(comparisons: Sequence[Comparison], axes: FloatArray) -> FloatArray:
-    """Ends of each of the axes [mm], (2 or 3, 2), the same for all steps."""
+def _limits(comparisons: Sequence[ModelComparison], axes: FloatArray) -> FloatArray:
+    """Limits of each of the axes [mm], (2 or 3, 2), the same for all steps."""
     shown = 1e3 * (_points(comparisons) - comparisons[0].steps[0].backbone.position[0]) @ axes.T
     margin = 0.06 * np.ptp(shown, axis=0).max()
     return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
 
 
 def _draw_step(
-    shown: Sequence[tuple[Comparison, StepComparison]], axes: FloatArray, limits: FloatArray
+    shown: Sequence[tuple[ModelComparison, StepComparison]], axes: FloatArray, limits: FloatArray
 ) -> Any:
     """Measured and modelled midlines of one step: a column for each model, a row for each view."""
     views = len(axes) - 1
@@ -104,7 +104,7 @@ def _draw_step(
     panels = figure.subplots(
         views, len(shown), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
     )
-    names = ('where it bends to [mm]', 'across that [mm]')
+    names = ('bending direction [mm]', 'across both [mm]')
     for column, (comparison, step) in enumerate(shown):
         for view in range(views):
             panel = panels[view, column]
@@ -124,7 +124,7 @@ def _draw_step(
 
 
 def _draw_view(
-    panel: Any, comparison: Comparison, step: StepComparison, plane: FloatArray
+    panel: Any, comparison: ModelComparison, step: StepComparison, plane: FloatArray
 ) -> None:
     """One model and the measurement, seen in a ``plane`` (2, 3)."""
     origin = step.backbone.position[0]
@@ -150,7 +150,7 @@ def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> Float
     return 1e3 * (points - origin) @ plane.T
 
 
-def _draw_errors(comparisons: Sequence[Comparison]) -> Any:
+def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
     """Errors of each step over its tensions."""
     figure = _figure(7.2, 4.8)
     panel = figure.add_subplot()
@@ -158,7 +158,7 @@ def _draw_errors(comparisons: Sequence[Comparison]) -> Any:
         tension = np.array([step.shape.tension for step in comparison.steps])
         order = np.argsort(tension, kind='stable')
         colour = LINES[comparison.model]['color']
-        # The paper's two models agree for one section: the second is drawn inside the first.
+        # The paper's two models agree for one section: the first is drawn wider.
         width = 1.6 if comparison.model != 'renda2012' else 4.0
         for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
             percent = comparison.percent(name)[order]

@@ -1,4 +1,4 @@
-"""The paper's arms solved, and what is measured on their shapes."""
+"""Solutions of the paper's arms, and quantities of their shapes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
-# Enough for the coiled tip to look as smooth as it is.
+# Enough for the coiled tip to be drawn smoothly.
 STATIONS = 401
 
 
@@ -77,7 +77,7 @@ def bending_plane(backbone: Backbone) -> float:
 
 
 def angle_between(one: float, other: float) -> float:
-    """How far two directions are apart [deg], from 0 to 180."""
+    """Angle between two directions [deg], from 0 to 180."""
     return abs((one - other + 180.0) % 360.0 - 180.0)
 
 
@@ -91,7 +91,7 @@ def out_of_plane(backbone: Backbone) -> float:
 def headings(backbone: Backbone) -> FloatArray:
     """Direction of the tangent of a shape in the plane of t and n of its base (stations,) [deg].
 
-    From t towards n: positive where the arm has turned to the side of tendon 1.
+    From t towards n: positive on the side of tendon 1.
     """
     axes = Quaternions.from_xyzw(backbone.quaternion).matrix()
     along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
@@ -113,8 +113,8 @@ def anchorages(backbone: Backbone) -> list[int]:
     return [*np.flatnonzero(np.diff(backbone.section)).tolist(), backbone.s.size - 1]
 
 
-def twist(backbone: Backbone) -> float:
-    """Angle by which torsion has turned the tip about the tangent [deg]."""
+def tip_rotation(backbone: Backbone) -> float:
+    """Rotation of the tip about the tangent by torsion, the integral of tau [deg]."""
     rate = backbone.tau * (1.0 + backbone.q)
     return float(np.rad2deg(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(backbone.s))))
 

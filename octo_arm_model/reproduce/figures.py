@@ -167,7 +167,7 @@ def figure_15(figure: FigureBase) -> None:
     """Views of fetching in three dimensions."""
     in_space = figure.add_axes((0.53, 0.5, 0.44, 0.45), projection='3d', computed_zorder=False)
     draw_space(in_space, 'table4', FETCHING_IN_SPACE, (30.0, 35.0))
-    # As on a drawing: views beside and below each other share an axis.
+    # Orthographic views: neighbours share an axis.
     shapes = [cases.solve('table4', model, FETCHING_IN_SPACE) for model in MODELS]
     low, high = limits(shapes)
     for place, (across, up) in {

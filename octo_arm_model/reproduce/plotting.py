@@ -1,4 +1,4 @@
-"""How shapes are drawn, on every figure alike. Needs matplotlib."""
+"""Style of the figures, and functions that draw shapes. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 
-# Where models agree the lines below are still seen.
+# Of decreasing width: where models agree the lines below stay visible.
 LINES: dict[str, dict[str, Any]] = {
     'renda2012': {'color': 'black', 'linewidth': 1.6},
     'closed_form': {'color': '#e69f00', 'linewidth': 1.1, 'dashes': (3.0, 2.0)},
@@ -40,14 +40,13 @@ STYLE: Any = {
     'grid.linewidth': 0.5,
     'xtick.major.width': 0.6,
     'ytick.major.width': 0.6,
-    # The same page comes out the same; text of the PDF can be selected.
+    # Names inside an SVG file are derived from this: the same figure gives the same file.
     'svg.hashsalt': 'octo_arm_model',
-    'pdf.fonttype': 42,
 }
 
 
 def limits(shapes: Iterable[Backbone]) -> tuple[FloatArray, FloatArray]:
-    """Ends of x, y and z [mm], all as far apart, that hold all shapes."""
+    """Limits of x, y and z [mm] that contain all shapes, of one length."""
     points = np.concatenate([shape.position for shape in shapes]) * 1e3
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = (low + high) / 2.0, 0.54 * float((high - low).max())
@@ -70,7 +69,7 @@ def draw_plane(axes: Any, preset: str, tensions: Tensions, body: bool = True) ->
 
 
 def _silhouette(shape: Backbone, radius: FloatArray) -> PolyCollection:
-    """Body of a shape in the x-y plane [mm], its thickness true."""
+    """Body of a shape in the x-y plane [mm], its thickness to scale."""
     along = np.gradient(shape.position[:, :2], axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     across *= (radius / np.linalg.norm(across, axis=1))[:, np.newaxis]
@@ -115,7 +114,7 @@ def label_axes(grid: Any, xlabel: str, ylabel: str) -> None:
 def add_legend(
     figure: FigureBase, *, body: bool = False, anchorages: bool = False, law: bool = False
 ) -> None:
-    """One row above everything."""
+    """Add a legend of one row above the axes."""
     handles: list[Any] = [Line2D([], [], label=model, **LINES[model]) for model in MODELS]
     if body:
         handles.append(Line2D([], [], color=_BODY, linewidth=6.0, label='body (renda2012)'))

@@ -1,4 +1,4 @@
-"""The paper's tables: what it gives, and the models' side of what it measured."""
+"""The paper's tables: its parameters, and the models' numbers beside its measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.page.document import Table
+from octo_arm_model.reproduce.page.document import DataTable
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], of Figure 8: ours, as the paper prints none
 _ARMS = {
@@ -26,9 +26,9 @@ _ARMS = {
 }  # fmt: skip
 
 
-def arms() -> Table:
+def arms() -> DataTable:
     """Tables 2 and 4, and the arms of section 5."""
-    return Table(
+    return DataTable(
         'Tables 2 and 4, sections 5.1 and 5.2. Lengths in mm, E in kPa.',
         ('', 'E', 'ν', 'L = l1', 'Rmin', 'Rmax', 'b1', 'a1', 'b2', 'a2', 'l2', 'b3', 'a3', 'l3'),
         tuple((name, *_parameters(cases.config(preset).arm)) for name, preset in _ARMS.items()),
@@ -52,9 +52,9 @@ def _parameters(arm: Arm) -> list[str]:
     return [f'{value:g}' for value in numbers] + ['–'] * (13 - len(numbers))
 
 
-def finite_elements() -> Table:
+def finite_elements() -> DataTable:
     """Figure 8 in numbers."""
-    return Table(
+    return DataTable(
         'Figure 8 in numbers: tips of the arm of section 5.1.',
         ('T11 [N]', *_TIPS),
         tuple((f'{tension:g}', *_tips('fem', tension)) for tension in UNKNOWN_TENSIONS),
@@ -62,14 +62,14 @@ def finite_elements() -> Table:
     )
 
 
-def tip_errors() -> Table:
-    """Table 1, the models' side of it."""
+def tip_errors() -> DataTable:
+    """Table 1, with the tips of the models."""
     rows = [
         (f'{tension:.2f}', f'{error:.1f}', *_tips('prototype', tension))
         for tension, error in PROTOTYPE_ERRORS.items()
     ]
     rows.append(('average', f'{PROTOTYPE_AVERAGE_ERROR:.1f}', *['–'] * len(_TIPS)))
-    return Table(
+    return DataTable(
         'Table 1: the prototype of section 5.2 at the tensions of the paper.',
         ('T11 [N]', 'the paper’s: its model to the real arm [% of L]', *_TIPS),
         tuple(rows),
@@ -93,7 +93,7 @@ def _tips(preset: str, tension: float) -> list[str]:
     return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in apart)]
 
 
-def tensions() -> Table:
+def tensions() -> DataTable:
     """Tables 3 and 5."""
     figures = {
         **{f'Figure 11({panel})': rows for panel, rows in BENDING.items()},
@@ -101,7 +101,7 @@ def tensions() -> Table:
         'Figure 15': FETCHING_IN_SPACE,
     }
     names = ('T11', 'T12', 'T13', 'T14', 'T21', 'T32', 'T33')
-    return Table(
+    return DataTable(
         'Tables 3 and 5: the tensions [N]; all others are zero.',
         ('', *names),
         tuple(
@@ -111,9 +111,9 @@ def tensions() -> Table:
     )
 
 
-def bending() -> Table:
+def bending() -> DataTable:
     """Shapes of Figure 11, by model."""
-    return Table(
+    return DataTable(
         'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
         ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
         tuple(
@@ -131,7 +131,7 @@ def _planes_and_tips(rows: Tensions) -> list[str]:
     return cells
 
 
-def fetching() -> Table:
+def fetching() -> DataTable:
     """Shapes of Figures 14 and 15, by model."""
     rows = []
     for figure, pulled in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
@@ -139,9 +139,9 @@ def fetching() -> Table:
             shape = cases.solve('table4', model, pulled)
             rows.append((
                 f'{figure}, {model}', _point(shape, 3), f'{cases.tip_distance(shape) * 1e3:.1f}',
-                f'{100.0 * shape.q.min():.0f}', f'{cases.twist(shape):.2f}',
+                f'{100.0 * shape.q.min():.0f}', f'{cases.tip_rotation(shape):.2f}',
             ))  # fmt: skip
-    return Table(
+    return DataTable(
         'Figures 14 and 15 in numbers.',
         (
             '', 'tip x, y, z [mm]', 'tip to base [mm]', 'strongest compression q [%]',

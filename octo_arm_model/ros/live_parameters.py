@@ -11,7 +11,12 @@ from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.config.parameters import Parameter
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.ros.declared_parameters import check_types, read_parameters
+from octo_arm_model.ros.declared_parameters import (
+    check_types,
+    plain_value,
+    read_parameters,
+    type_empty_lists,
+)
 
 Prepared = TypeVar('Prepared')
 
@@ -33,13 +38,14 @@ class LiveParameters(Generic[Prepared]):
         its reason.
 
         Raises:
-            ConfigError: if an integer is given where ROS needs a double.
+            ConfigError: if a value is of another type than ROS needs.
         """
         self._table, self._prepare, self._use = table, prepare, use
         self._values = read_parameters(node, table)
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
         self._is_used = False
+        node.add_pre_set_parameters_callback(lambda given: type_empty_lists(given, table))
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
 
@@ -63,7 +69,7 @@ class LiveParameters(Generic[Prepared]):
         if not changed:
             return SetParametersResult(successful=True)
         values = {
-            name: list(value) if hasattr(value, 'typecode') else value
+            name: plain_value(value)
             for name, value in {**self._values, **changed}.items()
             if value is not None
         }

@@ -7,23 +7,22 @@ import signal
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import rclpy
-from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.publisher import Publisher
-from rclpy.signals import SignalHandlerOptions
 
-from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.messages import tensions_message
-from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
-from octo_arm_model.simulation.commands import TOPIC, transition
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.ros.client.command_publisher import CommandPublisher
+from octo_arm_model.ros.start import start_ros
+from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _LOOK = 0.05  # [s] between looks
@@ -34,8 +33,8 @@ Report = Callable[[str, float, float], None]
 
 
 def play(
-    profile: Profile,
-    arm: Arm,
+    profile: CommandProfile,
+    config: Config,
     *,
     topic: str,
     speed: float = 1.0,
@@ -49,7 +48,7 @@ def play(
 
     Args:
         profile: what to play.
-        arm: whose tendons it pulls.
+        config: the arm whose tendons it pulls, with their limits.
         topic: of type octo_arm_msgs/TendonTensions.
         speed: how much faster than written it is played [-].
         loop: whether it begins anew when it ends.
@@ -60,12 +59,15 @@ def play(
 
     Raises:
         ConfigError: if ``topic`` is no name of one, or nobody subscribes to it.
+        ProfileError: if ``profile`` goes beyond the limit of a tendon.
     """
+    check_profile(profile, config.arm, tendon_limits(config))
     with _Interruptions() as interruptions:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros([])
         try:
-            publisher = _open(topic)
-            player = _Player(publisher, arm, rate, interruptions)
+            commands = _open(topic, config)
+            publisher = commands.publisher
+            player = _Player(commands, config, rate, interruptions)
             if _find_listener(publisher, patience, interruptions, report):
                 player.play(profile, speed, loop, partial(report, 'playing'))
                 if release:
@@ -76,7 +78,7 @@ def play(
             rclpy.try_shutdown()
 
 
-def _open(topic: str) -> Publisher:
+def _open(topic: str, config: Config) -> CommandPublisher:
     """Publisher of commands, on a node of its own.
 
     Raises:
@@ -84,7 +86,7 @@ def _open(topic: str) -> Publisher:
     """
     node = rclpy.create_node('octo_arm_player')
     try:
-        return node.create_publisher(TendonTensions, topic, OUTPUT_QOS)
+        return CommandPublisher(node, topic, config)
     except InvalidTopicNameException as error:
         raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
 
@@ -114,7 +116,7 @@ class _Interruptions:
 
 
 def _find_listener(
-    publisher: Publisher, patience: float, interruptions: _Interruptions, report: Report
+    publisher: Any, patience: float, interruptions: _Interruptions, report: Report
 ) -> bool:
     """Wait until somebody subscribes; whether it was not interrupted.
 
@@ -140,15 +142,23 @@ class _Player:
     """Sends profiles as time goes by."""
 
     def __init__(
-        self, publisher: Publisher, arm: Arm, rate: float, interruptions: _Interruptions
+        self,
+        commands: CommandPublisher,
+        config: Config,
+        rate: float,
+        interruptions: _Interruptions,
     ) -> None:
-        self._publisher, self._arm, self._rate = publisher, arm, rate
+        self._commands, self._rate = commands, rate
         self._interruptions = interruptions
-        self._newest: FloatArray = np.zeros(len(arm.tendons))
+        self._newest: FloatArray = np.zeros(len(config.arm.tendons))
         self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
 
     def play(
-        self, profile: Profile, speed: float, loop: bool, report: Callable[[float, float], None]
+        self,
+        profile: CommandProfile,
+        speed: float,
+        loop: bool,
+        report: Callable[[float, float], None],
     ) -> None:
         """Send ``profile`` to its last row, or until one more interruption."""
         allowed = self._interruptions.count
@@ -173,5 +183,4 @@ class _Player:
 
     def _send(self, tensions: FloatArray) -> None:
         self._newest = tensions
-        stamp = self._clock.now().to_msg()
-        self._publisher.publish(tensions_message(tensions, self._arm, stamp, ''))
+        self._commands.publish(tensions, self._clock.now().to_msg())

@@ -1,1 +1,4 @@
-"""The arm without hardware: what to pull, and what winches and load cells make of it."""
+"""Commanded tensions over time, and winches, load cells and relaxation that act on them.
+
+May import wire, analysis, config and core; nothing of ROS.
+"""

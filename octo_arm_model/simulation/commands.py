@@ -9,17 +9,15 @@ from numpy.typing import ArrayLike
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.simulation.movements import MOVEMENTS
-from octo_arm_model.simulation.profile import Profile, transition
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.profile_files import read_profile
 
 # Commanded tensions have topics like the measured ones, below this name.
 TOPIC = 'tendon_commands'
 
-__all__ = ['TOPIC', 'Profile', 'find_profile', 'profile_names', 'transition']
-
 
 def profile_names(arm: Arm) -> dict[str, str]:
-    """Names of the movements that ``arm`` can make, and what they are."""
+    """Names and descriptions of the movements that ``arm`` can make."""
     return {
         name: movement.description
         for name, movement in MOVEMENTS.items()
@@ -27,7 +25,7 @@ def profile_names(arm: Arm) -> dict[str, str]:
     }
 
 
-def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> Profile:
+def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> CommandProfile:
     """Profile for ``arm``: a movement that is built in, or a CSV or YAML file.
 
     Args:

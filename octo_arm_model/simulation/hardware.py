@@ -1,4 +1,4 @@
-"""Winches, tendons, arm and load cells together: what a controller is connected to."""
+"""Winches, relaxation and load cells in series: from commanded to measured tensions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from octo_arm_model.simulation.winches import SimulatedWinches, Winches
 
 @dataclass(frozen=True)
 class Hardware:
-    """What it is like; by default perfect.
+    """Parameters of the hardware; by default it adds no error.
 
     Attributes:
-        winches: what pulls the tendons.
-        load_cells: what measures their tensions.
-        relaxation: how the material of the arm gives way.
+        winches: parameters of the winches, which pull the tendons.
+        load_cells: parameters of the load cells, which measure their tensions.
+        relaxation: parameters of the viscoelastic material.
     """
 
     winches: Winches = field(default_factory=Winches)
@@ -30,7 +30,7 @@ class Moment(NamedTuple):
     """The hardware at one time, each (tendons,) [N].
 
     Attributes:
-        measured: what the load cells read; None where that is lost.
+        measured: readings of the load cells; None where the message is lost.
         effective: tensions under which the elastic arm has the shape that this one has; without
             relaxation those that the tendons have.
     """
@@ -49,13 +49,13 @@ class SimulatedHardware:
         self._relaxation = SimulatedRelaxation(hardware.relaxation, tendons)
 
     def change(self, hardware: Hardware) -> None:
-        """Go on as other ``hardware``, from the tensions there are."""
+        """Replace the parameters; the tensions stay."""
         self._winches.winches = hardware.winches
         self._load_cells.change(hardware.load_cells)
         self._relaxation.relaxation = hardware.relaxation
 
     def step(self, command: FloatArray, dt: float) -> Moment:
-        """Where ``command`` (tendons,) [N] leads in ``dt`` [s]."""
+        """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""
         tension = self._winches.step(command, dt)
         effective = self._relaxation.step(tension, dt)
         return Moment(self._load_cells.read(tension), effective)

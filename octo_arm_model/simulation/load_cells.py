@@ -1,4 +1,4 @@
-"""What load cells make of the tensions of tendons."""
+"""Readings of load cells: gain, noise, resolution and losses."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from octo_arm_model.core.hints import FloatArray
 
 @dataclass(frozen=True)
 class LoadCells:
-    """What the load cells of an arm are like, all alike.
+    """Parameters of the load cells of an arm, the same for all.
 
-    A tension goes through what is listed here from top to bottom. By default everything is off.
+    They act on a tension in the order listed here. By default all are off.
 
     Attributes:
         gain_stddev: standard deviation of the gain of each cell, drawn once [-].
-        noise_stddev: standard deviation of the noise of each reading [N]. A cell reads 0 where
-            that would bring it below: it measures a tendon, and a tendon does not push.
+        noise_stddev: standard deviation of the noise of each reading [N]. Readings
+            are not negative: a tendon bears no compression.
         resolution: readings are multiples of this [N]; 0 for all digits.
-        drop_probability: probability that the readings of all cells are lost on their way [-].
+        drop_probability: probability that a message, the readings of all cells, is lost [-].
         seed: of gains, noise and losses; the same seed draws the same ones.
 
     Raises:
@@ -57,13 +57,13 @@ class SimulatedLoadCells:
         self._draw()
 
     def change(self, load_cells: LoadCells) -> None:
-        """Go on as other ``load_cells``; those of another seed are drawn anew."""
+        """Replace the parameters; another seed draws new gains, noise and losses."""
         before, self._own = self._own, load_cells
         if load_cells.seed != before.seed:
             self._draw()
 
     def _draw(self) -> None:
-        # A stream for each, so that switching one on leaves the others as they were.
+        # A stream for each: switching one on does not change the others.
         gains, self._noise, self._losses = map(
             np.random.default_rng, np.random.SeedSequence(self._own.seed).spawn(3)
         )

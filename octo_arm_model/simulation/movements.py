@@ -17,34 +17,35 @@ from octo_arm_model.config.paper_data import (
     Tensions,
 )
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ProfileError, TensionError
+from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.core.section.tendon_sums import check_highest
+from octo_arm_model.simulation.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
 HOLD_TIME = 1.0  # [s] in each posture
-TURN_TIME = 6.0  # [s] for the bending plane to go round once
+TURN_TIME = 6.0  # [s] in which the bending plane turns once
 TURNS = 3
 SWEEP_TIME = 10.0  # [s] for each tendon
 SWEEP = (0.2, 1.0)  # [Hz], from and to; the mean times SWEEP_TIME is a whole number of periods
-SAMPLE = 0.02  # [s] between the rows of what is no sequence of postures
-# Of what `default_highest` says for this compression: clearly seen, and far from the limits.
+SAMPLE = 0.02  # [s] between the rows of movements that are no sequences of postures
+# The compression for `default_highest`: clearly visible, and far from the limits.
 _COMPRESSION = 0.1
 
 
 @dataclass(frozen=True)
 class Movement:
-    """A profile that is made for an arm when it is wanted.
+    """A profile that is computed for a given arm.
 
     Attributes:
-        description: what it does, for a person who chooses.
-        profile: makes it for an arm, with largest tensions [N] or None for what the arm bears.
+        description: what it does, as it is listed.
+        profile: computes it for an arm and largest tensions [N]; None for `default_highest`.
         objection: why an arm cannot make it; empty if it can.
     """
 
     description: str
-    profile: Callable[[Arm, ArrayLike | None], Profile]
+    profile: Callable[[Arm, ArrayLike | None], CommandProfile]
     objection: Callable[[Arm], str]
 
 
@@ -53,7 +54,7 @@ class Movement:
 
 def _postures(
     postures: Sequence[Tensions], preset: str, arm: Arm, highest: ArrayLike | None
-) -> Profile:
+) -> CommandProfile:
     """From rest through ``postures`` and back, each held for a while."""
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
@@ -64,7 +65,7 @@ def _postures(
     rows = [rest] * 2 + [np.ravel(posture) for posture in postures for _ in range(2)] + [rest] * 2
     times = np.cumsum([0.0] + [HOLD_TIME, MOVE_TIME] * len(postures) + [HOLD_TIME, MOVE_TIME])
     times = np.append(times, times[-1] + HOLD_TIME)
-    return Profile(times, np.array(rows))
+    return CommandProfile(times, np.array(rows))
 
 
 def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str:
@@ -74,7 +75,7 @@ def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str
             f'these tensions are for {shape[0]} sections of {shape[1]} tendons, such as '
             f'{preset}, those of this arm have shape {arm.tension_shape}'
         )
-    # As the paper's model has it: q = N / (E A), and at -1 nothing is left.
+    # The paper's q = N / (E A); at -1 the arm has no length.
     ends = np.array([section.anchorage for section in arm.sections])
     axial = SectionStiffness.at(arm, ends).axial
     for posture in postures:
@@ -107,23 +108,12 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
     """Largest tension of every tendon (tendons,) [N]."""
     if highest is None:
         return default_highest(arm, _COMPRESSION).ravel()
-    try:
-        given = np.broadcast_to(np.asarray(highest, dtype=np.float64), arm.tension_shape).ravel()
-    except (TypeError, ValueError):
-        raise TensionError(
-            f'highest is {highest!r}, expected one number or shape {arm.tension_shape}'
-        ) from None
-    for name, value in zip(arm.tendon_names, given.tolist(), strict=True):
-        if not 0.0 < value < np.inf:
-            raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
-            )
-    return given
+    return check_highest(arm, highest)
 
 
 def _one_by_one(
     times: FloatArray, wave: FloatArray, interpolation: str, arm: Arm, highest: ArrayLike | None
-) -> Profile:
+) -> CommandProfile:
     """Every tendon in turn along ``wave``, parts of its largest tension at ``times`` [s]."""
     peaks = _highest(arm, highest)
     count, duration = len(peaks), times[-1]
@@ -134,18 +124,18 @@ def _one_by_one(
         rows[first : first + len(times), tendon] = peak * wave
     starts = duration * np.arange(count)
     all_times = np.append((starts[:, np.newaxis] + times[:-1]).ravel(), count * duration)
-    return Profile(all_times, rows, interpolation)
+    return CommandProfile(all_times, rows, interpolation)
 
 
-def _sweep(arm: Arm, highest: ArrayLike | None) -> Profile:
+def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     times = np.arange(0.0, SWEEP_TIME + 0.5 * SAMPLE, SAMPLE)
     low, high = SWEEP
     periods = low * times + 0.5 * (high - low) / SWEEP_TIME * times**2
     return _one_by_one(times, 0.5 - 0.5 * np.cos(2.0 * np.pi * periods), 'linear', arm, highest)
 
 
-def _rotating(arm: Arm, highest: ArrayLike | None) -> Profile:
-    """Section 6.1 of the paper, gone round: tensions whose bending plane turns steadily."""
+def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
+    """Section 6.1 of the paper: tensions whose bending plane turns at a constant rate."""
     objection = _rotating_objection(arm)
     if objection:
         raise ProfileError(objection)
@@ -155,7 +145,7 @@ def _rotating(arm: Arm, highest: ArrayLike | None) -> Profile:
     pull = (rise**2 * (3.0 - 2.0 * rise))[:, np.newaxis] * np.maximum(np.cos(angle), 0.0)
     rows = np.zeros((len(times), len(arm.tendons)))
     rows[:, :4] = _highest(arm, highest)[:4].min() * pull
-    return Profile(times, rows, 'linear')
+    return CommandProfile(times, rows, 'linear')
 
 
 def _rotating_objection(arm: Arm) -> str:

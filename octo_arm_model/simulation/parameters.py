@@ -1,4 +1,4 @@
-"""Every parameter of the simulator beside those of the arm, declared once."""
+"""The table of the simulator's parameters beside those of the arm."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ from octo_arm_model.config.parameters import Parameter
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
+from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
@@ -27,7 +29,7 @@ PARAMETERS = (
     Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
               range='>= 0'),
     Parameter('winches.force_limit', float,
-              'largest tension the winches pull with [N]; 0 for no limit', 0.0,
+              'largest tension of the winches [N]; 0 for no limit', 0.0,
               range='0, or at least winches.slack_floor'),
     Parameter('winches.rate_limit', float,
               'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
@@ -47,39 +49,41 @@ PARAMETERS = (
               'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
     Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
     Parameter('relaxation.ratio', float,
-              'what the modulus at once has more than that of rest, relative to it [-]; 0 for an '
-              'elastic arm, as in the paper', 0.0, range='>= 0'),
+              'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the '
+              'paper', 0.0, range='>= 0'),
     Parameter('relaxation.time', float,
               'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
     Parameter('profile.name', str,
-              'movement or CSV or YAML file that the simulator plays by itself; empty for none',
+              'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
-    Parameter('profile.speed', float, 'how much faster than written it is played [-]', 1.0,
+    Parameter('profile.speed', float, 'factor of the speed it is played at [-]', 1.0,
               range='> 0'),
-    Parameter('profile.loop', bool, 'whether it begins anew when it ends', False),
+    Parameter('profile.loop', bool, 'whether it is repeated', False),
 )  # fmt: skip
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Everything the simulator is told.
+    """The parameters of the simulator, checked.
 
     Attributes:
         arm: the arm whose tendons are pulled.
+        limits: largest tension that each tendon is pulled with (tendons,) [N].
         base_frame: name of its frame.
         rate: how often tensions are measured [Hz].
         hardware: winches, load cells and relaxation.
-        profile: what the simulator plays by itself; None for nothing.
-        speed: how much faster than written it is played [-].
-        loop: whether it begins anew when it ends.
+        profile: profile that the simulator plays; None for none.
+        speed: factor of the speed it is played at [-].
+        loop: whether it is repeated.
     """
 
     arm: Arm
+    limits: FloatArray
     base_frame: str
     rate: float
     hardware: Hardware
-    profile: Profile | None
+    profile: CommandProfile | None
     speed: float
     loop: bool
 
@@ -90,7 +94,8 @@ class SimulatorConfig:
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if a value is impossible.
-            ProfileError: if the profile is none, or not for this arm.
+            ProfileError: if the profile is none, not for this arm, or beyond the limit of a
+                tendon.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
         refuse_unknown(values, known, 'the simulator or the arm')
@@ -100,9 +105,14 @@ class SimulatorConfig:
         if own['rate'] > HIGHEST_RATE:
             raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
         positive('profile.speed', own['profile.speed'], '-')
+        limits = tendon_limits(config)
         name = own['profile.name']
+        profile = find_profile(name, config.arm) if name else None
+        if profile is not None:
+            check_profile(profile, config.arm, limits)
         return cls(
             arm=config.arm,
+            limits=limits,
             base_frame=config.base_frame,
             rate=own['rate'],
             hardware=Hardware(
@@ -110,7 +120,7 @@ class SimulatorConfig:
                 LoadCells(**_group(own, 'load_cells')),
                 Relaxation(**_group(own, 'relaxation')),
             ),
-            profile=find_profile(name, config.arm) if name else None,
+            profile=profile,
             speed=own['profile.speed'],
             loop=own['profile.loop'],
         )

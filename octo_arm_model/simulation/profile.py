@@ -1,4 +1,4 @@
-"""A command profile: which tension every tendon is commanded at which time."""
+"""A command profile: the tension commanded to every tendon, over time."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_PROFILE_ROWS
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class CommandProfile:
     """Commanded tensions over time.
 
-    Between rows, ``smooth`` is a cubic through them that begins and ends at rest and never leaves
-    the range between two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` is
-    straight, and ``steps`` holds each row until the next.
+    Between rows, ``smooth`` is a cubic through them of zero rate at both ends, which stays in the
+    range of two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` interpolates
+    linearly, and ``steps`` holds each row until the next.
 
     Attributes:
-        times: (n,) [s], increasing, at least two; counted from the first.
+        times: (n,) [s], increasing, at least two and at most `MAX_PROFILE_ROWS`; counted from the
+            first.
         tensions: (n, tendons) [N], finite, none negative, in the order of `Arm.tendon_names`.
         interpolation: one of `INTERPOLATIONS`.
 
     Raises:
-        ProfileError: if they are not such; the message names the row.
+        ProfileError: if they are not as described; the message names the row.
     """
 
     times: FloatArray
@@ -41,13 +44,17 @@ class Profile:
         if self.interpolation not in INTERPOLATIONS:
             expected = ', '.join(INTERPOLATIONS)
             raise ProfileError(f'interpolation is {self.interpolation!r}, expected {expected}')
-        times = np.array(self.times, dtype=np.float64)
-        tensions = np.array(self.tensions, dtype=np.float64)
+        given = real_numbers(self.times), real_numbers(self.tensions)
+        if given[0] is None or given[1] is None:
+            raise ProfileError('times and tensions are expected to be numbers')
+        times, tensions = given[0].copy(), given[1].copy()
         if times.ndim != 1 or tensions.ndim != 2 or len(times) != len(tensions):
             raise ProfileError(
                 f'times are {times.shape} and tensions {tensions.shape}, expected (n,) and '
                 '(n, tendons)'
             )
+        if len(times) > MAX_PROFILE_ROWS:
+            raise ProfileError(f'{len(times)} rows, expected at most {MAX_PROFILE_ROWS}')
         if len(times) < 2:
             raise ProfileError(f'{len(times)} row(s), expected at least two')
         for row, time in enumerate(times.tolist()):
@@ -77,13 +84,13 @@ class Profile:
     def at(self, time: ArrayLike, *, loop: bool = False) -> FloatArray:
         """Tensions (..., tendons) [N] at ``time`` (...) [s].
 
-        Before its first row a profile is at that, after the last at the last; with ``loop`` it
-        begins anew. Played at another speed it is ``profile.at(speed * time)``.
+        Before the first row it is the first, after the last row the last; with ``loop`` it is
+        periodic. Played at another speed it is ``profile.at(speed * time)``.
         """
         t = np.asarray(time, dtype=np.float64)
         t = np.mod(t, self.duration) if loop else np.clip(t, 0.0, self.duration)
         if self.interpolation == 'smooth':
-            # By rounding a cubic may come out just below rows of 0.
+            # By rounding a cubic may be just below rows of 0.
             return np.maximum(self._smooth(t), 0.0)
         row = np.searchsorted(self.times, t, side='right') - 1
         if self.interpolation == 'steps':
@@ -95,17 +102,17 @@ class Profile:
 
     @functools.cached_property
     def _smooth(self) -> PchipInterpolator:
-        # A row held before and after is what brings the ends to rest.
+        # A constant row before and after gives the ends zero rate.
         times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
         rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
         return PchipInterpolator(times, rows, axis=0)
 
 
-def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> Profile:
-    """A smooth way from tensions ``start`` to ``stop``, (tendons,) or as an arm shapes them [N].
+def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
+    """A smooth profile from tensions ``start`` to ``stop`` [N], (tendons,) or `Arm.tension_shape`.
 
     Raises:
         ProfileError: if they are no tensions or ``duration`` is not > 0 [s].
     """
     rows = np.array([np.ravel(start), np.ravel(stop)], dtype=np.float64)
-    return Profile(np.array([0.0, duration]), rows)
+    return CommandProfile(np.array([0.0, duration]), rows)

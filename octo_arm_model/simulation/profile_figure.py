@@ -17,7 +17,7 @@ def draw_profile(
 ) -> None:
     """Draw ``tensions`` (n, tendons) [N] over ``times`` (n,) [s] into the PNG file ``path``.
 
-    One panel for each section that is pulled, as their tensions differ much.
+    One panel for each section that is pulled, since tensions differ much between sections.
 
     Raises:
         OSError: if the file cannot be written.
@@ -35,5 +35,5 @@ def draw_profile(
         axes.grid(alpha=0.3)
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     panels[-1].set(xlabel='time [s]')
-    # Whatever the name ends with.
+    # A PNG, whatever the suffix.
     figure.savefig(path, dpi=120, format='png')

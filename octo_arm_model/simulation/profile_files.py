@@ -1,10 +1,11 @@
-"""Command profiles in files, CSV and YAML; whatever is wrong is told with its line."""
+"""Command profiles in CSV and YAML files; errors name the line."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -12,14 +13,16 @@ from typing import NamedTuple, TextIO
 import numpy as np
 import yaml
 
+from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.core.errors import ProfileError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.simulation.profile import Profile
+from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
+from octo_arm_model.simulation.profile import CommandProfile
 
 
 class _Row(NamedTuple):
-    """What is written for one time, and in which lines."""
+    """The texts of one row, and their lines."""
 
     time_line: int
     time: str
@@ -27,14 +30,18 @@ class _Row(NamedTuple):
     tensions: Sequence[str]
 
 
+# As in JSON and YAML; Python would also read 1_000 and the digits of other scripts.
+_NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$')
+
+
 class _LineError(Exception):
-    """A problem and the line it is in."""
+    """A problem with a line of the file."""
 
     def __init__(self, line: int, problem: str) -> None:
         super().__init__(f'line {line}: {problem}')
 
 
-def read_profile(path: str | Path, arm: Arm) -> Profile:
+def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
     A CSV file has a header, ``time`` and the names of all tendons in any order, and below it
@@ -44,29 +51,26 @@ def read_profile(path: str | Path, arm: Arm) -> Profile:
     Raises:
         ProfileError: if the file cannot be read or is wrong; the message names it and the line.
     """
+    with reading(path, ProfileError):
+        return _read(path, arm)
+
+
+def _read(path: str | Path, arm: Arm) -> CommandProfile:
+    is_csv = Path(path).suffix == '.csv'
+    text = read_text(path, MAX_PROFILE_BYTES if is_csv else MAX_YAML_BYTES)
+    rows: list[_Row] = []
     try:
-        text = Path(path).read_text(encoding='utf-8-sig')
-        read = _read_csv if Path(path).suffix == '.csv' else _read_yaml
-        rows, interpolation = read(text, arm)
+        rows, interpolation = _read_csv(text, arm) if is_csv else _read_yaml(text, arm)
         if not rows:
             raise ProfileError('no rows, expected at least two')
         numbers = np.array([_numbers(row, arm) for row in rows])
-        return Profile(numbers[:, 0], numbers[:, 1:], interpolation)
-    except OSError as error:
-        raise ProfileError(f'{path}: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise ProfileError(f'{path}: not a text file') from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, 'problem_mark', None)
-        where = f', line {mark.line + 1}' if mark else ''
-        problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
-        raise ProfileError(f'{path}{where}: not valid YAML, {problem}') from error
-    except (RecursionError, csv.Error) as error:
+        return CommandProfile(numbers[:, 0], numbers[:, 1:], interpolation)
+    except csv.Error as error:
         raise ProfileError(f'{path}: not what its suffix says, {error}') from error
     except _LineError as error:
         raise ProfileError(f'{path}, {error}') from None
     except ProfileError as error:
-        # Tensions are known to be such by then: what is wrong with a row is its time.
+        # Tensions were checked before: what is wrong with a row is its time.
         where = '' if error.row is None else f', line {rows[error.row].time_line}'
         raise ProfileError(f'{path}{where}: {error}') from None
 
@@ -76,15 +80,12 @@ def _numbers(row: _Row, arm: Arm) -> list[float]:
     texts = {'time': row.time, **dict(zip(arm.tendon_names, row.tensions, strict=True))}
     numbers = []
     for name, text in texts.items():
-        try:
-            number = float(text)
-        except ValueError:
-            number = math.nan
+        number = float(text) if _NUMBER.match(text) else math.nan
         if not math.isfinite(number) or (number < 0.0 and name != 'time'):
             line, expected = row.line, 'a finite number >= 0 [N]'
             if name == 'time':
                 line, expected = row.time_line, 'a finite number [s]'
-            raise _LineError(line, f'{name} is {text!r}, expected {expected}')
+            raise _LineError(line, f'{name} is {shown(text)}, expected {expected}')
         numbers.append(number)
     return numbers
 
@@ -92,7 +93,7 @@ def _numbers(row: _Row, arm: Arm) -> list[float]:
 def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
     reader = csv.reader(io.StringIO(text), skipinitialspace=True)
     header: list[str] | None = None
-    rows = []
+    rows: list[_Row] = []
     for cells in reader:
         if not any(cells):
             continue
@@ -105,6 +106,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             continue
         if len(cells) != len(header):
             raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
+        _check_rows(len(rows) + 1, line)
         value = dict(zip(header, cells))
         rows.append(_Row(line, value['time'], line, [value[name] for name in arm.tendon_names]))
     return rows, 'smooth'
@@ -112,7 +114,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
 
 def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
     # Nodes, not values: they know their lines.
-    document = yaml.compose(text, yaml.SafeLoader)
+    document = compose_yaml(text)
     if not isinstance(document, yaml.MappingNode):
         raise _LineError(1, 'expected times: and tensions:')
     found: dict[str, yaml.Node] = {}
@@ -120,12 +122,13 @@ def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
         if key.value not in ('times', 'tensions', 'interpolation') or key.value in found:
             raise _LineError(
                 key.start_mark.line + 1,
-                f'{key.value!r} is unknown or given twice, expected times, tensions and maybe '
-                'interpolation',
+                f'{shown(key.value)} is unknown or given twice, expected times, tensions and '
+                'maybe interpolation',
             )
         found[key.value] = node
     times = _items(found.get('times'), 'times')
     tensions = _items(found.get('tensions'), 'tensions')
+    _check_rows(len(times), 1)
     if len(times) != len(tensions):
         raise _LineError(
             found['tensions'].start_mark.line + 1,
@@ -141,6 +144,11 @@ def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
         rows.append(_Row(time_line, _scalar(time), line, [_scalar(cell) for cell in cells]))
     interpolation = found.get('interpolation')
     return rows, 'smooth' if interpolation is None else _scalar(interpolation)
+
+
+def _check_rows(count: int, line: int) -> None:
+    if count > MAX_PROFILE_ROWS:
+        raise _LineError(line, f'more than {MAX_PROFILE_ROWS} rows')
 
 
 def _items(node: yaml.Node | None, name: str) -> list[yaml.Node]:

@@ -1,15 +1,15 @@
-"""A material that gives way over time. Not in the paper, whose arm is elastic.
+"""A viscoelastic material. Not in the paper, whose arm is elastic.
 
-Standard linear solid: stretched at once and held, it resists with E (1 + ratio exp(-t / time)),
-where E is the modulus of the arm's definition, that of rest. The shape under tendons alone depends
-on tensions over modulus, in every model, so the relaxing arm under tensions T(t) has, without
-inertia, the shape that the elastic arm has under other, *effective* tensions: T seen through
+Standard linear solid: under a step of strain its modulus is E (1 + ratio exp(-t / time)), where E,
+that of the arm's definition, is the relaxed one. The shape under tendons alone depends
+on tensions over modulus, in every model, so the viscoelastic arm under tensions T(t) has,
+without inertia, the shape of the elastic arm under *effective* tensions, which satisfy
 
     T + time dT/dt = T_effective + (1 + ratio) time dT_effective/dt
 
-A pull shows only to 1 / (1 + ratio) at once, and the rest comes with the time constant
+A step of T has the effect 1 / (1 + ratio) at once, and the rest with the time constant
 (1 + ratio) time. That is exact at once and at rest, and in between to first order in the strains.
-Weight and other loads are taken as borne by the arm at rest.
+Weight and other loads act on the relaxed arm.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from octo_arm_model.core.hints import FloatArray
 
 @dataclass(frozen=True)
 class Relaxation:
-    """How much and how fast the modulus relaxes.
+    """Parameters of the relaxing modulus.
 
     Attributes:
-        ratio: what the modulus at once has more than that of rest, relative to it [-]; 0 for an
-            elastic arm.
+        ratio: instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm.
         time: time constant of the modulus at constant strain [s].
 
     Raises:
@@ -46,10 +45,10 @@ class Relaxation:
 
 
 class SimulatedRelaxation:
-    """The history of the tensions of one arm.
+    """Effective tensions of one arm over time.
 
     Attributes:
-        relaxation: how its material relaxes; may be changed between two steps.
+        relaxation: its parameters; may be replaced between two steps.
     """
 
     def __init__(self, relaxation: Relaxation, tendons: int) -> None:
@@ -60,7 +59,6 @@ class SimulatedRelaxation:
     def step(self, tension: FloatArray, dt: float) -> FloatArray:
         """Effective tensions (tendons,) [N] after ``tension`` has acted for ``dt`` [s]."""
         ratio, time = self.relaxation.ratio, self.relaxation.time
-        # An elastic arm has nothing to remember.
         left = math.exp(-dt / ((1.0 + ratio) * time)) if ratio else 0.0
         self._crept = (1.0 - left) * tension + left * self._crept
         return (tension + ratio * self._crept) / (1.0 + ratio)

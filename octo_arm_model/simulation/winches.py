@@ -1,4 +1,4 @@
-"""What winches make of commanded tensions."""
+"""Tensions that winches make of commands: limits of force and rate, and lag."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from octo_arm_model.core.hints import FloatArray
 
 @dataclass(frozen=True)
 class Winches:
-    """What the winches of an arm are like, all alike.
+    """Parameters of the winches of an arm, the same for all.
 
-    A command goes through what is listed here from top to bottom. By default everything is off.
+    They act on a command in the order listed here. By default all are off.
 
     Attributes:
-        slack_floor: least tension they keep, so that no tendon hangs loose [N].
-        force_limit: largest tension they pull with [N]; 0 for no limit.
+        slack_floor: least tension, which keeps tendons from going slack [N].
+        force_limit: largest tension [N]; 0 for no limit.
         rate_limit: largest rate at which their set point changes [N/s]; 0 for no limit.
         lag: time constant with which the tension follows the set point [s]; 0 for at once.
 
@@ -48,7 +48,7 @@ class SimulatedWinches:
     """One winch for each tendon, over time.
 
     Attributes:
-        winches: what they are like; may be changed between two steps.
+        winches: their parameters; may be replaced between two steps.
         tension: tension of every tendon now (tendons,) [N].
     """
 
@@ -59,10 +59,10 @@ class SimulatedWinches:
         self._set_point: FloatArray = np.zeros(tendons)
 
     def step(self, command: FloatArray, dt: float) -> FloatArray:
-        """Pull towards ``command`` (tendons,) [N] for ``dt`` [s]; return the tension then.
+        """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
 
-        The set point that the rate limit allows at the end of the step holds for all of it, and
-        the tension follows that exactly: stable for any step.
+        The set point that the rate limit allows at the end of the step is used throughout it, and
+        the lag is integrated exactly: stable for any step.
         """
         own = self.winches
         wanted = np.maximum(command, own.slack_floor)

@@ -6,11 +6,13 @@ import contextlib
 import errno
 import io
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import viser
 
 from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.viewer.access import Access
+from octo_arm_model.viewer.guard import Guard
 from octo_arm_model.viewer.options import LOOPBACK
 
 _TRIED = 100
@@ -21,16 +23,23 @@ class AddressError(OctoArmError, ValueError):
 
 
 @contextlib.contextmanager
-def serving(host: str, port: int) -> Iterator[viser.ViserServer]:
+def serving(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser.ViserServer]:
     """Serve a page on ``host``, at the first free port from ``port`` on, and say where.
+
+    That page alone may command, and pages of ``origins`` such as http://arm.lab:8080, by which
+    name this page is then served too.
 
     Raises:
         AddressError: if the host is none of this machine, the port is none, or all are in use.
+        ConfigError: if one of ``origins`` is none.
+        GuardError: if the installed viser cannot be kept from serving others.
     """
+    guard = Guard(Access(host, origins))
     free = free_port(host, port)
     # What viser says of itself is said below, in one line.
-    with contextlib.redirect_stdout(io.StringIO()):
+    with guard.installed(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host, free, verbose=False)
+    guard.requests.watch(server)
     try:
         in_use = f'port {port} is in use; ' if server.get_port() != port else ''
         print(f'viewer: {in_use}open {url(host, server.get_port())}', flush=True)

@@ -11,6 +11,7 @@ import viser
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.viewer.guard import Refusals
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.page import Page
 from octo_arm_model.viewer.page.theme import set_theme
@@ -40,6 +41,7 @@ class Viewer:
         self._config: Config | None = None
         self._due = time.monotonic()
         self.pictures = 0
+        self._refusals = Refusals()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
         # Who comes late is shown the newest picture at once.
@@ -49,9 +51,10 @@ class Viewer:
         """Do what hands ask for until the next picture is due; then draw it."""
         while (wait := self._due - time.monotonic()) > 0.0:
             try:
-                self._todo.get(timeout=wait)()
+                action = self._todo.get(timeout=wait)
             except queue.Empty:
                 break
+            self._do(action)
             self._command()
         has_changed = self._listen()
         self._command()
@@ -63,9 +66,18 @@ class Viewer:
         now = time.monotonic()
         self._due = max(self._due + (FRAME if is_busy else _IDLE), now)
 
+    def _do(self, action: Callable[[], None]) -> None:
+        """Do what is asked for; what cannot be done is said, and the page lives on."""
+        try:
+            action()
+        except OctoArmError as error:
+            self._refusals.add(str(error))
+            if self._page is not None:
+                self._page.refuse(error)
+
     def _command(self) -> None:
         if self._page is not None:
-            self._page.command()
+            self._do(self._page.command)
 
     @property
     def _is_watched(self) -> bool:

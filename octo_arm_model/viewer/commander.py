@@ -9,37 +9,12 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.inverse import default_highest
-from octo_arm_model.config.config import load_config
-from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.simulation.commands import Profile, transition
+from octo_arm_model.simulation.profile import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
-_FIGURES = {
-    'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
-    'renda2012_table4': {'14': FETCHING_IN_PLANE, '15': FETCHING_IN_SPACE},
-}
-
-
-def figures(arm: Arm) -> dict[str, FloatArray]:
-    """Tensions (tendons,) [N] of the paper's figures of ``arm``, by number; empty for others."""
-    for name, found in _FIGURES.items():
-        if load_config(preset_path(name)).arm == arm:
-            return {figure: np.ravel(tensions) for figure, tensions in found.items()}
-    return {}
-
-
-def highest_tensions(arm: Arm) -> FloatArray:
-    """How far each slider goes (tendons,) [N]: what the arm bears, or a figure of it asks for."""
-    highest = default_highest(arm).ravel()
-    for tensions in figures(arm).values():
-        highest = np.maximum(highest, tensions)
-    # To two digits, upwards.
-    digit = 10.0 ** np.floor(np.log10(highest) - 1.0)
-    return np.ceil(highest / digit - 1e-9) * digit
 
 
 class Commander:
@@ -53,9 +28,9 @@ class Commander:
     def __init__(self, tensions: ArrayLike) -> None:
         """Begin at ``tensions`` [N], (tendons,), with nothing to command."""
         self.tensions = np.array(tensions, dtype=np.float64)
-        self.profile: Profile | None = None
+        self.profile: CommandProfile | None = None
         self._speed, self._loop = 1.0, False
-        self._way: Profile | None = None
+        self._way: CommandProfile | None = None
         self._began = 0.0
         self._is_due = False
 
@@ -70,13 +45,25 @@ class Commander:
         self.stop()
         self._way, self._began = transition(self.tensions, tensions, duration), now
 
-    def play(self, profile: Profile, now: float, *, speed: float = 1.0, loop: bool = True) -> None:
-        """Play ``profile`` from its beginning, after a smooth way there."""
+    def play(
+        self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
+    ) -> None:
+        """Play ``profile`` from its beginning, after a smooth way there.
+
+        Raises:
+            ArmDefinitionError: if ``speed`` is not finite or not > 0.
+        """
+        positive('speed', speed, '-')
         self.move(profile.at(0.0), now)
         self.profile, self._speed, self._loop = profile, speed, loop
 
     def change_speed(self, speed: float, now: float) -> None:
-        """Go on from the same place at another ``speed``."""
+        """Go on from the same place at another ``speed``.
+
+        Raises:
+            ArmDefinitionError: if it is not finite or not > 0.
+        """
+        positive('speed', speed, '-')
         if self.profile is not None and self._way is None:
             self._began = now - (now - self._began) * self._speed / speed
         self._speed = speed

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.viewer.options import add_address
 
 _EPILOG = """\
@@ -19,6 +20,7 @@ examples:
   octo_arm_viewer                      # the arm of the node in the root namespace
   octo_arm_viewer --namespace arm_3    # one arm of several
   octo_arm_viewer --host 0.0.0.0       # seen from other machines too; whoever sees it can pull
+  octo_arm_viewer --host 0.0.0.0 --allow-origin http://arm.lab:8080   # and under this name
 
 It shows what the node publishes, and commands nothing until a slider or button is used.
 """
@@ -49,10 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         return _fail(f'needs {error.name}; install it with: pip install {error.name}')
     is_over = stop_signals()
-    rclpy.init(args=given[own:], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     try:
+        start_ros(given[own:])
         client = ArmClient(Node('octo_arm_viewer'), options.namespace)
-        with serving(options.host, options.port) as server:
+        with serving(options.host, options.port, options.allow_origin) as server:
             viewer = Viewer(server, client)
             while not is_over():
                 viewer.step()

@@ -1,4 +1,4 @@
-"""Arms wound by length: what winches do."""
+"""Tendons of prescribed displacement: the tensions that hold them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def solver(table4: Config) -> Solver:
 
 
 def displacements_of(solver: Solver, tensions: np.ndarray) -> dict[str, float]:
-    """What every tendon has been shortened by."""
+    """Displacement of every tendon [m], by name."""
     whole = solver.rest_lengths - solver.tendon_lengths(solver.solve(tensions))
     return dict(zip(solver.arm.tendon_names, whole.ravel().tolist(), strict=True))
 
@@ -75,10 +75,10 @@ def test_a_tendon_that_would_have_to_push_is_slack(solver: Solver) -> None:
     wound = solve_displacements(solver, {'tendon_1_1': -0.01}, {'tendon_3_1': 1.0})
     assert wound.slack == ('tendon_1_1',)
     assert wound.backbone.tensions[0, 0] == 0.0
-    # Its path is shorter than what was let out: it hangs.
+    # Its path is shorter than the length paid out: it is slack.
     assert wound.displacement[0, 0] > -0.01
     alone = solver.solve([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]])
-    np.testing.assert_array_equal(wound.backbone.tip, alone.tip)
+    np.testing.assert_allclose(wound.backbone.tip, alone.tip, atol=1e-12)
 
 
 def test_opposite_tendons_wound_alike_compress_the_arm_straight(solver: Solver) -> None:

@@ -17,6 +17,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from octo_arm_model.apps import demo
 from octo_arm_model.config.presets import preset_path
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 30.0  # [s]
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 DOMAIN = str(41 + os.getpid() % 40)

@@ -7,6 +7,8 @@ import itertools
 import json
 import os
 import resource
+import signal
+import struct
 import subprocess
 import sys
 import tracemalloc
@@ -47,7 +49,8 @@ from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import load_parameters, parameters_as_yaml, parse_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_templates import BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.wire.stamp import Stamp
 
 TABLE_4 = load_parameters(preset_path('renda2012_table4'))
 ARM = Config.from_parameters(TABLE_4).arm
@@ -124,7 +127,7 @@ def test_every_model_answers_alike_alone_and_side_by_side(
         request.getfixturevalue('numpy_to_the_last_bit')
     config = dataclasses.replace(load_config(preset_path(preset)), model=model)
     tensions = random_tensions(config.arm, 40)
-    readings = [Reading(START + i, row, '') for i, row in enumerate(tensions)]
+    readings = [Reading(Stamp.from_ns(START + i), row, '') for i, row in enumerate(tensions)]
     solver = config.solver(compiled=None)
     answers = Answers(config).answer(readings)
     for reading, answer in zip(readings, answers, strict=True):
@@ -137,7 +140,10 @@ def test_solving_alone_gives_the_same_where_side_by_side_differs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     config = Config.from_parameters(TABLE_4)
-    readings = [Reading(START + i, row, '') for i, row in enumerate(random_tensions(ARM, 20))]
+    readings = [
+        Reading(Stamp.from_ns(START + i), row, '')
+        for i, row in enumerate(random_tensions(ARM, 20))
+    ]
     found = []
     for is_alike in (True, False):
         monkeypatch.setattr(Answers, '_is_alike', lambda self, is_alike=is_alike: is_alike)
@@ -186,6 +192,25 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
         lengths = solver.tendon_lengths(last)
         expected.append(writer.tendon_lengths(lengths, last.tensions, *divmod(stamp, 10**9)))
         assert [one[3] for one in found[5 * number : 5 * number + 5]] == expected
+
+
+@pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
+@pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
+def test_stamps_stay_as_they_are(tmp_path: Path, kind: str, options: list[str]) -> None:
+    stamps = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9), (0, 7)]
+    content = samples(ARM, random_tensions(ARM, len(stamps)), '/tendon_tensions', kind)
+    for number, stamp in enumerate(stamps):
+        data = content[number].data
+        data = data[:4] + struct.pack('<iI', *stamp) + data[12:]
+        content[number] = content[number]._replace(data=data)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
+    options = [*options, '--topics', '/tendon_tensions']
+    assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == 0
+    for topic in BACKBONE:
+        found = [
+            struct.unpack_from('<iI', data, 4) for *_, data in content_of(tmp_path / 'out', topic)
+        ]
+        assert found == stamps
 
 
 # What else is in the bag ------------------------------------------------------------------------
@@ -383,6 +408,32 @@ def test_ctrl_c_leaves_no_bag(
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 
+@pytest.mark.parametrize('command', ['replay', 'record-demo'])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_ends_it_leaves_no_bag(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    number: signal.Signals,
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
+    write = BagWriter.write
+
+    def signalled(self: BagWriter, messages: Any) -> None:
+        write(self, messages)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(BagWriter, 'write', signalled)
+    before = signal.getsignal(number)
+    sources = [str(bag)] if command == 'replay' else []
+    assert main([command, *sources, str(tmp_path / 'out')]) == 128 + number
+    assert signal.getsignal(number) == before
+    assert f'interrupted, no {tmp_path / "out"} written' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('limit', [1000, 300_000, 1_500_000])
 def test_a_full_disk_leaves_no_bag(tmp_path: Path, storage: str, limit: int) -> None:
@@ -421,7 +472,7 @@ def test_memory_is_bounded_whatever_the_length(
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
     assert report.copied == 400
-    assert (tmp_path / 'out' / 'out.mcap').stat().st_size > 50 * 2**20
+    assert (tmp_path / 'out' / 'out_0.mcap').stat().st_size > 50 * 2**20
     # The solver asks once for 24 MiB that it never fills.
     assert peak < (24 + 12) * 2**20
 
@@ -439,11 +490,12 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 # Beside the node --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('installed_to_the_last_bit')
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    import test_node
+    from ros.node import test_node
 
     tensions = random_tensions(ARM, 25)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,10 @@ from octo_arm_model import (
     Section,
     load_config,
 )
+from octo_arm_model.config.config import parameters_as_yaml, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
 MINIMAL = {
@@ -335,3 +338,153 @@ def test_a_name_given_nested_and_dotted_is_refused(tmp_path: Path) -> None:
     path.write_text(changed('    body:', '    body.length: 0.9\n    body:'))
     with pytest.raises(ConfigError, match=r'body\.length is given twice'):
         load_config(path)
+
+
+# Bounds ----------------------------------------------------------------------------------------
+
+
+def _doubling(kind: str) -> str:
+    """A YAML document of 40 lines that stands for 2^40 values."""
+    lines = ['a0: &a0 {k: 1}']
+    for i in range(1, 40):
+        pair = f'{{b: *a{i - 1}, c: *a{i - 1}}}' if kind == 'maps' else f'[*a{i - 1}, *a{i - 1}]'
+        lines.append(f'a{i}: &a{i} {pair}')
+    return '\n'.join(lines)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (_doubling('maps'), 'line 15: not valid YAML, more than 100000 values, with aliases'),
+        (_doubling('lists'), 'not valid YAML, more than 100000 values, with aliases written out'),
+        ('{a: ' * 50_000, 'line 1: not valid YAML, nested more than 20 deep'),
+        ('[' * 1_000_000, 'line 1: not valid YAML, nested more than 20 deep'),
+        ('a: &a {b: *a}', 'line 1: not valid YAML, an alias within what it stands for'),
+        ('# ' * 600_000, 'arm.yaml: larger than 1048576 bytes'),
+        ('a: ' + '9' * 5000, "9...' is no parameter|is no integer"),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_yaml_that_stands_for_more_than_it_says_is_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read(tmp_path, text)
+
+
+def test_aliases_are_read(tmp_path: Path) -> None:
+    config = read(tmp_path, changed('position: [0.0, 0.0, 0.0]', 'position: [&z 0.0, 1.5, *z]'))
+    assert config.base.position == (0.0, 1.5, 0.0)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe.yaml')
+    with pytest.raises(ConfigError, match=r'pipe\.yaml: not a regular file'):
+        load_config(tmp_path / 'pipe.yaml')
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('1: {a: 2}\n1.0: {a: 3}\n', 'ros__parameters found below no node name'),
+        ('1: {a: 2}\n1: {a: 3}\n', "line 2: not valid YAML, '1' is given twice"),
+        ('true: {a: 2}\nyes: {a: 3}\n', 'ros__parameters found below no node name'),
+        ('[a]: 1\n', 'line 1: not valid YAML, expected a name before the colon'),
+        ('{a: 1}: 1\n', 'line 1: not valid YAML, expected a name before the colon'),
+        (GOOD + '    1: 2\n    1.0: 3\n', '1 is no parameter of the arm'),
+    ],
+)
+def test_keys_are_texts(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    'text', ['1:30', '1_000', '0b1', '2026-01-01', '190:20:30.15', '6_8.0', '!!float 1:30']
+)
+def test_what_ros_reads_as_a_text_is_no_number(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"is '.*', expected double|is no number"):
+        read(tmp_path, changed('length: 0.45', f'length: {text}'))
+
+
+@pytest.mark.parametrize('text', ['1:30', '1_000', '2026-01-01', '=', '<<', '.'])
+def test_what_ros_reads_as_a_text_is_one(tmp_path: Path, text: str) -> None:
+    config = read(tmp_path, changed('base_frame: arm_base', f'base_frame: {text}'))
+    assert config.base_frame == text
+
+
+@pytest.mark.parametrize(('text', 'value'), [('0x65', 101), ('0X65', 101), ('0145', 101)])
+def test_integers_are_read_as_ros_reads_them(tmp_path: Path, text: str, value: int) -> None:
+    assert read(tmp_path, changed('stations: 101', f'stations: {text}')).stations == value
+
+
+@pytest.mark.parametrize('text', ['y', 'N', 'on', 'True'])
+def test_a_boolean_of_ros_is_no_frame(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r'base_frame is (True|False), expected string'):
+        read(tmp_path, changed('base_frame: arm_base', f'base_frame: {text}'))
+
+
+ODD_NAMES = ('y', 'n', '1', '1.0', '1e5', '08', '0x1F', 'nan', 'inf', '1:30', 'null', '~', 'ø')
+
+
+def test_texts_come_back_from_the_file_as_they_were() -> None:
+    values = {'tendon_names': list(ODD_NAMES), 'base_frame': 'no', 'frame_prefix': '.inf'}
+    text = parameters_as_yaml(values)
+    assert parse_parameters(text, 'it') == values
+    # C reads these plain words as numbers, and ROS with it.
+    for word in ('nan', 'inf', 'y', '08', '1e5'):
+        assert f"- '{word}'\n" in text
+
+
+@pytest.mark.parametrize('name', ['base_frame', 'frame_prefix', 'tendon_names', 'profile.name'])
+@pytest.mark.parametrize('text', ['a\0b', 'a\ud800b', 'x' * 256])
+def test_a_text_that_no_message_can_carry_is_refused(name: str, text: str) -> None:
+    table = (*PARAMETERS, *SIMULATOR_PARAMETERS)
+    parameter = next(p for p in table if p.name == name)
+    value = ['a', text] if parameter.is_array else text
+    with pytest.raises(ConfigError, match=f'{name} is .*, expected string.* of at most 255 char'):
+        parameter.convert(value)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'stations': 10**12}, 'stations is 1000000000000, expected at most 10000'),
+        ({'stations': 10_001}, 'stations is 10001, expected at most 10000'),
+        ({'body.radius_tip': 1e-12}, 'this arm takes more than 20000 intervals'),
+        ({'body.length': 1e9}, 'this arm takes more than 20000 intervals'),
+        ({'body.radius_tip': 1e-300}, 'this arm takes more than 20000 intervals'),
+        ({'sections.tendons': [10**12]}, 'number of tendons is 1000000000000, expected at most'),
+        ({'sections.anchorage': [0.4] * 65}, 'number of sections is 65, expected at most 64'),
+        (
+            {'loads.point_s': [0.1] * 257, 'loads.point_force': [0.0] * 771},
+            'loads.point_s has 257 values, expected at most 256',
+        ),
+        (
+            {'loads.distributed_s': [0.1] * 1001, 'loads.distributed_force': [0.0] * 3003},
+            'loads.distributed: number of points is 1001, expected at most 1000',
+        ),
+        (
+            {'material.table_s': [0.0] * 1001, 'material.table_youngs_modulus': [1e5] * 1001},
+            r'material.table_youngs_modulus.s is \(0.0, .*, expected at most 1000 values, not 10',
+        ),
+        ({'base.position': [0.0] * 10**6}, r'base.position is \(0.0, .*\.\.\., expected 3'),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_sizes_have_bounds(changes: dict[str, object], message: str) -> None:
+    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
+    # Nothing that would be as large as asked for is built before.
+    values |= {'sections.offset_anchorage': [0.0]} | changes
+    with pytest.raises(OctoArmError, match=message) as refusal:
+        Config.from_parameters(values).solver()
+    assert len(str(refusal.value)) < 600
+
+
+def test_many_tendons_have_fewer_intervals() -> None:
+    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
+    values |= {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
+    config = Config.from_parameters(values)
+    assert config.solver().grid.s.size == 900
+    with pytest.raises(ConfigError, match=r'more than 976 intervals .* with 256 tendons'):
+        config.solver(stations=1000)

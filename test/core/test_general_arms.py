@@ -128,7 +128,7 @@ def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat() -> No
     assert HELICAL.tension_shape == (7,)
     flat = solver.solve(PULLS)
     rows = solver.solve([PULLS[:3].tolist(), PULLS[3:].tolist()])
-    np.testing.assert_array_equal(flat.position, rows.position)
+    np.testing.assert_allclose(flat.position, rows.position, atol=1e-12)
     several = solver.solve(np.stack([PULLS, 0.5 * PULLS]))
     np.testing.assert_allclose(several.tip[0], flat.tip, atol=1e-9)
     with pytest.raises(TensionError, match=r'expected \(\.\.\., 7\): 7 tendons, section'):

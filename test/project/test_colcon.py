@@ -8,6 +8,8 @@ import pytest
 import yaml
 from checkout import ROOT
 
+pytestmark = pytest.mark.slow
+
 PACKAGES = ['octo_arm_msgs', 'octo_arm_model']  # in the order they must be built
 
 needs_colcon = pytest.mark.skipif(shutil.which('colcon') is None, reason='needs colcon')
@@ -30,8 +32,9 @@ def test_a_workspace_needs_the_line_that_the_readme_gives(tmp_path):
     source.mkdir()
     (source / 'octo_arm_model').symlink_to(ROOT)
     assert colcon_list(tmp_path, tmp_path) == ['octo_arm_model']
-    line = re.search(r'^ln -s (\S+) (src/\S+)$', (ROOT / 'README.md').read_text(), re.MULTILINE)
-    assert line, 'the README has lost its line for larger workspaces'
+    manual = (ROOT / 'docs' / 'installation.md').read_text()
+    line = re.search(r'^ln -s (\S+) (src/\S+)$', manual, re.MULTILINE)
+    assert line, 'the manual has lost its line for larger workspaces'
     (tmp_path / line[2]).symlink_to(line[1])
     assert colcon_list(tmp_path, tmp_path) == PACKAGES
 
@@ -67,3 +70,28 @@ def test_colcon_defaults_name_the_message_package_for_every_verb():
     verbs = yaml.safe_load((ROOT / 'colcon_defaults.yaml').read_text())
     assert {'build', 'list', 'test'} <= set(verbs)
     assert all(options == {'base-paths': ['.', 'msg_defs']} for options in verbs.values())
+
+
+@needs_colcon
+@pytest.mark.parametrize('folder', ['.', 'msg_defs'])
+def test_manifests_are_as_ros_wants_them(folder):
+    from catkin_pkg.package import parse_package
+
+    warnings = []
+    package = parse_package(str(ROOT / folder / 'package.xml'), warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings
+
+
+@needs_colcon
+def test_what_the_launch_files_start_is_a_dependency():
+    from catkin_pkg.package import parse_package
+
+    package = parse_package(str(ROOT / 'package.xml'))
+    depends = {dependency.name for dependency in package.exec_depends}
+    shared = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
+    text = ''.join(path.read_text() for path in (*(ROOT / 'launch').iterdir(), shared))
+    started = set(re.findall(r"package='(\w+)'", text))
+    assert started == {'rviz2'} and "['ros2', 'bag'" in text
+    # And what runs a launch file, and a bag.
+    assert depends >= started | {'ros2launch', 'ros2bag', 'launch', 'launch_ros'}

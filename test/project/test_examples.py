@@ -7,6 +7,8 @@ import sys
 import pytest
 from checkout import ROOT
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = sorted((ROOT / 'examples').glob('[1-4]_*.py'))
 
 

@@ -21,7 +21,7 @@ import verify
 from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
 from cases import PROTOTYPE, SECTION_5_1, Case
 from compare import run_case, solve_models
-from elasticity import Contact, ElasticArm, Shape
+from elasticity import Contact, ElasticArm, SolidShape
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
@@ -72,7 +72,7 @@ def test_half_an_arm_bends_as_a_whole_one() -> None:
     """Also: pulled at right angles, the arm bends at right angles."""
     arm = verify.cylinder(0.004, 0.06)
     contact = Contact(0.002, 0.001)
-    shapes: list[Shape] = []
+    shapes: list[SolidShape] = []
     for pulled in (0, 1):
         solid = ElasticArm(arm, COARSE, [pulled], contact)
         assert solid.mesh.half == (pulled == 0)

@@ -28,6 +28,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
@@ -269,6 +271,7 @@ BAD = {
     'nan': (np.where(PLANE == 13.0, np.nan, PLANE), NAMES, 'tension of tendon_3_3 is nan N'),
     'too few': (PLANE[:11], NAMES[:11], 'no tension for tendon tendon_3_4'),
     'unknown': (PLANE, [*NAMES[:11], 'elbow'], 'unknown tendon elbow'),
+    'beyond its limit': (1.01 * PLANE, NAMES, 'tendon_1_3 is 0.505 N, expected at most its limit'),
 }
 
 

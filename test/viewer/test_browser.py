@@ -1,19 +1,14 @@
 """The viewer in a real browser: what is pulled there, and what is seen."""
 
+import contextlib
 import io
-import itertools
-import os
-import re
 import signal
 import socket
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 pytest.importorskip('viser', reason='needs viser')
 pytest.importorskip('selenium', reason='needs selenium')
@@ -21,81 +16,18 @@ image = pytest.importorskip('PIL.Image', reason='needs pillow')
 
 from browser import CHROMEDRIVER, CHROMIUM, Browser
 from selenium.webdriver.common.keys import Keys
+from viewer_setup import CONFIG_FILE, DEADLINE, SOLVER, Setup
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.commander import as_shell_line
+
+pytestmark = pytest.mark.slow
 
 if not (CHROMIUM and CHROMEDRIVER):
     pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 
-DEADLINE = 30.0  # [s]
-CONFIG_FILE = str(preset_path('renda2012_table4'))
-SOLVER = load_config(CONFIG_FILE).solver()
 REST = [450.0, 0.0, 0.0]
-DOMAINS = itertools.count(101 + os.getpid() % 40)
-
-
-class Setup:
-    """Node, simulator and viewer, and a client that hears what they say."""
-
-    def __init__(self):
-        self._domain = next(DOMAINS)
-        self._environment = dict(
-            os.environ,
-            ROS_DOMAIN_ID=str(self._domain),
-            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
-            PYTHONUNBUFFERED='1',
-        )
-        self.node = self.start_node()
-        self.processes = [
-            self.start('ros.simulator_node', '--ros-args', '--params-file', CONFIG_FILE),
-        ]
-        # Its port is taken already, so it has to look for another.
-        with socket.create_server(('127.0.0.1', 0)) as taken:
-            self.port = taken.getsockname()[1]
-            self.viewer = self.start('viewer.main', '--port', str(self.port))
-            self.processes.append(self.viewer)
-            self.said = self.viewer.stdout.readline()
-        self.url = re.search(r'http://\S+', self.said)[0]
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=self._domain)
-        self.client = ArmClient(rclpy.create_node('listener', context=self.context))
-        self.client.listen({**POSES, **DETAILS})
-
-    def start(self, module, *arguments):
-        return subprocess.Popen(
-            [sys.executable, '-m', f'octo_arm_model.{module}', *arguments],
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def start_node(self):
-        return self.start('ros.node.main', '--ros-args', '--params-file', CONFIG_FILE)
-
-    def tensions(self):
-        """The newest that the node answered."""
-        self.client.poll()
-        return self.client.tensions
-
-    def wait_for(self, condition, what):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
-            self.client.poll()
-
-    def close(self):
-        rclpy.shutdown(context=self.context)
-        endings = []
-        for process in [*self.processes, self.node]:
-            process.send_signal(signal.SIGINT)
-            _, complaints = process.communicate(timeout=DEADLINE)
-            endings.append((process.returncode, 'Traceback' in complaints))
-        assert endings == [(0, False)] * len(endings), complaints
 
 
 @pytest.fixture(scope='module')
@@ -236,6 +168,55 @@ def test_a_node_that_is_gone_is_missed_and_one_that_comes_back_is_shown(setup, b
     browser.sliders()[8].send_keys(Keys.ARROW_RIGHT)
     setup.wait_for(lambda: setup.tensions()[8] > 0.0, 'a tension')
     browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
+
+
+def test_the_first_view_is_brought_back_by_its_button(setup, browser):
+    slacken(setup, browser)
+
+    def still():
+        before = None
+        while before != (before := body_pixels(browser.picture()).tobytes()):
+            pass
+        return np.frombuffer(before, bool)
+
+    browser.press('Show the whole arm')
+    browser.leave()
+    first = still()
+    browser.turn(-250)
+    assert (first & ~still()).sum() > 0.2 * first.sum()
+    browser.press('Show the whole arm')
+    browser.leave()
+    browser.until(lambda: (first ^ still()).sum() < 0.1 * first.sum(), 'the first view')
+
+
+def test_an_arm_that_passes_through_itself_is_told_of(setup, browser):
+    slacken(setup, browser)
+    assert browser.text('overlap') == ''
+    setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
+    browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
+    setup.client.command(np.zeros(12))
+    browser.until(lambda: browser.text('overlap') == '', 'the note going away')
+
+
+def test_a_link_does_not_have_the_page_take_orders_from_elsewhere(setup):
+    heard = []
+    elsewhere = socket.create_server(('127.0.0.1', 0))
+    elsewhere.settimeout(0.0)
+    browser = Browser('about:blank')
+    try:
+        for parameter in ('websocket=ws', 'playbackPath=http'):
+            address = f'{parameter}://127.0.0.1:{elsewhere.getsockname()[1]}/'
+            browser.driver.get(f'{setup.url}/?{address}')
+            browser.until(
+                lambda: any('Content Security Policy' in c for c in browser.complaints()),
+                'the browser refusing to connect',
+            )
+            with contextlib.suppress(BlockingIOError):
+                heard.append(elsewhere.accept())
+    finally:
+        browser.close()
+        elsewhere.close()
+    assert heard == []
 
 
 def test_the_console_has_no_errors(browser):

@@ -28,20 +28,16 @@ from octo_arm_model.apps.demo import movement_of
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.topic import Meter, read_poses
-from octo_arm_model.simulation.commands import Profile, find_profile
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.limits import figures, highest_tensions
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.viewer import main as viewer
 from octo_arm_model.viewer.address import AddressError, free_port, serving, url
-from octo_arm_model.viewer.commander import (
-    Commander,
-    as_shell_line,
-    as_yaml,
-    figures,
-    highest_tensions,
-)
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
 from octo_arm_model.viewer.page.target import Search
-from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
+from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 PRESETS = (
     'renda2012_fem',
@@ -53,7 +49,7 @@ PRESETS = (
 DEADLINE = 30.0  # [s]
 CONFIG = load_config(preset_path('renda2012_table4'))
 SOLVER = CONFIG.solver()
-RAMP = Profile(np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]]), 'linear')
+RAMP = CommandProfile([0.0, 2.0, 3.0], [[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]], 'linear')
 
 
 # What is commanded ------------------------------------------------------------------------------
@@ -177,7 +173,7 @@ def test_copied_tensions_are_the_message_they_stand_for(names):
     ]  # fmt: skip
     fields = yaml.safe_load(message)
     assert all(isinstance(tension, float) for tension in fields['tension'])
-    read = tensions_from_tendon_tensions(SimpleNamespace(**fields), arm)
+    read = TENDON_TENSIONS.read(SimpleNamespace(**fields), arm)
     np.testing.assert_array_equal(read.ravel(), tensions)
 
 

@@ -18,11 +18,29 @@ from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import as_profile
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.core.arm.validation import is_text
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 
 # Profiles are checked at so many places, and at their knots.
 _CHECKED = 257
+# Part of the radius of the base that a tendon on the surface may be outside of it by rounding.
+_ROUNDING = 1e-12
+
+
+def check_size(sections: int, tendons: int) -> None:
+    """Check that an arm may have so many ``sections`` and ``tendons`` in all.
+
+    Raises:
+        ArmDefinitionError: if not.
+    """
+    for name, count, most in (
+        ('number of sections', sections, MAX_SECTIONS),
+        ('number of tendons', tendons, MAX_TENDONS),
+    ):
+        if count > most:
+            raise ArmDefinitionError(name, count, f'at most {most}')
 
 
 @dataclass(frozen=True)
@@ -32,7 +50,8 @@ class Arm:
     Attributes:
         material: what it is made of.
         body: its outer shape.
-        sections: anchorages **from the tip to the base**, at least one.
+        sections: anchorages **from the tip to the base**, at least one and at most
+            `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
 
     Raises:
@@ -51,6 +70,7 @@ class Arm:
         object.__setattr__(self, 'sections', tuple(self.sections))
         if not self.sections:
             raise ArmDefinitionError('sections', self.sections, 'at least one section')
+        check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
         self._check_profiles()
         previous = math.inf
         for number, section in enumerate(self.sections, start=1):
@@ -111,8 +131,8 @@ class Arm:
 
     def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
         offset, radius = tendon.offset.value(s), self.body.radius(s)
-        # To rounding: a tendon may lie on the surface.
-        limit = np.maximum(radius, self.body.disc_radius) * (1.0 + 1e-12)
+        limit = np.maximum(radius, self.body.disc_radius)
+        limit = limit + _ROUNDING * np.maximum(self.body.radius(0.0), limit)
         bad = ~((offset >= 0.0) & (offset <= limit))
         if bad.any():
             first = int(np.argmax(bad))
@@ -135,10 +155,11 @@ class Arm:
             raise ArmDefinitionError('tendon_names', list(names), f'{count} names, one per tendon')
         if (
             isinstance(given, str)
-            or not all(isinstance(name, str) and name for name in names)
+            or not all(is_text(name) and name for name in names)
             or len(set(names)) < count
         ):
-            raise ArmDefinitionError('tendon_names', list(names), 'distinct, non-empty names')
+            expected = f'distinct, non-empty names of at most {MAX_NAME} characters, without NUL'
+            raise ArmDefinitionError('tendon_names', list(names), expected)
         object.__setattr__(self, 'tendon_names', names)
 
     @property

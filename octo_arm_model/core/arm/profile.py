@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from octo_arm_model.core.arm.validation import positive
+from octo_arm_model.core.arm.validation import positive, real_numbers
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_TABLE_POINTS
 
 # Distance of the five points that differentiate a function, as a part of its range: the error of
 # the formula, of fourth order, and that of rounding are both about 1e-12 there.
@@ -69,8 +70,11 @@ class Linear(Profile):
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
-        rate = (self.stop - self.start) / self.length
-        return self.start + rate * np.asarray(s, dtype=np.float64)
+        # From the nearer end, so that both ends are exact and no value between two that are >= 0
+        # comes out below by rounding.
+        part = np.asarray(s, dtype=np.float64) / self.length
+        change = self.stop - self.start
+        return np.where(part <= 0.5, self.start + change * part, self.stop - change * (1.0 - part))
 
     def slope(self, s: ArrayLike) -> FloatArray:
         """Derivative at ``s``."""
@@ -103,7 +107,8 @@ class Table(Profile):
     Two points are a straight line.
 
     Attributes:
-        s: arc coordinates [m], at least two, the first 0, increasing.
+        s: arc coordinates [m], at least two and at most `MAX_TABLE_POINTS`, the first 0,
+            increasing.
         values: the value at each.
         name: what it is called in errors.
 
@@ -119,12 +124,12 @@ class Table(Profile):
         """Validate."""
         for field in ('s', 'values'):
             given = getattr(self, field)
-            try:
-                column = np.array(given, dtype=np.float64)
-            except (OverflowError, TypeError, ValueError):
-                column = np.array(np.nan)
-            if column.ndim != 1 or not np.isfinite(column).all():
+            column = real_numbers(given)
+            if column is None or column.ndim != 1 or not np.isfinite(column).all():
                 raise ArmDefinitionError(f'{self.name}.{field}', given, 'finite numbers')
+            if column.size > MAX_TABLE_POINTS:
+                expected = f'at most {MAX_TABLE_POINTS} values, not {column.size}'
+                raise ArmDefinitionError(f'{self.name}.{field}', given, expected)
             object.__setattr__(self, field, tuple(column.tolist()))
         if len(self.s) < 2 or self.s[0] != 0.0 or min(np.diff(self.s)) <= 0.0:
             expected = 'at least two arc coordinates from 0.0 on, increasing [m]'
@@ -143,7 +148,8 @@ class Table(Profile):
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
-        return np.asarray(self._interpolant(s), dtype=np.float64)
+        # Between its points it never leaves their range, but for rounding.
+        return np.clip(self._interpolant(s), min(self.values), max(self.values))
 
     def slope(self, s: ArrayLike) -> FloatArray:
         """Derivative at ``s``."""

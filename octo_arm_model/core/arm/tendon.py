@@ -122,7 +122,7 @@ class Section:
 
     def offset(self, s: ArrayLike) -> FloatArray:
         """Distance y_i(s) of the tendons from the midline [m] (eq. 5)."""
-        return self.offset_base + self.offset_slope * np.asarray(s, dtype=np.float64)
+        return Linear(self.offset_base, self.offset_anchorage, self.anchorage).value(s)
 
     @property
     def is_papers(self) -> bool:

@@ -1,4 +1,4 @@
-"""Numbers as they are given, checked: every refusal names the field, its value and the range."""
+"""What is given, checked: every refusal names the field, its value and the range."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ import math
 import numpy as np
 
 from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NAME
+
+_DEEPEST = 32  # axes of an array, at least, that NumPy can make
 
 
 def finite(name: str, value: object, expected: str = 'a finite number') -> float:
@@ -58,12 +62,46 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
     Raises:
         ArmDefinitionError: if it is not three finite numbers in ``unit``.
     """
-    expected = f'three finite numbers [{unit}]'
-    try:
-        array = np.array(value)
-    except ValueError:  # rows of different length
-        raise ArmDefinitionError(name, value, expected) from None
-    if array.shape != (3,) or array.dtype.kind not in 'fiu' or not np.isfinite(array).all():
-        raise ArmDefinitionError(name, value, expected)
-    x, y, z = array.astype(np.float64).tolist()
+    array = real_numbers(value)
+    if array is None or array.shape != (3,) or not np.isfinite(array).all():
+        raise ArmDefinitionError(name, value, f'three finite numbers [{unit}]')
+    x, y, z = array.tolist()
     return x, y, z
+
+
+def real_numbers(value: object) -> FloatArray | None:
+    """Return ``value``, an array or nested lists, as floats; None where it is none of numbers.
+
+    Booleans, which Python and NumPy take for 0 and 1 beside numbers, are none; nor are texts.
+    """
+    if _holds_bool(value, _DEEPEST):
+        return None
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different length
+        return None
+    if array.dtype.kind not in 'fiu':
+        return None
+    return array.astype(np.float64, copy=False)
+
+
+def _holds_bool(value: object, depth: int) -> bool:
+    if isinstance(value, (list, tuple)):
+        return depth > 0 and any(_holds_bool(element, depth - 1) for element in value)
+    return isinstance(value, (bool, np.bool_)) or (
+        isinstance(value, np.ndarray) and value.dtype.kind == 'b'
+    )
+
+
+def is_text(value: object) -> bool:
+    """Whether ``value`` is a text that a message can carry.
+
+    No more than `MAX_NAME` characters, without the NUL that ends a text in a message and without
+    halves of characters, which have no bytes in UTF-8.
+    """
+    return (
+        isinstance(value, str)
+        and len(value) <= MAX_NAME
+        and '\0' not in value
+        and not any('\ud800' <= character <= '\udfff' for character in value)
+    )

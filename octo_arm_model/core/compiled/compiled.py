@@ -105,7 +105,8 @@ class Compiled:
 def _speed_up(rod: LoadedRod) -> None:
     """Have a ``rod`` evaluate its sections and iterate in machine code."""
     rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
-    rod.newton = CompiledNewton(rod.equilibrium, _own)
+    if not rod.equilibrium.loads.others:
+        rod.newton = CompiledNewton(rod.equilibrium, _own)
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:

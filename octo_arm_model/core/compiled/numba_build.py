@@ -1,8 +1,9 @@
 """The loops of `kernels` as machine code, where numba is installed and works.
 
 Compiling takes some ten seconds, once: numba keeps the result beside this package or, where
-nothing can be written there, in the user's cache. What could not be kept or cannot be read again
-is compiled anew. Whatever goes wrong otherwise is logged, and NumPy solves.
+nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
+could not be kept, has another checksum or cannot be read again is compiled anew. Whatever goes
+wrong otherwise is logged, and NumPy solves.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import hashlib
 import importlib
 import inspect
 import logging
+import os
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -121,9 +123,7 @@ def _made(entry: Callable[[Any], types.FunctionType], arguments: tuple[Any, ...]
                 raise
             if getattr(machine, 'signatures', None):
                 return machine  # Compiled all right, only not kept.
-            # Kept, but not whole.
-            for path in _kept(machine):
-                path.unlink(missing_ok=True)
+            _forget(machine)  # Kept by a numba that cannot read it again.
         else:
             return machine
     raise AssertionError  # The last round returns or raises.
@@ -183,15 +183,54 @@ def _processor() -> str:
 def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
     """Have ``machine`` solve nothing, for which it has to be there, loaded or compiled."""
     with _one_at_a_time(machine):
+        if not all(map(_is_whole, _kept(machine))):
+            _forget(machine)
         if not _kept(machine):
             _LOG.info('compiling the models: some ten seconds, once on this machine')
         machine(*arguments)
+        if sum(machine.stats.cache_misses.values()):
+            _write_checksums(machine)
 
 
 def _kept(machine: Any) -> list[Path]:
     """Files in which ``machine`` is kept."""
     folder = machine.stats.cache_path if machine is not None else None
-    return list(Path(folder).glob(f'*.{machine.py_func.__qualname__}-*')) if folder else []
+    return list(Path(folder).glob(f'*.{machine.py_func.__qualname__}-*.nb[ci]')) if folder else []
+
+
+def _checksum_of(kept: Path) -> Path:
+    """Where the checksum of the file ``kept`` is."""
+    return kept.with_name(f'{kept.name}.sha256')
+
+
+def _is_whole(kept: Path) -> bool:
+    """Whether the file ``kept`` is as it was written.
+
+    Numba would run a flipped bit of it.
+    """
+    try:
+        expected = _checksum_of(kept).read_text()
+        return hashlib.sha256(kept.read_bytes()).hexdigest() == expected
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _write_checksums(machine: Any) -> None:
+    """Write the checksum of every file in which ``machine`` has just been kept."""
+    with contextlib.suppress(OSError):  # What has none is compiled anew the next time.
+        for kept in _kept(machine):
+            digest = hashlib.sha256(kept.read_bytes()).hexdigest()
+            # Nobody may read half of it, locked or not.
+            written = kept.with_name(f'{kept.name}.{os.getpid()}.tmp')
+            written.write_text(digest)
+            written.replace(_checksum_of(kept))
+
+
+def _forget(machine: Any) -> None:
+    """Remove the files in which ``machine`` is kept, and their checksums."""
+    for kept in _kept(machine):
+        kept.unlink(missing_ok=True)
+        _checksum_of(kept).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -230,8 +230,8 @@ def rod_tables(problem: Equilibrium) -> RodTables:
         twice=twice.reshape(-1, rule.points.size),
         weights=rule.weights,
         step=own.step,
-        force=problem.loads.force,
-        moment=problem.loads.moment,
+        force=problem.loads.dead.force,
+        moment=problem.loads.dead.moment,
         base=np.array([a.real, a.imag, b.real, b.imag]),
         length=own.length,
     )

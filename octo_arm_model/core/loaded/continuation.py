@@ -55,7 +55,12 @@ def follow(
         state, used, strayed, system = newton(condition, guess, tolerance)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
-        if state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
+        if problem.loads.without_tangent:
+            # Nothing tells stable from unstable, nor where the arm would fall.
+            is_found = state.residual <= tolerance and strayed <= _STRAY
+            if not is_found and step <= _SMALLEST_STEP:
+                raise _unbalanced(state, spending.iterations)
+        elif state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may jump to one on which no arm stays.
             stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)

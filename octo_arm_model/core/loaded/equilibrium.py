@@ -13,11 +13,14 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Tangent
+from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
@@ -164,9 +167,10 @@ class Equilibrium:
         gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
-        force = condition.factor * self.loads.force + condition.tip_wrench[:3, np.newaxis]
+        loads = self.loads.resultants(RodPoints(self.collocation, orientation))
+        force = condition.factor * loads.force + condition.tip_wrench[:3, np.newaxis]
         moment = self.collocation.integrate_from_tip(cross(tangent, force))
-        moment += condition.factor * self.loads.moment + condition.tip_wrench[3:, np.newaxis]
+        moment += condition.factor * loads.moment + condition.tip_wrench[3:, np.newaxis]
         wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
         wrench = wrench.reshape(6, count)[: len(twist)]
         imbalance = wrench - gradient
@@ -178,12 +182,33 @@ class Equilibrium:
             hessian, residual,
         )  # fmt: skip
 
-    def linearised(self, state: State, damping: float = 0.0) -> Linearised:
+    def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""
-        return Linearised(
+        linear = Linearised(
             self.collocation, state.hessian * (1.0 + damping), state.rotation, state.tangent,
             state.moment, state.force, self._unit,
         )  # fmt: skip
+        factor = state.condition.factor
+        if not self.loads.others or not factor:
+            return linear
+        found = self.loads.tangents(RodPoints(self.collocation, state.shape.orientation))
+        tangents = tuple(Tangent(one.s, factor * one.force, factor * one.moment) for one in found)
+        if not tangents:
+            return linear
+        return WithTangents(
+            linear, self.collocation, state.rotation, state.tangent, tangents, len(state.hessian)
+        )
+
+    def require_tangents(self, what: str) -> None:
+        """Refuse ``what`` needs the tangent stiffness of every load.
+
+        Raises:
+            LoadError: if a load states none.
+        """
+        if self.loads.without_tangent:
+            raise LoadError(
+                f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
+            )
 
     def stability(self, state: State, system: System | None = None) -> Stability:
         """Whether a balanced ``state`` is stable.
@@ -192,7 +217,11 @@ class Equilibrium:
         the determinant of its equations has the sign it has without loads: of one mode of
         buckling it is the other one, of two at once the compliance tells. ``system`` is one that
         is linearised about nearly the same state, if there is.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
         """
+        self.require_tangents('the stability check')
         system = system or self.linearised(state)
         wrench = self.tip_wrenches(state)
         # Moments over a length, so that they compare.

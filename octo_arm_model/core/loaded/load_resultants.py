@@ -1,30 +1,36 @@
-"""Loads tabulated at collocation points: the wrench they put on every cross section."""
+"""The wrench that loads put on every cross section, at collocation points."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.loads import DeformedRod, Loads, Resultants, Tangent
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.load_tangents import RodPoints
+from octo_arm_model.core.numerics.quaternion import Quaternions
 
 
 class LoadTable:
     """The loads on an arm at the points of a `Collocation`.
 
-    All of them are dead: fixed in base_frame, so that the resultant force does not depend on the
-    shape, and the moment m of it follows m' = n x u'.
+    Dead loads are tabulated once. The moment m of a force n follows m' = n x u'.
 
     Attributes:
-        force: resultant n of everything beyond each point but the tip's wrench [N], (3, points).
-        moment: sum of the moments of point loads beyond each point [N m], (3, points).
+        dead: resultants of all loads that are fixed in base_frame, but the wrench on the tip.
+        others: loads of other kinds.
         is_empty: whether there is nothing.
-        has_moments: whether a point load has a moment.
+        has_moments: whether a point load has a moment, or a load of another kind may have one.
+        straight: resultants on the straight rod.
+        without_tangent: name of a load that states no tangent stiffness, or ''.
     """
 
-    def __init__(self, arm: Arm, collocation: Collocation, loads: Loads) -> None:
-        """Tabulate ``loads``.
+    def __init__(
+        self, arm: Arm, collocation: Collocation, base: Quaternions, loads: Loads
+    ) -> None:
+        """Tabulate ``loads`` on a rod whose base has the orientation ``base``.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
@@ -40,12 +46,34 @@ class LoadTable:
         for load in loads.distributed:
             inside = (s >= load.s[0]) & (s <= load.s[-1])
             density[:, inside] += load.at(s[inside])
-        self.force = collocation.integrate_from_tip(density)
-        self.moment = np.zeros_like(self.force)
+        force = collocation.integrate_from_tip(density)
+        moment = np.zeros_like(force)
         for point in loads.points:
             # No point of an element lies at a load; one at the base is felt by nothing.
             beyond = s < point.s
-            self.force[:, beyond] += np.array(point.force)[:, np.newaxis]
-            self.moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
-        self.has_moments = any(any(point.moment) for point in loads.points)
-        self.is_empty = not (density.any() or any(point.s > 0.0 for point in loads.points))
+            force[:, beyond] += np.array(point.force)[:, np.newaxis]
+            moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
+        self.dead, self.others = Resultants(force, moment), loads.others
+        self.has_moments = any(any(point.moment) for point in loads.points) or bool(self.others)
+        self.is_empty = not (
+            density.any() or any(point.s > 0.0 for point in loads.points) or self.others
+        )
+
+        rod = RodPoints(collocation, frames(np.zeros((3, s.size)), collocation, base))
+        self.straight = self.resultants(rod)
+        self.without_tangent = next(
+            (type(load).__name__ for load in self.others if load.tangents(rod) is None), ''
+        )
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """Resultants of all loads on ``rod`` but the wrench on its tip."""
+        force, moment = self.dead
+        for load in self.others:
+            more = load.resultants(rod)
+            force, moment = force + more.force, moment + more.moment
+        return Resultants(force, moment)
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
+        """How they change with the shape, where that is known; see ``without_tangent``."""
+        found = (load.tangents(rod) for load in self.others)
+        return tuple(tangent for tangents in found for tangent in tangents or ())

@@ -13,6 +13,8 @@ from octo_arm_model.core.rod.solution import Shape
 
 MOST = 10  # iterations
 PROGRESS = 0.7  # what each iteration must leave less than of the residual
+# Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
+_MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
 UPHILL = 3.0  # what the first, which follows the condition, may leave
 # A system serves for another step where the one before left this residual and part of it.
 NEAR, QUICK = 1e-5, 0.02
@@ -45,8 +47,12 @@ class Newton(Protocol):
 def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
     """`Newton` for ``problem``."""
     state = problem.state(condition, shape)
-    strayed, system, is_near = 0.0, None, False
-    for iteration in range(MOST):
+    strayed, is_near = 0.0, False
+    system: System | None = None
+    most, progress = MOST, PROGRESS
+    if problem.loads.without_tangent:
+        most, progress = _MOST_LINEAR, _LINEAR_PROGRESS
+    for iteration in range(most):
         if state.residual <= tolerance:
             return Iterate(state, iteration, strayed, system)
         try:
@@ -57,10 +63,10 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
         step = system.solve(state.imbalance[:, np.newaxis])
         new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN.
-        if not new.residual <= (PROGRESS if iteration else UPHILL) * state.residual:
+        if not new.residual <= (progress if iteration else UPHILL) * state.residual:
             return Iterate(state, iteration + 1, strayed, None)
         is_near = new.residual <= NEAR and new.residual <= QUICK * state.residual
         state = new
         if iteration:
             strayed += problem.turn(step)
-    return Iterate(state, MOST, strayed, system)
+    return Iterate(state, most, strayed, system)

@@ -11,6 +11,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.rod.grid import StationGrid
@@ -19,6 +20,7 @@ from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
+from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
@@ -40,12 +42,20 @@ class LoadedRod:
         self, arm: Arm, grid: StationGrid, base: Frame, law: Law, shear: bool, loads: Loads,
         cuts: int,
     ) -> None:  # fmt: skip
-        """Cut every panel of ``grid``, and its part between knots, into ``cuts`` elements."""
+        """Cut every panel of ``grid``, and its part between knots, into ``cuts`` elements.
+
+        Raises:
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
+        """
         self._arm, self._grid = arm, grid
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts)
         self.points = own.s.size
         energy = SectionEnergy(arm, own.s, own.section, law, shear)
-        self.equilibrium = Equilibrium(energy, own, LoadTable(arm, own, loads), base.rotation)
+        with np.errstate(over='ignore', invalid='ignore'):
+            table = LoadTable(arm, own, base.rotation, loads)
+        LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
+        self.equilibrium = Equilibrium(energy, own, table, base.rotation)
         self.newton: Newton = functools.partial(newton, self.equilibrium)
 
     @functools.cached_property

@@ -29,7 +29,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.newton import Minimum, initial_strain, minimise
+from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity
@@ -206,7 +206,13 @@ class Exact:
         """From nearly right strains at the nodes to right ones."""
         energy = self.sections
         local_tensions = energy.local_tensions(tensions)
-        found = minimise(energy, local_tensions, to_scaled(energy.law, twist))
+        start = to_scaled(energy.law, twist)
+        # Where the strain has a peak between the points, what is interpolated can turn a section
+        # inside out, which has no energy to descend from.
+        outside = ~can_be(energy, start[3], np.sqrt(start[1] ** 2 + start[2] ** 2))
+        if np.count_nonzero(outside):
+            start = np.where(outside, initial_strain(energy, local_tensions), start)
+        found = minimise(energy, local_tensions, start)
         iterations = coarse.iterations + found.iterations
         return Solution(
             to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)

@@ -88,6 +88,7 @@ class PapersModel:
         twist, tensions = backbone.twist, backbone.tensions.ravel()
         assert twist is not None
         _, frames = node_frames(twist[:, np.newaxis], self._setup.grid, self._setup.base)
+        setup = self._setup
         return papers_derivatives(
-            self.equations.solve, self.sections, self._setup.grid, twist, frames, tensions
+            self.equations.solve, self.sections, setup.grid, twist, frames, tensions, setup.batch
         )

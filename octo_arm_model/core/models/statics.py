@@ -19,6 +19,12 @@ from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.results import Sensitivity
 
+# Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
+# stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
+# busy machine.
+_LARGEST_BATCH = 128
+_LARGEST_PRODUCT = 250_000  # multiplications
+
 
 class Setup(NamedTuple):
     """What a model is prepared for.
@@ -40,6 +46,12 @@ class Setup(NamedTuple):
     shear: bool
     loads: Loads
     budget: Budget
+
+    @property
+    def batch(self) -> int:
+        """How many arms are solved in one NumPy call."""
+        product = self.grid.nodes.size * len(self.arm.tendons)
+        return max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
 
 
 class Statics(Protocol):

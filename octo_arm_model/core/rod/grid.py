@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.limits import MAX_INTERVALS, MAX_STATIONS, MAX_TENDON_NODES
 
 DEFAULT_STATIONS = 101
+# Lengths that differ by a smaller part are equal but for rounding.
+_SAME = 1e-9
 # Integration intervals are never longer than L / MIN_INTERVALS nor than STEP_PER_RADIUS times
 # the smallest radius they could span, that of the body or of the tendons around it, whichever is
 # larger: curvature grows like its inverse, and with it the error of a step.
@@ -96,11 +99,14 @@ class StationGrid:
 
         Raises:
             ConfigError: if ``stations`` is too few to hold both ends and every anchorage and
-                break.
+                break, or more than `MAX_STATIONS`, or the arm is so thin for its length that it
+                takes more than `MAX_INTERVALS` intervals, or they and its tendons are too many.
         """
         panels = panels_of(arm, breaks)
         if isinstance(stations, bool) or not isinstance(stations, (int, np.integer)):
-            raise ConfigError(f'stations is {stations!r}, expected an integer')
+            raise ConfigError(f'stations is {shown(stations)}, expected an integer')
+        if stations > MAX_STATIONS:
+            raise ConfigError(f'stations is {stations}, expected at most {MAX_STATIONS}')
         if stations < len(panels) + 1:
             what = 'every anchorage and load' if breaks else 'every anchorage'
             raise ConfigError(
@@ -109,20 +115,23 @@ class StationGrid:
             )
         counts = _share_intervals([panel.length for panel in panels], int(stations) - 1)
         all_knots = np.array(sorted({*arm.knots, *knots}))
+        most = _most_intervals(arm)
         ends: list[FloatArray] = []
         end_panel: list[int] = []
         stations_s, station_section, station_node = [], [], []
         for number, (panel, count) in enumerate(zip(panels, counts, strict=True)):
             panel_s = np.linspace(panel.start, panel.stop, count + 1)
-            panel_ends = _with_knots(_subdivide(arm, panel_s), panel, all_knots)
+            room = most - len(end_panel)
+            panel_ends = _with_knots(_subdivide(arm, panel_s, room), panel, all_knots)
             # The first panel brings the base, every panel the stations after its start.
             skip = 1 if ends else 0
             stations_s.append(panel_s[skip:])
             station_section += [panel.section] * (count + 1 - skip)
-            nearest = np.abs(panel_ends - panel_s[:, np.newaxis]).argmin(axis=1)
-            station_node.append(len(end_panel) + nearest[skip:])
+            station_node.append(len(end_panel) + np.searchsorted(panel_ends, panel_s)[skip:])
             ends.append(panel_ends)
             end_panel += [number] * panel_ends.size
+        if len(end_panel) > most + 1:
+            raise _too_many_intervals(arm)
         all_ends = np.concatenate(ends)
         middles = 0.5 * (all_ends[:-1] + all_ends[1:])
         node_panel = np.array(end_panel + end_panel[:-1])
@@ -145,25 +154,50 @@ class StationGrid:
 def _share_intervals(lengths: list[float], total: int) -> list[int]:
     """Share ``total`` intervals in proportion to ``lengths``, at least one each.
 
-    Each interval goes to whichever panel has the longest intervals so far.
+    Each interval goes to whichever panel has the longest intervals so far, of several equally
+    long ones to the first, so that arms of one shape have the same stations whatever their size.
     """
-    counts = [1] * len(lengths)
-    for _ in range(total - len(lengths)):
-        longest = max(range(len(lengths)), key=lambda i: lengths[i] / counts[i])
-        counts[longest] += 1
+    # All panels get at least their share of those beyond one each, rounded down.
+    unit = sum(lengths) / max(total - len(lengths), 1)
+    counts = [max(1, int(length / unit * (1.0 - _SAME))) for length in lengths]
+    for _ in range(total - sum(counts)):
+        intervals = [length / count for length, count in zip(lengths, counts, strict=True)]
+        longest = max(intervals) * (1.0 - _SAME)
+        counts[next(i for i, interval in enumerate(intervals) if interval >= longest)] += 1
     return counts
 
 
-def _subdivide(arm: Arm, stations: FloatArray) -> FloatArray:
-    """Ends of the integration intervals between ``stations``, those among them."""
+def _too_many_intervals(arm: Arm) -> ConfigError:
+    return ConfigError(
+        f'this arm takes more than {_most_intervals(arm)} intervals of integration, the most with '
+        f'{len(arm.tendons)} tendons: it is too thin for its length, or has too many stations or '
+        'tabulated points'
+    )
+
+
+def _most_intervals(arm: Arm) -> int:
+    return min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
+
+
+def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
+    """Ends of the integration intervals between ``stations``, those among them.
+
+    Raises:
+        ConfigError: if there are more than ``room``.
+    """
     active = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
     lever = np.hypot(*arm.tendon_offsets(stations)) * (active[:, np.newaxis] >= stations)
     radius = np.maximum(arm.body.radius(stations), lever.max(axis=0))
     smallest_radius = np.minimum(radius[:-1], radius[1:])
     # A little slack, so that the default stations need no cut where the arm is thick.
     longest = np.minimum(1.02 * arm.length / MIN_INTERVALS, STEP_PER_RADIUS * smallest_radius)
-    pieces = np.ceil(np.diff(stations) / longest).astype(np.int64)
-    return np.interp(np.arange(pieces.sum() + 1), np.cumsum([0, *pieces]), stations)
+    with np.errstate(over='ignore'):
+        pieces = np.maximum(np.ceil(np.diff(stations) / longest * (1.0 - _SAME)), 1.0)
+    # Before there is an array of that size.
+    if not pieces.sum() <= room:
+        raise _too_many_intervals(arm)
+    numbers = np.cumsum([0, *pieces.astype(np.int64)])
+    return np.interp(np.arange(numbers[-1] + 1), numbers, stations)
 
 
 def _with_knots(ends: FloatArray, panel: Panel, knots: FloatArray) -> FloatArray:
@@ -172,5 +206,7 @@ def _with_knots(ends: FloatArray, panel: Panel, knots: FloatArray) -> FloatArray
     if not knots.size:
         return ends
     # Not those that are an end already, but for rounding.
-    apart = np.abs(knots[:, np.newaxis] - ends).min(axis=1) > 1e-9 * panel.length
+    after = np.searchsorted(ends, knots)
+    near = np.minimum(np.abs(ends[after] - knots), np.abs(knots - ends[after - 1]))
+    apart = near > _SAME * panel.length
     return np.sort(np.concatenate([ends, knots[apart]]))

@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
 from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product, displacement
 from octo_arm_model.core.rod.grid import StationGrid
@@ -41,12 +42,11 @@ class Pose:
         """Validate, and make the quaternion unit to rounding."""
         for name, size in (('position', 3), ('quaternion', 4)):
             values = getattr(self, name)
-            try:
-                array = np.array(values, dtype=np.float64)
-            except (OverflowError, TypeError, ValueError):
-                array = np.array(np.nan)
-            if array.shape != (size,) or not np.isfinite(array).all():
-                raise ConfigError(f'base.{name} is {values!r}, expected {size} finite numbers')
+            array = real_numbers(values)
+            if array is None or array.shape != (size,) or not np.isfinite(array).all():
+                raise ConfigError(
+                    f'base.{name} is {shown(values)}, expected {size} finite numbers'
+                )
             if name == 'quaternion':
                 norm = float(np.linalg.norm(array))
                 if abs(norm - 1.0) > 1e-3:
@@ -54,7 +54,7 @@ class Pose:
                         f'base.quaternion is {values!r} of length {norm:.6g}, '
                         'expected x, y, z, w of length 1'
                     )
-                array /= norm
+                array = array / norm
             object.__setattr__(self, name, tuple(array.tolist()))
 
 

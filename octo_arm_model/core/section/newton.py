@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -57,7 +58,7 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
         stretch, bend = planar_step(stretch, bend, load, force, *f)
     curvature = bend / energy.radius
     # Not where that turns something inside out after all, or is no number.
-    fails = ~(stretch > np.abs(curvature) * energy.lever_max)
+    fails = ~can_be(energy, stretch, np.abs(curvature))
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
     curvature /= np.maximum(moment, 1e-300)
@@ -66,6 +67,14 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     np.multiply(moment_b, -curvature, out=strain[2])
     strain[3] = stretch
     return strain
+
+
+def can_be(energy: SectionEnergy, stretch: FloatArray, curvature: FloatArray) -> NDArray[np.bool_]:
+    """Where neither fibres nor tendons are turned inside out; nowhere by what is NaN.
+
+    By scaled strain: ``stretch`` and the whole ``curvature`` >= 0, each (batch, nodes).
+    """
+    return stretch > curvature * energy.lever_max
 
 
 def force_scale(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:

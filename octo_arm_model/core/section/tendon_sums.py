@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import TensionError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.vectors import times
 
@@ -113,13 +114,10 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     shape = arm.tension_shape
     if len(shape) == 1:
         tensions = _flatten_rows(arm, tensions)
-    try:
-        array = np.asarray(tensions)
-    except ValueError:  # rows of different length
-        array = np.asarray(None)
-    if array.dtype.kind not in 'fiu' or array.shape[-len(shape) :] != shape:
+    array = real_numbers(tensions)
+    if array is None or array.shape[-len(shape) :] != shape:
         expected = f'(..., {", ".join(str(count) for count in shape)})'
-        if array.dtype.kind not in 'fiu':
+        if array is None:
             raise TensionError(
                 f'tensions must be numbers in rows of equal length, expected shape {expected}'
             )
@@ -127,7 +125,6 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
         if len(shape) == 2:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
         raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
-    array = array.astype(np.float64, copy=False)
     if not _is_fine(array):
         bad = ~((array >= 0.0) & (array < np.inf))
         index = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -138,6 +135,29 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
             f'{float(array[index])!r} N, expected a finite number >= 0'
         )
     return array
+
+
+def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
+    """Return largest tensions, one number or of `Arm.tension_shape`, as (tendons,) [N].
+
+    Raises:
+        TensionError: if they are not such, or one is not finite and > 0.
+    """
+    given = real_numbers(highest)
+    try:
+        limits = np.broadcast_to(np.nan if given is None else given, arm.tension_shape).ravel()
+    except ValueError:
+        given = None
+    if given is None:
+        raise TensionError(
+            f'highest is {shown(highest)}, expected one number or shape {arm.tension_shape}'
+        )
+    for name, value in zip(arm.tendon_names, limits.tolist(), strict=True):
+        if not 0.0 < value < np.inf:
+            raise TensionError(
+                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
+            )
+    return limits
 
 
 def largest_of(tensions: FloatArray) -> float:

@@ -27,8 +27,13 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
 def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
-    """Of the balanced ``state`` of a loaded ``rod``."""
+    """Of the balanced ``state`` of a loaded ``rod``.
+
+    Raises:
+        LoadError: if a load states no tangent stiffness.
+    """
     problem, parameters = rod.equilibrium, rod.parameters
+    problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
     local_tensions = energy.local_tensions(tensions[np.newaxis])
@@ -94,8 +99,11 @@ def papers_derivatives(
     twist: FloatArray,
     frames: Quaternions,
     tensions: FloatArray,
+    batch: int,
 ) -> Sensitivity:
     """Of ``twist`` (4, nodes) and ``frames``, a solution of the paper's model ``solve``.
+
+    ``batch`` of them are solved at once.
 
     Their equations are analytic in the tensions: solved with one of them moved by a small
     imaginary number, the imaginary part is the derivative (Squire and Trapp 1998). No digits are
@@ -104,7 +112,8 @@ def papers_derivatives(
     """
     step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
     moved = tensions + 1j * step * np.eye(tensions.size)
-    by_tension = solve(moved).twist.imag / step
+    parts = [moved[first : first + batch] for first in range(0, len(moved), batch)]
+    by_tension = np.concatenate([solve(part).twist.imag for part in parts], axis=1) / step
     changes = np.zeros((4, tensions.size + 1, twist.shape[1]))
     changes[:, :-1] = by_tension
     changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)

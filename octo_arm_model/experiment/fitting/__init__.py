@@ -1,1 +1,4 @@
-"""Parameters of an arm from measured shapes. Imports recording and core."""
+"""Parameters of an arm from measured midlines, by least squares, with confidence intervals.
+
+May import recording and what is below it.
+"""

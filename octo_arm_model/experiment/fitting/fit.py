@@ -12,14 +12,14 @@ from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, Sol
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.fitting.pairing import first_alignment, residuals, residuals_change
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
-# Residuals count as none below this part of the length: recordings are no better.
+# Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6
 _ROUNDS = 10
 _SETTLED = 1e-2  # of the scale between two rounds
@@ -31,12 +31,12 @@ class Problem:
     """Residuals of all steps, and their derivatives by the unknowns.
 
     Attributes:
-        shapes: what was measured.
-        unknowns: what is fitted.
+        shapes: the measurements.
+        unknowns: the parameters to fit.
         length: of the arm [m].
     """
 
-    def __init__(self, shapes: Sequence[Shape], unknowns: Unknowns) -> None:
+    def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
         """Fit ``unknowns`` to ``shapes``."""
         self.shapes, self.unknowns = tuple(shapes), unknowns
         self.length = unknowns.arm.length
@@ -46,7 +46,7 @@ class Problem:
         self._backbones: dict[int, Backbone] = {}
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:
-        """The model's answer for a ``step`` at ``x``.
+        """Solution for a ``step`` at ``x``.
 
         Raises:
             SolveError: if it has none.
@@ -82,9 +82,9 @@ class Problem:
         return [self.change(x, step) for step in range(len(self.shapes))]
 
     def scale(self, x: FloatArray) -> float:
-        """Scale of the robust loss that the residuals at ``x`` ask for [m]."""
+        """Scale of the robust loss, from the residuals at ``x`` [m]."""
         away = [self.residuals(x, step) for step in range(len(self.shapes))]
-        return robust.scale_of(np.concatenate(away), _FINEST * self.length)
+        return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
 
     def minimise(
         self, x: FloatArray, scale: float, steps: Sequence[int] | None = None
@@ -97,13 +97,13 @@ class Problem:
         """
         chosen = range(len(self.shapes)) if steps is None else steps
         for step in chosen:
-            self.backbone(x, step)  # Said here where there is none, and not as a trial.
+            self.backbone(x, step)  # Without a solution here it is an error, not a rejected trial.
 
         def fun(x: FloatArray) -> FloatArray:
             try:
                 return np.concatenate([self.residuals(x, step) for step in chosen]).ravel()
             except (SolveError, ArmDefinitionError):
-                # No such arm, or no answer: a shorter step is tried.
+                # No such arm or no solution: infinite residuals, so that the step is shortened.
                 return np.full(sum(self.shapes[step].points.size for step in chosen), np.inf)
 
         def jacobian(x: FloatArray) -> FloatArray:
@@ -113,8 +113,8 @@ class Problem:
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
         found = least_squares(
             fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
-            x_scale=[u.scale for u in unknowns], loss=robust.loss, f_scale=scale, ftol=_TOLERANCE,
-            xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
+            x_scale=[u.scale for u in unknowns], loss=robust_loss.loss, f_scale=scale,
+            ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
             raise ConvergenceError(
@@ -123,7 +123,7 @@ class Problem:
         return found.x
 
     def solve(self) -> tuple[FloatArray, float]:
-        """The fit: minimum and scale in turn, until neither moves.
+        """The fit: minimum and scale alternately, until both settle.
 
         Returns:
             x and the scale of the robust loss [m].
@@ -147,7 +147,9 @@ class Problem:
         return x, scale
 
 
-def fit_alignment(shapes: Sequence[Shape], parameters: Mapping[str, Any], model: str) -> Alignment:
+def fit_alignment(
+    shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
+) -> Alignment:
     """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
 
     Raises:

@@ -1,7 +1,7 @@
-"""Parameters of the arm from measured shapes: fitted, held back, fitted again.
+"""Parameters of the arm from measured shapes: fits to all steps, and to all but some.
 
-**Estimates** are the least robust sum of squares (`fit`, `robust`); `trust` says how far they are
-to be trusted.
+Estimates minimise a robust sum of squares (`fit`, `robust_loss`); `uncertainty` has their
+intervals and correlations.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from octo_arm_model.experiment.fitting.uncertainty import (
 )
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
-from octo_arm_model.experiment.recording.mean_midlines import Shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 
-# So many fits at most: of more steps several are left out at once.
+# Fits at most: of more steps several are left out together.
 _MOST_FOLDS = 20
-# Misfits so many times what noise explains are not noise.
+# A misfit above so many times that of noise is not explained by noise.
 _BIASED = 2.0
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far model and measurement are apart.
+    """Distance of model and measurement.
 
     Attributes:
         rms: root mean square distance of paired points [m].
@@ -54,8 +54,9 @@ class Identification:
         model: its name.
         estimates: by name.
         correlations: of the estimates, (n, n), in their order; None where undetermined.
-        undetermined: what the data leave open, in words; if anything, there are no estimates.
-        notes: what else there is to know, in words.
+        undetermined: directions that the data do not determine, in words; if there is one, there
+            are no estimates.
+        notes: remarks, in words.
         before: misfit of the parameters the fit began with.
         after: misfit of the fit, on the data it was fitted to; None where undetermined.
         cross_validation: misfit of steps on which the model was not fitted; None of fewer than
@@ -79,12 +80,12 @@ class Identification:
 
     @property
     def is_trustworthy(self) -> bool:
-        """Whether the data determine everything that was asked for."""
+        """Whether the data determine all parameters to fit."""
         return not self.undetermined
 
 
 def identify(
-    shapes: Sequence[Shape],
+    shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
     fits: Sequence[str] = ('youngs_modulus',),
@@ -98,9 +99,9 @@ def identify(
         parameters: what is not fitted, and where the fit begins.
         model: name of the model.
         fits: of `unknowns.FITS`.
-        alignment: transform camera to base, or where its fit begins; None for a camera in
-            base_frame, or where it is fitted for the best there is before anything else is.
-        progress: is told how many fits of how many are done.
+        alignment: transform camera to base, or the start of its fit; None for the identity, or,
+            where it is fitted, for a fit of the alignment alone as the start.
+        progress: called with the numbers of fits done and of all fits.
 
     Raises:
         ConfigError: if the model has no derivative by what is to be fitted.
@@ -115,7 +116,7 @@ def identify(
     unknowns = Unknowns(parameters, model, fits, tensions, alignment)
     problem = Problem(shapes, unknowns)
     before = _misfit(problem, unknowns.start)
-    # Where something is open the way downhill is long and leads nowhere.
+    # Checked before: with an undetermined direction the minimisation does not converge.
     jacobian = problem.jacobian(unknowns.start)
     open_ends = undetermined_by(np.concatenate(jacobian), unknowns)
     folds = _folds(len(shapes))
@@ -163,7 +164,7 @@ def identify(
 
 
 def _folds(count: int) -> list[list[int]]:
-    """Steps to be left out together."""
+    """Groups of steps to be left out together."""
     number = min(count, _MOST_FOLDS)
     return [list(range(first, count, number)) for first in range(number)]
 
@@ -171,7 +172,7 @@ def _folds(count: int) -> list[list[int]]:
 def _needed(
     jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]], unknowns: Unknowns
 ) -> str:
-    """What cannot be left out, so that there are no intervals; '' where everything can."""
+    """Why there are no intervals: a step that cannot be left out; '' if each can."""
     for fold in folds:
         others = [part for step, part in enumerate(jacobian) if step not in fold]
         if not others:
@@ -205,7 +206,7 @@ def _together(misfits: Sequence[Misfit], folds: Sequence[Sequence[int]]) -> Misf
 
 
 def _notes(problem: Problem, fits: Sequence[str], folds: int, after: Misfit) -> list[str]:
-    """What else is to be known of a fit."""
+    """Remarks on a fit."""
     notes = []
     noise = float(np.sqrt(np.mean([shape.noise**2 / shape.frames for shape in problem.shapes])))
     if 0.0 < _BIASED * noise < after.rms:

@@ -1,8 +1,8 @@
-"""Which point of the model a measured point is held against.
+"""Pairs of measured points and points of the model, and their residuals.
 
-Points are paired by their share of the length from where the midline begins to the tip. That
-needs no markers on the arm, and the noise of a midline, which makes it too long all along, leaves
-it unchanged. Where it begins is where the model is nearest to its first point.
+Points are paired by their fraction of the length from the beginning of the measured midline to the
+tip. That needs no markers on the arm, and noise, which lengthens a midline evenly, does not change
+it. The midline begins at the point of the model nearest to its first point.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting import robust_loss as robust
+from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.recording.alignment import Alignment, align
 from octo_arm_model.experiment.recording.curves import along, along_change, place_change
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
@@ -28,7 +28,7 @@ def _fractions(count: int, start: float) -> tuple[FloatArray, FloatArray]:
 
 
 def residuals(measured: FloatArray, model: FloatArray) -> FloatArray:
-    """Points ``measured`` (m, 3) less those of ``model`` (n, 3) they are held against [m]."""
+    """Points ``measured`` (m, 3) less those of ``model`` (n, 3) they are paired with [m]."""
     fraction, _ = _fractions(len(measured), fraction_at_start(measured, model))
     return measured - along(model, fraction)
 
@@ -47,7 +47,7 @@ def residuals_change(
 def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]) -> Alignment:
     """Alignment of ``midlines`` (m, 3), in the camera's frame, with ``models`` (n, 3), roughly.
 
-    As if all midlines began at the base. Outliers are given less weight round by round.
+    As if all midlines began at the base. Iteratively reweighted, so that outliers count less.
 
     Raises:
         MeasurementError: if there are fewer than three points.
@@ -65,5 +65,7 @@ def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]
     alignment = align(camera, base)
     for _ in range(_ROUNDS):
         away = alignment.to_base(camera) - base
-        alignment = align(camera, base, robust.weights(away, robust.scale_of(away, finest)))
+        alignment = align(
+            camera, base, robust_loss.weights(away, robust_loss.scale_of(away, finest))
+        )
     return alignment

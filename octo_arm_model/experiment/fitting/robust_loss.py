@@ -1,8 +1,8 @@
-"""A loss that outliers do not pull: SciPy's soft_l1, of distances instead of coordinates.
+"""A loss that bounds the influence of outliers: soft_l1 of distances instead of coordinates.
 
-With the distance d of a point and the scale c, rho = 2 c^2 (sqrt(1 + (d / c)^2) - 1): the square
-of small distances, but proportional to large ones. Of distances, the fit does not depend on where
-the axes lie.
+With the distance d of a point and the scale c, rho = 2 c^2 (sqrt(1 + (d / c)^2) - 1): quadratic
+in small distances and linear in large ones. As a function of distances it does not depend on the
+directions of the axes.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def move_tendons(
     """
     new = dict(values)
     if not values.get('tendons.table_s'):
-        # Straight lines in s; beyond their anchorages they do not matter.
+        # Linear in s; beyond their anchorages they have no effect.
         s = (0.0, arm.length)
         sections = [section for section in arm.sections if isinstance(section, Section)]
         offsets = [section.offset(s) for section in sections for _ in section.angles]

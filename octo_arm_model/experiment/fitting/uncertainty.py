@@ -1,15 +1,15 @@
-"""How far the numbers of a fit are to be trusted.
+"""Confidence intervals, correlations and undetermined directions of a fit.
 
-**Intervals** come from leaving out one step at a time: the delete-one jackknife, in the words of
-econometrics the cluster-robust variance CV3 (MacKinnon, Nielsen and Webb 2023), with Student's t.
+**Intervals** come from leaving out one step at a time: the delete-one jackknife, which is the
+cluster-robust variance CV3 of econometrics (MacKinnon, Nielsen and Webb 2023), with Student's t.
 Its degrees of freedom are one less than the effective number of steps (Carter, Schnepel and
-Steigerwald 2017): those that say little of a parameter hardly count. Nothing is assumed of what is
-inside a step: errors along a midline hang together, and those of a tension or of the model are
-shared by all of its frames, so formulas that count points or frames promise too much. Steps are
-taken to be independent.
+Steigerwald 2017): steps with little influence on a parameter hardly count. Nothing is assumed of
+the errors within a step: they are correlated along a midline, and those of a tension or of the
+model are shared by all frames, so formulas that count points or frames give too narrow intervals.
+Steps are assumed to be independent.
 
-**Correlations** are those of the parameters in the sum of squares itself: what the experiment
-cannot tell apart however often it is repeated.
+**Correlations** are those of the parameters in the sum of squares itself; repeating the experiment
+does not lower them.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns import Unknown, Unknowns
 
 _CONFIDENCE = 0.95
-_STRONG = 0.95  # correlations from here on are pointed out
-# Directions in which the residuals move by less than this part of that of the others.
+_STRONG = 0.95  # correlations above this are reported
+# Singular values of the Jacobian below this part of the largest count as zero.
 _SINGULAR = 1e-4
-# An unknown without effect: moved by its `scale`, it moves no point by this part of the length.
+# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
 _NO_EFFECT = 1e-6
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the data say of one parameter.
+    """Estimate of one parameter.
 
     Attributes:
         value: in ``unit``; None where the data do not determine it.
-        stddev: its standard deviation; None where nothing tells.
+        stddev: its standard deviation; None where there is no other step to confirm it.
         interval95: its 95 % confidence interval; None likewise.
         unit: of all of these.
     """
@@ -52,7 +52,7 @@ class Estimate:
 def estimates_of(
     unknowns: Unknowns, x: FloatArray, found: FloatArray, freedom: FloatArray
 ) -> dict[str, Estimate]:
-    """Estimates ``x`` with what the fits ``found`` (folds, n) without some steps say of them."""
+    """Estimates ``x`` with intervals from the fits ``found`` (folds, n) without some steps."""
     count = len(found)
     if count < 2:
         return {
@@ -88,14 +88,14 @@ def freedom_of(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -
     inverse = np.linalg.pinv(np.concatenate(parts))
     ends = np.cumsum([len(part) for part in parts])[:-1]
     of_step = np.array([(part**2).sum(axis=1) for part in np.split(inverse, ends, axis=1)])
-    # What each fold would add to the variance, were all residuals alike and independent.
+    # Contribution of each fold to the variance for independent residuals of one variance.
     share = np.array([of_step[list(fold)].sum(axis=0) for fold in folds])
     variation = share.var(axis=0) / share.mean(axis=0) ** 2
     return np.maximum(len(folds) / (1.0 + variation) - 1.0, 1.0)
 
 
 def undetermined_by(jacobian: FloatArray, unknowns: Unknowns) -> tuple[str, ...]:
-    """Directions of x in which no residual moves, in words, from derivatives (points, 3, n)."""
+    """Directions of x that change no residual, in words, from derivatives (points, 3, n)."""
     scales = np.array([unknown.scale for unknown in unknowns.unknowns])
     moves = np.linalg.norm(jacobian * scales, axis=1)
     names = np.array(unknowns.names)
@@ -119,7 +119,7 @@ def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _told(unknowns: Sequence[Unknown], move: FloatArray, scales: FloatArray) -> str:
-    """A direction of x in words, but for what hardly moves in it."""
+    """A direction of x in words, without its small components."""
     share = np.abs(move / scales)
     largest = np.abs(move[share > 0.01 * share.max()]).max()
     words = []
@@ -141,7 +141,7 @@ def correlations_of(jacobian: FloatArray) -> FloatArray:
 
 
 def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
-    """Pairs that the data hardly tell apart; place and turn of a camera always hang together."""
+    """Pairs of strong correlation, but for those within the alignment, which always correlate."""
     names = unknowns.names
     alignment = range(*unknowns.alignment_columns.indices(len(names)))
     return [
@@ -154,7 +154,7 @@ def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
 
 
 def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
-    """Unknowns that are at an end of their range."""
+    """Remarks on unknowns at an end of their range."""
     return [
         f'{unknown.name} is at the end of its range, where its interval is not to be relied on'
         for unknown, at in zip(unknowns.unknowns, x, strict=True)

@@ -1,7 +1,7 @@
-"""What can be fitted, and how the shape answers to it.
+"""The unknowns of a fit, and the derivatives of the shape by them.
 
-The solver of a fit works on a vector x with one number for each unknown: moduli and scales as the
-logarithm of their change, so that they stay positive, everything else as it is.
+They form a vector x: of moduli and scales the logarithm of their ratio to the start, so that they
+stay positive, of all others the value itself.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'tu
 _OFFSET = 'tendon_offset.'
 _EXACT_ONLY = ('poisson_ratio', 'tendon_offsets')
 _EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
-# Stations are joined by straight lines, so there are enough for these to be as good as the curve.
+# Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
-_FARTHEST = 10.0  # that logarithms go either way
-_PULLED = 1e-2  # of the highest tension: below this a tendon counts as slack
+_FARTHEST = 10.0  # bound of logarithms
+_PULLED = 1e-2  # of the highest tension: tendons below it count as slack
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Unknown:
     """One number to fit.
 
     Attributes:
-        name: what it is.
+        name: of the parameter.
         unit: its unit.
-        start: its component of x to begin with.
-        scale: a change of x that would be large for it.
+        start: initial value of x.
+        scale: a large change of x.
         low: least value of x.
         high: largest value of x.
         reference: value where x is 0, for one whose logarithm x is; None for others.
@@ -67,14 +67,14 @@ class Unknown:
 
 
 class Unknowns:
-    """What is fitted of one model, as a vector.
+    """The unknowns of one model, as a vector.
 
     Attributes:
         model: its name.
-        arm: what the fit begins with.
-        unknowns: its components.
+        arm: the initial arm.
+        unknowns: the components of the vector.
         names: their names.
-        start: where the fit begins.
+        start: the initial vector.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Unknowns:
     ) -> None:
         """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
 
-        ``tensions`` (steps, tendons) tell which tendons are pulled at all.
+        ``tensions`` (steps, tendons) [N] show which tendons are pulled.
 
         Raises:
             ConfigError: if the model has no derivative by one of them.
@@ -160,7 +160,7 @@ class Unknowns:
         return Alignment(x[first + 3 : first + 6].copy(), x[first : first + 3].copy())
 
     def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
-        """What pulls (tendons,) [N] where sensors ``read`` so; slack tendons have no offset."""
+        """Tensions (tendons,) [N] for readings ``read``; slack tendons have no offset."""
         scale, offset = self._get(x, 'tension_scale', 1.0), self._get(x, 'tension_offset', 0.0)
         return np.maximum(scale * read + offset * (read > self._slack), 0.0)
 
@@ -220,6 +220,6 @@ class Unknowns:
 
     @property
     def alignment_columns(self) -> slice:
-        """Which of x are the alignment."""
+        """Components of x that are the alignment."""
         first = self.names.index(_ALIGNMENT[0]) if _ALIGNMENT[0] in self.names else len(self.names)
         return slice(first, first + 6)

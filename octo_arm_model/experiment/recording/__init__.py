@@ -1,1 +1,4 @@
-"""From a bag to the steady shapes of an experiment. Imports bags and core."""
+"""From a bag to one mean midline for each steady step of the tensions.
+
+May import bags and what is below it; not fitting.
+"""

@@ -1,4 +1,4 @@
-"""Where the camera is: the rigid motion from its frame to base_frame."""
+"""Pose of the camera: the rigid motion from its frame to base_frame."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.vectors import skew
 from octo_arm_model.core.rod.kinematics import Pose
 
-# Extents of a cloud of points, relative to the largest, below which they count as none: its noise
-# is up to a few per cent of the arm.
+# Singular values of centred points below this part of the largest count as zero: noise is up to a
+# few per cent of the length.
 _FLAT = 0.03
 
 
@@ -63,11 +63,11 @@ class Alignment:
         turned = points @ self.rotation.T
         change = np.zeros((*points.shape, 6))
         change[..., :3] = np.eye(3)
-        # (3, 3, ...): how far a small turn carries each point, then how the vector turns.
-        carried = -skew(np.moveaxis(turned, -1, 0).reshape(3, -1)).reshape(
+        # (3, 3, ...): displacement by a small rotation, then that rotation by the rotation vector.
+        by_rotation = -skew(np.moveaxis(turned, -1, 0).reshape(3, -1)).reshape(
             3, 3, *points.shape[:-1]
         )
-        change[..., 3:] = np.moveaxis(carried, (0, 1), (-2, -1)) @ left_jacobian(self.turn)
+        change[..., 3:] = np.moveaxis(by_rotation, (0, 1), (-2, -1)) @ left_jacobian(self.turn)
         return change
 
     def as_dict(self) -> dict[str, list[float]]:
@@ -76,7 +76,7 @@ class Alignment:
 
 
 def left_jacobian(turn: FloatArray) -> FloatArray:
-    """Small rotation after it, per change of a rotation vector (Barfoot 2017, 7.1.3), (3, 3)."""
+    """Small rotation after it per change of a rotation vector (Barfoot 2017, 7.1.3), (3, 3)."""
     angle = float(np.linalg.norm(turn))
     cross = skew(turn[:, np.newaxis])[:, :, 0]
     if angle < 1e-4:
@@ -89,8 +89,8 @@ def left_jacobian(turn: FloatArray) -> FloatArray:
 def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
     """The rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
-    In the least squares sense, each with its ``weight`` (Kabsch 1976). Of points on a line the
-    rotation about it is undetermined and that nearest to none is not sought: ask `undetermined`.
+    In the least squares sense, each with its ``weight`` (Kabsch 1976). For points on a line
+    the rotation about it is undetermined and arbitrary; see `undetermined`.
     """
     weight = np.broadcast_to(np.asarray(weight, dtype=np.float64), (len(camera),))
     share = (weight / weight.sum())[:, np.newaxis]
@@ -105,7 +105,7 @@ def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alig
 
 
 def undetermined(points: FloatArray) -> tuple[str, ...]:
-    """What ``points`` (n, 3) leave open of a fitted alignment, in words."""
+    """What ``points`` (n, 3) do not determine of a fitted alignment, in words."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0.0:
         return ('all measured points are one: the alignment has no rotation',)

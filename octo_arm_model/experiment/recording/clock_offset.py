@@ -1,4 +1,4 @@
-"""How far the camera's clock is off, from the motion both it and the tensions have seen."""
+"""Offset of the camera's clock, from the motion of the tip and the tensions."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from octo_arm_model.core.solver import Solver
 RANGE = 2.0  # [s] searched either way
 _STEP = 0.01  # [s]
 _STATIONS = 31
-# Tensions solved and frames looked at, at most.
+# Tensions solved, and frames used, at most.
 _SAMPLES = 5000
-# What the best offset leaves unexplained, over what the middling one does.
+# Residual of the best offset over the median of all: above this no offset is clear.
 _CLEAR = 0.5
-_KEPT = 0.9  # share of the frames: the worst may be outliers
+_KEPT = 0.9  # fraction of the frames: the worst may be outliers
 
 
 def clock_offset(
@@ -27,16 +27,15 @@ def clock_offset(
     frame_time: FloatArray,
     tips: FloatArray,
 ) -> float | None:
-    """Seconds to add to ``frame_time`` (f,), so that ``tips`` (f, 3) move when they should.
+    """Seconds to add to ``frame_time`` (f,) so that ``tips`` (f, 3) agree with the tensions.
 
-    For each offset up to `RANGE` the tips are explained as an affine function of those of the
-    model closed_form under ``tensions`` (n, tendons) at ``tension_time`` (n,); what leaves least
-    unexplained is the best. An affine function takes care of the camera's place and of most of
-    what the model has wrong, and no offset can be had from an arm at rest. The lag of the arm
-    behind its tensions counts as one of the clock.
+    For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
+    ``tensions`` (n, tendons) at ``tension_time`` (n,), is fitted to the tips; the offset of least
+    residual is taken. The affine function absorbs the pose of the camera and most of the model's
+    error. The lag of the arm behind its tensions counts as an offset of the clock.
 
     Returns:
-        The offset; None where the motion does not clearly tell one.
+        The offset; None where no minimum is clear, as for an arm at rest.
     """
     some = np.linspace(0, len(tensions) - 1, min(len(tensions), _SAMPLES)).astype(int)
     solver = Solver(arm, 'closed_form', max(_STATIONS, len(arm.sections) + 2), Pose())
@@ -48,7 +47,7 @@ def clock_offset(
     times, tips = frame_time[seen], tips[seen]
     offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
     left = np.array([
-        _unexplained(times + offset, tips, tension_time[some], expected) for offset in offsets
+        _residual(times + offset, tips, tension_time[some], expected) for offset in offsets
     ])  # fmt: skip
     best = int(left.argmin())
     if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
@@ -56,10 +55,10 @@ def clock_offset(
     return round(float(offsets[best]), 3)
 
 
-def _unexplained(
+def _residual(
     times: FloatArray, tips: FloatArray, tension_time: FloatArray, expected: FloatArray
 ) -> float:
-    """Mean square of what is left of ``tips`` at ``times``, the worst frames aside [m^2]."""
+    """Mean squared residual of ``tips`` at ``times``, without the worst frames [m^2]."""
     columns = [np.ones(len(times))]
     columns += [np.interp(times, tension_time, column) for column in expected.T]
     regressors = np.stack(columns, axis=1)

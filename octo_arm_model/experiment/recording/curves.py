@@ -1,4 +1,7 @@
-"""Curves given by points, measured or modelled: lengths, places along them, distances."""
+"""Curves given by points: lengths, points at fractions of the length, distances.
+
+A segment is the straight line between two neighbouring points.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ _REPEATED = 1e-9  # of the length: points nearer together are one
 
 def lengths_along(points: FloatArray) -> FloatArray:
     """Length along ``points`` (..., n, 3) up to each of them [m], (..., n)."""
-    pieces = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
-    return np.concatenate([np.zeros((*pieces.shape[:-1], 1)), np.cumsum(pieces, -1)], axis=-1)
+    lengths = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
+    return np.concatenate([np.zeros((*lengths.shape[:-1], 1)), np.cumsum(lengths, -1)], axis=-1)
 
 
 def without_spikes(points: FloatArray) -> FloatArray:
@@ -27,12 +30,12 @@ def without_spikes(points: FloatArray) -> FloatArray:
 def resample(points: FloatArray, fraction: FloatArray) -> FloatArray:
     """Points at each ``fraction`` (m,) of the length along ``points`` (n, 3), (m, 3).
 
-    A single wrong point would lengthen the way to all that follow, so lengths are measured
-    without spikes. Between few points straight lines would cut the bends; Akima's curve does not,
-    and a wrong point bends it only where it is.
+    An outlier would lengthen the curve up to all points after it, so lengths are those without
+    spikes. Akima's interpolation follows bends between few points, and an outlier changes it only
+    nearby.
     """
     length = lengths_along(without_spikes(points))
-    # Points that repeat are no place to interpolate between.
+    # The nodes of an interpolation must differ.
     new = np.append(True, np.diff(length) > _REPEATED * length[-1])
     at = fraction * length[-1]
     if new.sum() < 3:
@@ -42,20 +45,20 @@ def resample(points: FloatArray, fraction: FloatArray) -> FloatArray:
 
 
 def _places(curve: FloatArray, fraction: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Piece each ``fraction`` lies on, how far along it [-], and the lengths up to its start."""
+    """Segment each ``fraction`` lies on, how far along it [-], and the lengths up to its start."""
     length = lengths_along(curve)
     at = fraction * length[-1]
-    piece = np.clip(np.searchsorted(length, at, side='right') - 1, 0, len(curve) - 2)
-    return piece, (at - length[piece]) / (length[piece + 1] - length[piece]), length
+    segment = np.clip(np.searchsorted(length, at, side='right') - 1, 0, len(curve) - 2)
+    return segment, (at - length[segment]) / (length[segment + 1] - length[segment]), length
 
 
 def along(curve: FloatArray, fraction: FloatArray) -> FloatArray:
     """Points at each ``fraction`` (m,) of the length of ``curve`` (n, 3), (m, 3).
 
-    Below 0 and above 1 they lie straight on.
+    Below 0 and above 1 the first and last segments are extended.
     """
-    piece, part, _ = _places(curve, fraction)
-    return curve[piece] + part[:, np.newaxis] * (curve[piece + 1] - curve[piece])
+    segment, part, _ = _places(curve, fraction)
+    return curve[segment] + part[:, np.newaxis] * (curve[segment + 1] - curve[segment])
 
 
 def along_change(
@@ -64,17 +67,17 @@ def along_change(
     """Derivative of `along`, (m, 3, p).
 
     For derivatives ``change`` (n, 3, p) of the points and ``by_fraction`` (m, p) of the
-    fractions. As pieces of the curve grow and shrink, what is at a fraction slides along it.
+    fractions. As segments change in length, a point of constant fraction moves along the curve.
     """
-    piece, part, length = _places(curve, fraction)
+    segment, part, length = _places(curve, fraction)
     chord, by_chord = np.diff(curve, axis=0), np.diff(change, axis=0)
-    pieces, growth = _growth(chord, by_chord)
+    lengths, growth = _growth(chord, by_chord)
     grown = np.concatenate([np.zeros((1, growth.shape[1])), np.cumsum(growth, axis=0)])
-    passed = grown[piece] + part[:, np.newaxis] * growth[piece]
+    passed = grown[segment] + part[:, np.newaxis] * growth[segment]
     slide = fraction[:, np.newaxis] * grown[-1] + length[-1] * by_fraction - passed
-    slide /= pieces[piece][:, np.newaxis]
-    moved = change[piece] + part[:, np.newaxis, np.newaxis] * by_chord[piece]
-    return moved + chord[piece][:, :, np.newaxis] * slide[:, np.newaxis, :]
+    slide /= lengths[segment][:, np.newaxis]
+    moved = change[segment] + part[:, np.newaxis, np.newaxis] * by_chord[segment]
+    return moved + chord[segment][:, :, np.newaxis] * slide[:, np.newaxis, :]
 
 
 def place_change(
@@ -84,20 +87,20 @@ def place_change(
 
     For derivatives ``change`` (n, 3, p) of the curve and ``by_point`` (3, p) of ``point`` (3,).
     """
-    (piece,), (part,), length = _places(curve, np.array([fraction]))
+    (segment,), (part,), length = _places(curve, np.array([fraction]))
     chord, by_chord = np.diff(curve, axis=0), np.diff(change, axis=0)
-    pieces, growth = _growth(chord, by_chord)
-    away, by_away = point - curve[piece], by_point - change[piece]
-    along_chord = away @ by_chord[piece] + chord[piece] @ by_away
-    by_part = along_chord / pieces[piece] ** 2 - 2.0 * part * growth[piece] / pieces[piece]
-    passed = growth[:piece].sum(axis=0) + part * growth[piece] + pieces[piece] * by_part
+    lengths, growth = _growth(chord, by_chord)
+    away, by_away = point - curve[segment], by_point - change[segment]
+    along_chord = away @ by_chord[segment] + chord[segment] @ by_away
+    by_part = along_chord / lengths[segment] ** 2 - 2.0 * part * growth[segment] / lengths[segment]
+    passed = growth[:segment].sum(axis=0) + part * growth[segment] + lengths[segment] * by_part
     return np.asarray((passed - fraction * growth.sum(axis=0)) / length[-1])
 
 
 def _growth(chord: FloatArray, by_chord: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lengths of pieces (n,) and their derivatives (n, p)."""
-    pieces = np.linalg.norm(chord, axis=-1)
-    return pieces, np.einsum('ni,nip->np', chord / pieces[:, np.newaxis], by_chord)
+    """Lengths of segments (n,) and their derivatives (n, p)."""
+    lengths = np.linalg.norm(chord, axis=-1)
+    return lengths, np.einsum('ni,nip->np', chord / lengths[:, np.newaxis], by_chord)
 
 
 def nearest(points: FloatArray, curve: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -111,8 +114,8 @@ def nearest(points: FloatArray, curve: FloatArray) -> tuple[FloatArray, FloatArr
     to_point = points[:, np.newaxis] - start
     part = np.clip((to_point * chord).sum(axis=-1) / squared, 0.0, 1.0)
     away = np.linalg.norm(to_point - part[..., np.newaxis] * chord, axis=-1)
-    piece = away.argmin(axis=1)
+    segment = away.argmin(axis=1)
     row = np.arange(len(points))
     length = lengths_along(curve)
-    at = length[piece] + part[row, piece] * np.diff(length)[piece]
-    return away[row, piece], at / length[-1]
+    at = length[segment] + part[row, segment] * np.diff(length)[segment]
+    return away[row, segment], at / length[-1]

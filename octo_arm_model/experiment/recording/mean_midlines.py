@@ -1,8 +1,8 @@
-"""One shape for each steady step: its tensions and the midline its frames agree on.
+"""One shape for each steady step: its tensions and the mean midline of its frames.
 
 Errors of the model and of a tension are shared by all frames of a step, those of the camera are
-not. So frames are averaged, and what follows counts steps: more frames make a step's midline
-better but no second experiment of it.
+not. So frames are averaged and fits count steps: more frames make a step's midline more accurate,
+but they are no independent observations.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ from octo_arm_model.experiment.recording.curves import resample
 from octo_arm_model.experiment.recording.steady_windows import Window
 
 POINTS = 101  # of a step's midline
-_FINE = 401  # points that the length along it is measured by
+_FINE = 401  # points by which its length is measured
 # A frame so many times as far from the median shape as the median frame is an outlier.
 _OUTLYING = 3.0
 _FLOOR = 1e-6  # [m]: rounding is no outlier
-# Of fewer frames an outlier cannot be told, and the median shape is taken.
+# Of fewer frames no outlier can be told apart: their median is taken.
 _FEW = 5
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What was measured in one steady step.
+class MeasuredShape:
+    """Measured shape of one steady step.
 
     Attributes:
         window: when, and its tensions.
         points: mean midline from base to tip in the camera's frame, evenly along its length
             (`POINTS`, 3), or the tip (1, 3) [m].
         frames: how many frames it is the mean of.
-        outliers: how many were left out.
+        outliers: number of frames left out.
         noise: root mean square distance of a frame from the mean [m]; 0 for one frame.
-        lines: the midlines themselves, as they came, those left out as well.
+        lines: the midlines of all frames, outliers among them.
     """
 
     window: Window
@@ -52,8 +52,8 @@ class Shape:
         return float(self.window.tensions.sum())
 
 
-def mean_shape(window: Window, lines: Sequence[FloatArray]) -> Shape:
-    """Shape that ``lines`` (n, 3), from base to tip, agree on; those of one point are tips."""
+def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
+    """Mean of ``lines`` (n, 3), from base to tip; those of one point are tips."""
     is_tip = len(lines[0]) == 1
     fraction = np.linspace(0.0, 1.0, POINTS)
     stack = np.array([line if is_tip else resample(line, fraction) for line in lines])
@@ -65,12 +65,12 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> Shape:
         kept = away <= _OUTLYING * np.median(away) + _FLOOR
         middle = stack[kept].mean(axis=0)
     if not is_tip:
-        # Noise lengthens a frame, and most where its points are dense; the mean has little.
+        # Spaced anew: noise lengthens frames, most where points are dense, the mean hardly.
         fine = resample(middle, np.linspace(0.0, 1.0, _FINE))
         middle = resample(fine, fraction)
     noise = float(np.sqrt((_distance(stack[kept], middle) ** 2).mean()))
     left_out = int((~kept).sum())
-    return Shape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
+    return MeasuredShape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
 
 
 def _distance(stack: FloatArray, middle: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Measured midlines: which end is the base, and how far the model is from them.
+"""Measured midlines: the end at the base, and distances to the model.
 
 A tip alone is a midline of one point.
 """
@@ -14,19 +14,19 @@ from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.curves import along, lengths_along, nearest
 
-# The tip has moved at least so many times as far as the base.
+# The spread of the tip over that of the base is at least this.
 _MOVES = 3.0
-# Share of the frames within the spread of an end: the rest may be outliers.
+# Fraction of the frames within the spread of an end: the others may be outliers.
 _COUNTED = 0.8
 # Where a midline may begin, in parts of the length of the arm.
 _STARTS = (-0.1, 0.25)
 
 
 class MidlineErrors(NamedTuple):
-    """How far a measured midline is from a modelled one.
+    """Distances between a measured and a modelled midline.
 
     Distances are from each measured point to the nearest of the model's curve; Hausdorff's also
-    the other way, from where on the model the midline begins. Of a tip alone only ``tip`` is.
+    the other way, from the beginning of the midline on. A tip alone has only ``tip``.
 
     Attributes:
         tip: from tip to tip [m].
@@ -59,15 +59,15 @@ def midline_errors(measured: FloatArray, model: FloatArray) -> MidlineErrors:
 def fraction_at_start(measured: FloatArray, model: FloatArray, check: bool = False) -> float:
     """Fraction of the length of ``model`` at which the midline ``measured`` begins [-].
 
-    Negative where it begins before the base, on the straight line the arm is mounted along:
-    cutting it there would turn the noise of the first point into a bias.
+    Negative on the extension of the model before its base: a bound at 0 would turn the noise of
+    the first point into a bias.
 
     Raises:
         MeasurementError: if it is to ``check`` and not near the base.
     """
     if len(measured) == 1:
         return 0.0
-    # Only there, as a coiled arm comes back to its base.
+    # Only the proximal part: a coiled arm may come near its base again.
     low, high = _STARTS
     length = lengths_along(model)
     near = model[(length > 0.0) & (length < high * length[-1])]
@@ -82,13 +82,13 @@ def fraction_at_start(measured: FloatArray, model: FloatArray, check: bool = Fal
 
 
 def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tuple[bool, str]:
-    """Whether ``midlines`` run from tip to base, and why so.
+    """Whether ``midlines`` begin at the tip, and the reason.
 
-    The end that stays where it is while the tensions change is the base. Where neither clearly
-    does, it is the one nearer to ``base``, where that is known in the frame of the midlines.
+    The end that moves less while the tensions change is the base. Where the difference is small,
+    it is the end nearer to ``base``, if that is known in the frame of the midlines.
 
     Raises:
-        MeasurementError: if neither tells.
+        MeasurementError: if neither is clear.
     """
     ends = [np.array([points[end] for points in midlines]) for end in (0, -1)]
     spread = [_spread(end) for end in ends]

@@ -13,7 +13,7 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
-from octo_arm_model.experiment.recording.mean_midlines import Shape, mean_shape
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule, steady_windows
@@ -21,14 +21,14 @@ from octo_arm_model.experiment.recording.steady_windows import SteadyRule, stead
 
 @dataclass(frozen=True)
 class Pairing:
-    """How frames find their tensions.
+    """How frames are paired with tensions.
 
     Attributes:
         steady: what counts as steady.
         tolerance: how far stamps may be off: a frame has a sample of tensions within this time,
             and lies at least that far inside its window [s].
         offset: added to the stamps of frames [s]; None to find it from the motion.
-        base_end: 'first' or 'last' point of the midlines; None to tell from which one stays.
+        base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
     """
 
     steady: SteadyRule = field(default_factory=SteadyRule)
@@ -39,15 +39,15 @@ class Pairing:
 
 @dataclass(frozen=True)
 class Observations:
-    """What a recording says of the arm.
+    """The shapes of a recording.
 
     Attributes:
         shapes: one for each steady step with frames.
         offset: added to the stamps of frames [s].
-        notes: how they were got at, in words.
+        notes: the decisions made, in words.
     """
 
-    shapes: tuple[Shape, ...]
+    shapes: tuple[MeasuredShape, ...]
     offset: float
     notes: tuple[str, ...]
 
@@ -123,7 +123,7 @@ def _offset(
     frames: Sequence[FloatArray],
     notes: list[str],
 ) -> float:
-    """Offset of the camera's clock, given or found."""
+    """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
         return pairing.offset
     tips = np.array([points[-1] for points in frames])

@@ -1,4 +1,4 @@
-"""What was recorded: tensions and, beside them, measured midlines or tips."""
+"""A recording: tensions, and measured midlines or tips."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TIPS = ('geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceSt
 _LENGTHS = (0.02, 2.0)
 
 
-class Skip(NamedTuple):
+class SkippedMessage(NamedTuple):
     """A message that was left out.
 
     Attributes:
@@ -46,7 +46,7 @@ class Recording:
         frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3).
         frame_id: frame they are in.
         skipped: messages left out.
-        notes: what else there is to know.
+        notes: remarks.
     """
 
     parameters: dict[str, Any]
@@ -55,7 +55,7 @@ class Recording:
     frame_time: FloatArray
     frames: tuple[FloatArray, ...]
     frame_id: str
-    skipped: tuple[Skip, ...] = ()
+    skipped: tuple[SkippedMessage, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -77,9 +77,9 @@ def read_recording(
         path: the bag.
         config: parameter file or preset of the arm; None for the arm_description in the bag.
         tensions: topic of the tensions; None for the only one there is.
-        midlines: topic of the midlines or tips; None for the only one, which what the model
-            itself publishes is not.
-        progress: is told how many messages of how many are read.
+        midlines: topic of the midlines or tips; None for the only one that the model itself does
+            not publish.
+        progress: called with the numbers of messages read and of all messages.
 
     Raises:
         BagError: if the bag cannot be read or a topic is missing.
@@ -99,14 +99,15 @@ def read_recording(
         notes: list[str] = []
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
-        skipped: list[Skip] = []
+        notes += reader.notes
+        skipped: list[SkippedMessage] = []
         stamps: list[int] = []
         rows: list[FloatArray] = []
         total = reader.count([topic, measured])
         for done, reading in enumerate(read_tensions(reader, topic, arm)):
             progress(done, total)
             if reading.tensions is None:
-                skipped.append(Skip(topic, reading.stamp_ns, reading.reason))
+                skipped.append(SkippedMessage(topic, reading.stamp_ns, reading.reason))
             else:
                 stamps.append(reading.stamp_ns)
                 rows.append(reading.tensions.ravel())
@@ -141,8 +142,8 @@ def _in_order(
     return np.asarray(1e-9 * (given[order] - origin)), np.asarray(order)
 
 
-def _first(skipped: list[Skip]) -> str:
-    """Why, for an error."""
+def _first(skipped: list[SkippedMessage]) -> str:
+    """The last reason, for an error message."""
     return f'; {len(skipped)} were left out, the last as {skipped[-1].reason}' if skipped else ''
 
 
@@ -157,24 +158,24 @@ class _Frames:
         self.frame_id: str | None = None
         self._reader, self._topic, self._length = reader, topic, length
 
-    def read(self, skipped: list[Skip]) -> Iterator[tuple[int, FloatArray]]:
-        """Stamps [ns] and points; what cannot be used goes to ``skipped``."""
-        from octo_arm_model.bags.reader import stamp_of
+    def read(self, skipped: list[SkippedMessage]) -> Iterator[tuple[int, FloatArray]]:
+        """Stamps [ns] and points; unusable messages are added to ``skipped``."""
+        from octo_arm_model.bags.records import stamp_of
 
         for record in self._reader.messages([self._topic]):
             stamp = record.received_ns
             try:
                 message = self._reader.decode(record)
-                stamp = stamp_of(message, stamp)
+                stamp = stamp_of(message, stamp).ns
                 yield stamp, self._points(message, record.type_name)
             except OctoArmError as error:
-                skipped.append(Skip(self._topic, stamp, str(error)))
+                skipped.append(SkippedMessage(self._topic, stamp, str(error)))
 
     def _points(self, message: Any, type_name: str) -> FloatArray:
         """Points of a message, checked.
 
         Raises:
-            MeasurementError: if they are none of this arm.
+            MeasurementError: if they cannot be points of this arm.
         """
         frame = str(message.header.frame_id)
         if self.frame_id is None:
@@ -191,7 +192,7 @@ class _Frames:
                 f'point {number + 1} is {points[number].tolist()}, expected finite numbers'
             )
         if type_name in MIDLINES:
-            # From end to end and around: noise and spikes do not count.
+            # The diagonal of the bounding box, to which noise adds little.
             size = float(np.linalg.norm(np.ptp(points, axis=0)))
             low, high = (factor * self._length for factor in _LENGTHS)
             if not low <= size <= high:
@@ -202,7 +203,7 @@ class _Frames:
         return points
 
 
-# How the positions are found in each type.
+# The positions in a message, by type.
 _MEASURED: dict[str, Callable[[Any], list[Any]]] = {
     'nav_msgs/msg/Path': lambda message: [pose.pose.position for pose in message.poses],
     'geometry_msgs/msg/PoseArray': lambda message: [pose.position for pose in message.poses],

@@ -1,4 +1,4 @@
-"""Steady windows: where the tensions stay what they are, so that the arm has come to rest."""
+"""Steady windows: intervals of constant tensions, in which the arm has come to rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 
-# By default the tolerance is such a part of the highest tension, and so many times the noise.
+# The default tolerance: this part of the highest tension, or so many times the noise.
 _PART = 0.02
 _TIMES_NOISE = 4.0
 # Of normal noise the standard deviation is so many times the median of the absolute values.
@@ -19,12 +19,12 @@ _FIRST_BLOCK = 64
 
 @dataclass(frozen=True)
 class SteadyRule:
-    """What counts as steady.
+    """Rule by which tensions are steady.
 
     While no tension leaves a band of twice the ``tolerance`` and no gap between samples is longer
     than ``duration`` it is one window. Neighbours whose means agree within the tolerance are one,
     if less than ``duration`` lies between. A window begins and ends within half the tolerance of
-    its median, so that the ways to and from it do not count, and must last ``duration``; its first
+    its median, which excludes the ramps before and after it, and must last ``duration``; its first
     ``settle`` seconds do not count either: the arm is still coming to rest.
 
     Attributes:
@@ -60,7 +60,7 @@ class SteadyRule:
 
 @dataclass(frozen=True)
 class Window:
-    """A steady stretch of a recording, without its settling time.
+    """An interval of a recording with steady tensions, without its settling time.
 
     Attributes:
         start: when it begins [s].
@@ -81,32 +81,32 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
         return []
     band = 2.0 * rule.tolerance_for(tensions)
     gap = max(rule.duration, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
-    spans: list[tuple[int, int]] = []
+    ranges: list[tuple[int, int]] = []
     first = 0
     while first < len(time):
         stop = _end_of_band(time, tensions, first, band, gap)
         if time[stop - 1] - time[first] >= rule.duration:
-            if spans and _is_one(time, tensions, spans[-1], (first, stop), 0.5 * band, rule):
-                spans[-1] = (spans[-1][0], stop)
+            if ranges and _is_one(time, tensions, ranges[-1], (first, stop), 0.5 * band, rule):
+                ranges[-1] = (ranges[-1][0], stop)
             else:
-                spans.append((first, stop))
+                ranges.append((first, stop))
         first = stop
-    windows = [_window(time, tensions, span, band, rule) for span in spans]
+    windows = [_window(time, tensions, samples, band, rule) for samples in ranges]
     return [window for window in windows if window is not None]
 
 
 def _window(
-    time: FloatArray, tensions: FloatArray, span: tuple[int, int], band: float, rule: SteadyRule
+    time: FloatArray, tensions: FloatArray, samples: tuple[int, int], band: float, rule: SteadyRule
 ) -> Window | None:
-    """Window of samples ``span``, without the ways to and from it; None where it is too short."""
-    inside = np.arange(*span)
+    """Window of the range ``samples``, without the ramps at its ends; None if it is too short."""
+    inside = np.arange(*samples)
     away = np.abs(tensions[inside] - np.median(tensions[inside], axis=0)).max(axis=1)
     near = inside[away <= 0.25 * band]
     if near.size:
-        kept = slice(near[0] - span[0], near[-1] + 1 - span[0])
+        kept = slice(near[0] - samples[0], near[-1] + 1 - samples[0])
         inside, away = inside[kept], away[kept]
     settled = time[inside] >= time[inside[0]] + rule.settle
-    # Not what lies between two windows that were made one.
+    # Without the glitch between two windows that were joined.
     taken = inside[settled & (away <= band)]
     if time[inside[-1]] - time[inside[0]] < rule.duration or not taken.size:
         return None
@@ -142,8 +142,8 @@ def _is_one(
     tolerance: float,
     rule: SteadyRule,
 ) -> bool:
-    """Whether two windows are one step, parted by a glitch."""
+    """Whether two windows are one step, separated by a glitch."""
     if time[other[0]] - time[one[1] - 1] >= rule.duration:
         return False
-    means = [tensions[slice(*span)].mean(axis=0) for span in (one, other)]
+    means = [tensions[slice(*samples)].mean(axis=0) for samples in (one, other)]
     return bool((np.abs(means[0] - means[1]) <= tolerance).all())

@@ -1,1 +1,4 @@
-"""What the paper's text claims, and what each model says to it. Imports cases."""
+"""Claims of the paper's text, and whether the numbers of each model agree with them.
+
+May import `reproduce.cases` and the rooms below reproduce; not the page.
+"""

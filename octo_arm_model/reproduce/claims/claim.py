@@ -1,4 +1,4 @@
-"""A claim of the paper's text, and what each model says to it."""
+"""A claim of the paper's text, and the numbers of each model on it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 @dataclass(frozen=True)
 class Finding:
-    """What a model says to a claim.
+    """The numbers of a model on a claim.
 
     Attributes:
-        value: the numbers, for people.
-        holds: whether they are what the paper claims; None where that cannot be told.
+        value: the numbers, as text.
+        holds: whether they agree with the claim; None where that cannot be judged.
     """
 
     value: str
@@ -28,9 +28,9 @@ class Claim:
     Attributes:
         says: the paper's words.
         where: where in the paper they are.
-        check: what was computed, and when the claim holds; or why nothing could be.
-        findings: by model; empty where nothing could be computed.
-        is_of_machine: whether the numbers are of the machine they were made on.
+        check: what was computed, and when the claim holds; or why it cannot be checked.
+        findings: by model; empty where it cannot be checked.
+        is_of_machine: whether the numbers depend on the machine, as times do.
     """
 
     says: str
@@ -41,19 +41,19 @@ class Claim:
 
     @property
     def fails(self) -> bool:
-        """Whether the paper's own model contradicts it; never for what is the machine's."""
+        """Whether the paper's own model contradicts it; false for what depends on the machine."""
         finding = self.findings.get(DEFAULT_MODEL)
         return finding is not None and finding.holds is False and not self.is_of_machine
 
 
 def count(claims: Sequence[Claim], model: str) -> tuple[int, int]:
-    """How many claims hold for ``model``, and how many of them could be told."""
+    """How many claims hold for ``model``, and how many could be judged."""
     verdicts = [claim.findings[model].holds for claim in claims if model in claim.findings]
     return verdicts.count(True), len(verdicts) - verdicts.count(None)
 
 
 def of_models(judge: Callable[[str], Finding]) -> dict[str, Finding]:
-    """What every model says, by model."""
+    """Findings of all models, by model."""
     return {model: judge(model) for model in MODELS}
 
 

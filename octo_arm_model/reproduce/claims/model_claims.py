@@ -20,7 +20,7 @@ from octo_arm_model.core.solver import MODELS, Solver
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, of_models
 
-_STIRRED = 0.05  # of E, lower
+_SOFTER = 0.05  # of E
 _LOOP = 0.01  # [s]
 _REPEATS = 200
 
@@ -33,7 +33,7 @@ def in_space() -> Claim:
         out = cases.out_of_plane(shape) / shape.s[-1]
         return Finding(
             f'{100 * out:.0f} % of L off the best plane, twist of '
-            f'{below(abs(cases.twist(shape)), 2)}°',
+            f'{below(abs(cases.tip_rotation(shape)), 2)}°',
             out > 0.01,
         )
 
@@ -52,11 +52,11 @@ def weight() -> Claim:
     """Section 4."""
     config = cases.config('prototype')
     tensions = cases.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
-    # Across the plane of motion, which the camera looked down on.
+    # Normal to the plane of motion; the camera looked down on it.
     loads = Loads(gravity=(0.0, 0.0, -9.81))
 
     def sag(difference: float) -> float:
-        # In water what weighs is the difference of the densities.
+        # In water: weight less buoyancy, by the difference of the densities.
         arm = config.arm.with_density(difference)
         loaded = Solver(arm, 'exact', base=config.base, loads=loads).solve(tensions)
         free = Solver(arm, 'exact', base=config.base).solve(tensions)
@@ -133,7 +133,7 @@ def errors_grow() -> Claim:
     material = config.arm.material
     assert isinstance(material.youngs_modulus, float)
     softer = dataclasses.replace(
-        material, youngs_modulus=(1.0 - _STIRRED) * material.youngs_modulus
+        material, youngs_modulus=(1.0 - _SOFTER) * material.youngs_modulus
     )
     arm = dataclasses.replace(config.arm, material=softer)
 
@@ -151,7 +151,7 @@ def errors_grow() -> Claim:
         'The error generally is higher on the distal part of the manipulator: a small error on '
         'the base results in a big error on the tip because it is integrated along the arm.',
         'section 5.2',
-        f'The prototype at {PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E {100 * _STIRRED:g} % '
+        f'The prototype at {PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E {100 * _SOFTER:g} % '
         'lower. Holds if it moves more the further it is from the base.',
         of_models(judge),
     )

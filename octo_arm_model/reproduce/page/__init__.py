@@ -1,1 +1,4 @@
-"""The page of the reproduction and how it is written. Imports claims and figures."""
+"""The blocks of the page of the reproduction, and their HTML.
+
+May import all of reproduce; only `cli` imports it, but for `document`.
+"""

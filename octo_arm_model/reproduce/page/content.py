@@ -1,4 +1,4 @@
-"""The page, block by block. Needs matplotlib."""
+"""The blocks of the page, in the order of the paper. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MISSING = (
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """How many claims hold, for each model, in a sentence."""
+    """A sentence with the number of claims that hold, for each model."""
     told = [(model, *count(claims, model)) for model in MODELS]
     return (
         'Claims that hold, of those that can be judged: '

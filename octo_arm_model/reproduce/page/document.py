@@ -1,4 +1,4 @@
-"""What the page is made of, whatever it is written as."""
+"""The blocks that the page consists of."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
-class Table:
+class DataTable:
     """A table; all columns but the first are numbers.
 
     Attributes:
-        title: what stands above it.
+        title: text above it.
         header: names of the columns.
         rows: cells, as many to a row as the header has.
-        note: what stands below it.
+        note: text below it.
     """
 
     title: str
@@ -56,7 +56,7 @@ class Picture:
         name: the paper's, such as ``Figure 8``.
         caption: what is shown.
         height: of the picture `WIDTH` wide [in].
-        draw: draws it on a matplotlib figure, or a part of one, of that size.
+        draw: draws it on a matplotlib figure of that size.
     """
 
     name: str
@@ -65,11 +65,11 @@ class Picture:
     draw: Callable[[FigureBase], None]
 
 
-Block: TypeAlias = Heading | Paragraph | Table | Picture | Claim
+Block: TypeAlias = Heading | Paragraph | DataTable | Picture | Claim
 
 
 def verdict(holds: bool | None) -> str:
-    """In a word."""
+    """A finding in one word or two."""
     return {True: 'holds', False: 'fails', None: 'not judged'}[holds]
 
 

@@ -15,17 +15,16 @@ from octo_arm_model.reproduce.page.document import (
     TITLE,
     WIDTH,
     Block,
+    DataTable,
     Heading,
     Paragraph,
     Picture,
-    Table,
     typeset,
     verdict,
 )
 from octo_arm_model.reproduce.plotting import STYLE
 
 _CSS = """
-@page { size: A4; margin: 18mm 20mm; }
 html { font: 17px/1.45 'STIX Two Text', 'Times New Roman', Times, serif; color: #111;
   background: #fff; }
 body { max-width: 46rem; margin: 3rem auto; padding: 0 1rem; }
@@ -57,12 +56,20 @@ tr:last-child td { border-bottom: 1px solid #111; }
 .holds { color: #1b6e3c; }
 .fails { color: #b3261e; }
 @media (max-width: 34rem) { .findings { display: block; } .findings dt { margin-top: .3rem; } }
-@media print { html { font-size: 10.5pt; } body { max-width: none; margin: 0; padding: 0; } }
+@media print {
+  @page { size: A4; margin: 18mm 20mm; }
+  html { font-size: 10.5pt; }
+  body { max-width: none; margin: 0; padding: 0; print-color-adjust: exact; }
+  .table { overflow: visible; }
+  table { font-size: 7.5pt; }
+  th, td { padding: .15rem .2rem; }
+  p { orphans: 3; widows: 3; }
+}
 """
 
 
 def as_html(blocks: Iterable[Block]) -> str:
-    """The ``blocks`` as one HTML file, well-formed XML at that."""
+    """The ``blocks`` as one HTML file, which is well-formed XML too."""
     content = '\n'.join(_element(block) for block in blocks)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8"/>\n'
@@ -82,7 +89,7 @@ def _element(block: Block) -> str:
             return f'<h{level}>{_text(text)}</h{level}>'
         case Paragraph(text):
             return f'<p>{_text(text)}</p>'
-        case Table():
+        case DataTable():
             return _table(block)
         case Picture():
             return _figure(block)
@@ -90,7 +97,7 @@ def _element(block: Block) -> str:
             return _claim(block)
 
 
-def _table(table: Table) -> str:
+def _table(table: DataTable) -> str:
     head = ''.join(f'<th>{_text(name)}</th>' for name in table.header)
     rows = '\n'.join(
         '<tr>' + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in table.rows
@@ -117,7 +124,7 @@ def _svg(picture: Picture) -> bytes:
         figure = Figure(figsize=(WIDTH, picture.height))
         picture.draw(figure)
         file = io.BytesIO()
-        # Without the date the same page comes out the same.
+        # Without the date, so that the same figure gives the same file.
         figure.savefig(file, format='svg', metadata={'Date': None})
     return file.getvalue()
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
-from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from octo_arm_msgs.msg import SectionStrains
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -20,11 +20,11 @@ from octo_arm_model.config.config import Config, parse_parameters
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic, read_poses
-from octo_arm_model.ros.messages import tensions_message
-from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
+from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
-from octo_arm_model.wire.tension_messages import tensions_from_joint_state
+from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # What to listen to: shapes, and what else is known of them.
 POSES: dict[str, Any] = {'backbone/poses': PoseArray}
@@ -81,7 +81,7 @@ class ArmClient:
         self._prefix = f'{namespace}/' if namespace else ''
         self.command_topic = node.resolve_topic_name(self._prefix + TOPIC)
         self._namespace = self.command_topic.rpartition('/')[0]
-        self._commands = node.create_publisher(TendonTensions, self._prefix + TOPIC, OUTPUT_QOS)
+        self._commands = CommandPublisher(node, self._prefix + TOPIC)
         description = self._prefix + 'arm_description'
         self._description = Topic(node, String, description, LATCHED_QOS)
         self._health = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
@@ -160,17 +160,22 @@ class ArmClient:
         return time.time() - self.shape.received if self.shape else np.inf
 
     def command(self, tensions: FloatArray) -> None:
-        """Command ``tensions`` [N] of all tendons, in the arm's order."""
+        """Command ``tensions`` [N] of all tendons, in the arm's order.
+
+        Raises:
+            TensionError: if one is none, or beyond its limit; then nothing is commanded.
+        """
         assert self.config is not None
-        stamp = self._node.get_clock().now().to_msg()
-        self._commands.publish(tensions_message(tensions, self.config.arm, stamp, ''))
+        self._commands.publish(tensions, self._node.get_clock().now().to_msg())
 
     def _describe(self, text: str) -> None:
         if text == self._text:
             return
         self._text, self.config = text, None
         self._forget()
-        self.config = Config.from_parameters(parse_parameters(text, 'arm_description'))
+        config = Config.from_parameters(parse_parameters(text, 'arm_description'))
+        self._commands.use(config)
+        self.config = config
 
     def _diagnose(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -184,7 +189,7 @@ class ArmClient:
 
     def _read_tensions(self, message: JointState, arm: Arm) -> None:
         try:
-            self.tensions = tensions_from_joint_state(message, arm).ravel()
+            self.tensions = JOINT_STATE.read(message, arm).ravel()
         except OctoArmError:
             self.tensions = None  # of another arm, whose description is still under way
 

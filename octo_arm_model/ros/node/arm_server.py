@@ -1,7 +1,8 @@
-"""What the node does, for a node of either kind: plain or managed."""
+"""Answers tensions with the shape of the arm, for the plain and the managed node."""
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -11,19 +12,25 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import LoadError, OctoArmError
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.checked_node import WARNING_PERIOD
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import Outbox
 from octo_arm_model.ros.node.diagnostics import Health
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
-from octo_arm_model.ros.node.tension_subscription import INPUT_QOS, TOPICS, Inbox
-from octo_arm_model.wire.tension_template import Stamp
-
-WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
+from octo_arm_model.ros.node.tension_subscription import (
+    TOPICS,
+    LatestSubscription,
+    TensionInput,
+    TensionSubscription,
+)
+from octo_arm_model.ros.qos import check_overrides
+from octo_arm_model.wire.stamp import Stamp
 
 
 class Prepared(NamedTuple):
@@ -48,12 +55,12 @@ class Prepared(NamedTuple):
         """
         config = Config.from_parameters(values)
         solver = config.solver(compiled=None)
-        # Whatever is tabulated at the first solve is tabulated now.
+        # The first solve makes the tables of the arm.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
 
 
-class Engine:
+class ArmServer:
     """Answers tensions on behalf of a node.
 
     ``configure`` loads the arm, ``activate`` starts answering, ``deactivate`` stops and
@@ -66,8 +73,11 @@ class Engine:
         self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
         self._health = Health(node)
-        self._inboxes: list[Inbox] = []
-        self._others: list[tuple[Any, Any]] = []
+        self._health.end('unconfigured')
+        self._warned = -math.inf
+        self._inputs: list[TensionSubscription] = []
+        self._wrenches: LatestSubscription | None = None
+        self._services: list[Any] = []
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
@@ -82,30 +92,39 @@ class Engine:
         """
         self._outbox = Outbox(self._node)
         self._live.begin()
+        self._health.end('inactive')
 
     def activate(self) -> None:
-        """Start answering."""
+        """Start answering.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
         node = self._node
-        self._health.is_active = True
-        self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
-        wrench = node.create_subscription(WrenchStamped, 'tip_wrench', self._on_wrench, INPUT_QOS)
-        self._others = [
-            (wrench, node.destroy_subscription),
-            (node.create_service(Solve, 'solve', self._on_solve), node.destroy_service),
-            (
-                node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
-                node.destroy_service,
-            ),
+        self._inputs = [
+            TensionSubscription(node, topic, self._current_arm, self._answer) for topic in TOPICS
         ]
+        self._health.publishers = {one.topic: one.count_publishers for one in self._inputs}
+        self._health.begin()
+        self._wrenches = LatestSubscription(node, WrenchStamped, 'tip_wrench', self._on_wrench)
+        self._services = [
+            node.create_service(Solve, 'solve', self._on_solve),
+            node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
+        ]
+        check_overrides(node)
 
     def deactivate(self) -> None:
         """Stop answering."""
-        for inbox in self._inboxes:
-            inbox.close(self._node)
-        for entity, destroy in self._others:
-            destroy(entity)
-        self._inboxes, self._others = [], []
-        self._health.is_active = False
+        for subscription in self._inputs:
+            subscription.close()
+        if self._wrenches is not None:
+            self._wrenches.close()
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._inputs, self._wrenches, self._services = [], None, []
+        if self._outbox is not None:
+            self._outbox.pause()
+        self._health.end('inactive')
         self._last = self._tip_wrench = None
 
     def cleanup(self) -> None:
@@ -114,15 +133,17 @@ class Engine:
         if self._outbox is not None:
             self._outbox.close()
         self._outbox = self._prepared = None
+        self._health.end('unconfigured')
 
     def _use(self, prepared: Prepared, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
         assert self._outbox is not None
         config = prepared.config
+        self._check_wrench_of_before(prepared)
         self._prepared, self._last = prepared, None
-        self._health.model = config.model
+        self._health.model, self._health.limits = config.model, config.limits
         self._health.is_compiled = prepared.solver.is_compiled
-        self._outbox.describe(prepared.solver, config.base_frame, config.frame_prefix)
+        self._outbox.describe(prepared.solver, config)
         self._outbox.announce(parameters_as_yaml(prepared.values))
         how = ' (compiled)' if prepared.solver.is_compiled else ''
         self._node.get_logger().info(
@@ -133,40 +154,64 @@ class Engine:
 
     # Messages -----------------------------------------------------------------------------------
 
-    def _answer(self, inbox: Inbox, data: bytes, older: int) -> None:
-        if older:
-            self._health.skipped(older)
+    def _current_arm(self) -> Arm:
+        assert self._prepared is not None  # it subscribes only while configured
+        return self._prepared.config.arm
+
+    def _answer(self, given: TensionInput) -> None:
+        if given.older:
+            self._health.skipped(given.older)
+        if self._wrenches is not None:
+            self._wrenches.answer_latest()
         prepared, outbox = self._prepared, self._outbox
         if prepared is None or outbox is None:
             return
+        if isinstance(given.tensions, OctoArmError):
+            self._refuse(given.topic, given.tensions)
+            return
         try:
-            tensions, stamp = inbox.read(data, prepared.config.arm)
-            if self._health.received(inbox.topic, stamp):
-                self._last = None  # A bag that begins anew: nothing follows from its end.
+            if self._health.received(given.topic, given.stamp):
+                self._last = None  # stamps start over: do not continue from the last shape
             began = time.perf_counter()
-            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
+            backbone = prepared.solver.follow(given.tensions, self._last, self._tip_wrench)
             self._last = backbone
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began
         except OctoArmError as error:
-            self._refuse(inbox.topic, error)
+            self._refuse(given.topic, error)
             return
-        outbox.publish(backbone, covariance, self._stamp(stamp))
+        outbox.publish(backbone, covariance, self._stamp(given.stamp))
         self._health.answered(backbone, duration)
 
-    def _on_wrench(self, message: WrenchStamped) -> None:
+    def _on_wrench(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""
-        prepared = self._prepared
-        if prepared is None:
+        prepared, wrenches = self._prepared, self._wrenches
+        if prepared is None or wrenches is None:
             return
         try:
+            message = wrenches.decode(data)
             wrench = wrench_from_stamped(message, prepared.config.base_frame)
-            if wrench.any() and prepared.solver.model != 'exact':
-                raise LoadError(f'model is {prepared.solver.model!r}, which has no tip wrench')
+            prepared.solver.check_tip_wrench(wrench)
         except OctoArmError as error:
-            self._refuse('tip_wrench', error)
+            self._refuse(wrenches.topic, error)
             return
         self._tip_wrench = wrench if wrench.any() else None
+
+    def _check_wrench_of_before(self, prepared: Prepared) -> None:
+        """Drop the wrench on the tip, with a warning, where it does not go with another arm."""
+        if self._tip_wrench is None or self._prepared is None:
+            return
+        try:
+            prepared.solver.check_tip_wrench(self._tip_wrench)
+            problem = ''
+        except OctoArmError as error:
+            problem = str(error)
+        before, now = self._prepared.config.base_frame, prepared.config.base_frame
+        if now != before:
+            problem = f'it was given in {before!r}, and base_frame is {now!r}'
+        if problem:
+            self._tip_wrench = None
+            self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
         assert self._prepared is not None
@@ -183,9 +228,12 @@ class Engine:
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._health.refused(topic, error)
-        self._node.get_logger().warning(
-            f'{topic} refused: {error}', throttle_duration_sec=WARNING_PERIOD
-        )
+        # The logger's own throttle looks up the calling line, which takes longer than to solve an
+        # arm, so that a flood of refused messages would delay the others.
+        now = time.monotonic()
+        if now > self._warned + WARNING_PERIOD:
+            self._warned = now
+            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
 
     def _stamp(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.node.frames import broadcast, make_broadcaster, transforms
+from octo_arm_model.ros.node.frames import make_broadcaster
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
-from octo_arm_model.ros.node.markers import ArmMarkers
-from octo_arm_model.wire.cdr_templates import BackboneWriter
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.ros.node.markers import MarkerPublisher
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 # Whoever comes late still hears what the arm is.
@@ -49,35 +50,35 @@ class Outbox:
         self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
+        self._drawing = MarkerPublisher(node, self._markers)
         self._transforms = make_broadcaster(node)
         self._writer: BackboneWriter | None = None
-        self._drawing: ArmMarkers | None = None
-        self._is_drawn, self._largest = False, 0.0
+        self._frames: FramesWriter | None = None
         self._solver: Solver | None = None
-        self._frame = self._prefix = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        return self._node.create_publisher(
-            kind,
-            topic,
-            qos,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        return create_publisher(self._node, kind, topic, qos)
 
     def close(self) -> None:
         """Close them."""
+        self._drawing.stop()
         others = (self._lengths, self._description, self._markers, self._transforms)
         for publisher in (*self._publishers, *others):
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
 
-    def describe(self, solver: Solver, frame: str, prefix: str) -> None:
-        """Answers to come are those of ``solver`` in ``frame``."""
-        arm, grid = solver.arm, solver.grid
-        self._frame, self._prefix, self._solver = frame, prefix, solver
+    def pause(self) -> None:
+        """Publish nothing of the answers so far any more."""
+        self._drawing.forget()
+
+    def describe(self, solver: Solver, config: Config) -> None:
+        """Answers to come are those of ``solver``, as ``config`` wants them."""
+        arm, grid, frame = solver.arm, solver.grid, config.base_frame
+        self._solver = solver
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
-        self._drawing = ArmMarkers(arm, grid.s, widen=solver.law.widens)
-        self._is_drawn, self._largest = False, 0.0
+        self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
+        markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
+        self._drawing.describe(markers, config.markers_rate)
 
     def announce(self, description: str) -> None:
         """Publish what the arm is, as a ROS parameter file."""
@@ -94,20 +95,9 @@ class Outbox:
         strains.publish(writer.strains(backbone, *stamp))
         tip.publish(writer.tip_pose(backbone, covariance, *stamp))
         if self._transforms is not None:
-            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-            frames = transforms(backbone, self._solver.arm, self._frame, self._prefix, time)
-            broadcast(self._transforms, frames)
+            assert self._frames is not None
+            self._transforms.publish(self._frames.write(backbone, *stamp))
         if self._lengths.get_subscription_count():
             lengths = self._solver.tendon_lengths(backbone)
             self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
-        if self._markers.get_subscription_count():
-            assert self._drawing is not None
-            # Red is the largest tension ever, so that colours can be compared over time.
-            self._largest = max(self._largest, float(backbone.tensions.max()))
-            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-            drawing = self._drawing.build(backbone, time, self._frame, self._largest or None)
-            if not self._is_drawn:
-                # Nothing of another arm may stay.
-                drawing.markers.insert(0, Marker(action=Marker.DELETEALL))
-                self._is_drawn = True
-            self._markers.publish(drawing)
+        self._drawing.publish(backbone, stamp)

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
+import time
+from collections.abc import Callable
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
-from octo_arm_model.core.errors import OctoArmError, SolveError
+from octo_arm_model.config.config import DiagnosticLimits
+from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.wire.stamp import Stamp
 
+TOPIC = '/diagnostics'
+QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
-# Stamps this far ahead of the node's clock are of another clock [s].
-_AHEAD = 0.1
-
-
-def seconds(stamp: Time | Stamp) -> float:
-    """A stamp in seconds."""
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+# A message may come just before the next of /clock, and one of /clock may be lost.
+_STEPS = 2.0
 
 
 class Health:
@@ -27,28 +30,56 @@ class Health:
     Attributes:
         model: name of the model that solves.
         is_compiled: whether it does so in machine code.
-        is_active: whether the node listens, so that silence means something.
+        limits: what to warn of.
+        publishers: how many publishers there are of each topic that is listened to.
     """
 
     def __init__(self, node: Node) -> None:
         """Report as part of ``node``."""
         self._node = node
         self.model, self.is_compiled = '', False
-        self.is_active = False
+        self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
+        self.publishers: dict[str, Callable[[], int]] = {}
+        self._idle = ''
         self._totals = dict.fromkeys(
-            ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'unstamped'), 0
+            ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'old', 'unstamped'),
+            0,
         )
         self._lately = dict(self._totals)
         self._topics: dict[str, int] = {}
         self._received = 0
+        self._heard = time.monotonic()
         self._newest: float | None = None
-        self._now = 0.0
         self._reason = self._failure = ''
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 5)
+        self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
+        self._clock = node.get_clock()
+        self._step = 0.0
+        every_step = JumpThreshold(
+            min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
+        )
+        self._jumps = self._clock.create_jump_callback(every_step, post_callback=self._on_step)
         # Time of ROS may stand still or jump; silence has to be noticed all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)
+
+    def begin(self) -> None:
+        """The node listens from now on, so that silence means something."""
+        self._idle, self._heard = '', time.monotonic()
+
+    def end(self, state: str) -> None:
+        """The node does not listen, being ``state``."""
+        self._idle, self.publishers = state, {}
+        self._newest = None
+
+    def _on_step(self, jump: TimeJump) -> None:
+        """Keep how far the time of a simulation moves at once."""
+        step = 1e-9 * jump.delta.nanoseconds
+        # The first step is that from no time at all.
+        self._step = step if self._seconds() > step else 0.0
+
+    def _seconds(self) -> float:
+        return 1e-9 * float(self._clock.now().nanoseconds)
 
     def _count(self, what: str, number: int = 1) -> None:
         self._totals[what] += number
@@ -61,21 +92,21 @@ class Health:
             Whether time has gone back since the last one, as when a bag begins anew.
         """
         self._received += 1
+        self._heard = time.monotonic()
         self._topics[topic] = self._topics.get(topic, 0) + 1
         if stamp is None or not any(stamp):
             self._count('unstamped')
             return False
-        time = seconds(stamp)
-        is_back = self._newest is not None and time < self._newest
+        seconds = stamp.sec + 1e-9 * stamp.nanosec
+        is_back = self._newest is not None and seconds < self._newest
         if is_back:
             self._count('backwards')
-            self._now = 0.0  # A clock that has gone back as well.
-        self._newest = time
-        # Reading the clock takes longer than all else here, and an earlier look often tells.
-        if time > self._now + _AHEAD:
-            self._now = seconds(self._node.get_clock().now().to_msg())
-            if time > self._now + _AHEAD:
-                self._count('ahead')
+        self._newest = seconds
+        now = self._seconds()
+        if now and now - seconds > self.limits.age:
+            self._count('old')
+        elif now and seconds - now > self.limits.ahead + _STEPS * self._step:
+            self._count('ahead')
         return is_back
 
     def skipped(self, number: int) -> None:
@@ -93,10 +124,10 @@ class Health:
         """Count a message that was not answered, and why."""
         if isinstance(error, SolveError):
             self._count('failed')
-            self._failure = str(error)
+            self._failure = in_short(error)
         else:
             self._count('refused')
-            self._reason = f'{topic}: {error}'
+            self._reason = f'{topic}: {in_short(error)}'
 
     def _report(self) -> None:
         name = self._node.get_fully_qualified_name()
@@ -104,17 +135,16 @@ class Health:
         for status in message.status:
             status.name = f'{name.lstrip("/")}: {status.name}'
             status.hardware_id = name
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._now = seconds(message.header.stamp)
+        message.header.stamp = self._clock.now().to_msg()
         self._publisher.publish(message)
         self._lately = dict.fromkeys(self._lately, 0)
         self._topics, self._received, self._busy = {}, 0, 0.0
 
     def _solver(self) -> DiagnosticStatus:
         failed, answered = self._lately['failed'], self._lately['answered']
-        problem = f'no answer to {failed}: {self._failure}' if failed else ''
+        problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
-        return _status('solver', level, problem, 'solving', {
+        return _status('solver', level, problem, 'solving' if answered else 'waiting', {
             'model': self.model,
             'compiled': self.is_compiled,
             'residual': f'{self._residual:.3e}',
@@ -127,40 +157,53 @@ class Health:
     def _input(self) -> DiagnosticStatus:
         problems = []
         lately = self._lately
-        if not self._received and self.is_active:
-            problems.append('silent')
+        silence = time.monotonic() - self._heard
+        if self._idle:
+            problems.append(self._idle)
+        elif silence > self.limits.silence:
+            problems.append(f'silent for {silence:.1f} s')
+        now = self._seconds()
+        if not now:
+            problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
         if len(self._topics) > 1:
             problems.append(f'several sources: {", ".join(sorted(self._topics))}')
+        publishers = {topic: count() for topic, count in self.publishers.items()}
+        for topic in sorted(self._topics):
+            if publishers.get(topic, 0) > 1:
+                problems.append(f'several sources: {publishers[topic]} publishers on {topic}')
         for what, words in (
             ('backwards', 'stamps running backwards'),
             ('ahead', 'stamps from the future'),
+            ('old', f'stamps older than {self.limits.age:g} s'),
             ('unstamped', 'without a stamp'),
         ):
             if lately[what]:
                 problems.append(f'{lately[what]} {words}')
         age = ''
         if self._newest is not None:
-            now = seconds(self._node.get_clock().now().to_msg())
             age = f'{now - self._newest:.3f}'
-        fine = 'receiving' if self.is_active else 'inactive'
+        fine = 'receiving' if self._received else 'waiting'
         return _status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
             'rate [Hz]': f'{self._received / PERIOD:.1f}',
             'age of the newest stamp [s]': age,
             'source': ', '.join(sorted(self._topics)),
+            'publishers': sum(publishers.values()),
             'refused': self._totals['refused'],
             'last refusal': self._reason,
             'stamps running backwards': self._totals['backwards'],
             'stamps from the future': self._totals['ahead'],
+            'old stamps': self._totals['old'],
             'without a stamp': self._totals['unstamped'],
         })  # fmt: skip
 
     def _output(self) -> DiagnosticStatus:
-        skipped = self._lately['skipped']
-        problem = f'{skipped} skipped for newer ones' if skipped else ''
-        return _status('output', DiagnosticStatus.WARN, problem, 'publishing', {
-            'rate [Hz]': f'{self._lately["answered"] / PERIOD:.1f}',
+        skipped, answered = self._lately['skipped'], self._lately['answered']
+        problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
+        fine = 'publishing' if answered else 'waiting'
+        return _status('output', DiagnosticStatus.WARN, problem, fine, {
+            'rate [Hz]': f'{answered / PERIOD:.1f}',
             'answered': self._totals['answered'],
             'skipped': self._totals['skipped'],
         })  # fmt: skip

@@ -6,16 +6,20 @@ Configure loads and validates the arm, activate starts answering, deactivate sto
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.checked_node import CheckedNode
+from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
 
 
-class ManagedOctoArmNode(LifecycleNode):
+class ManagedOctoArmNode(CheckedNode, LifecycleNode):
     """Publishes the shape of the arm for every valid tension message while it is active."""
 
     def __init__(self, **options: Any) -> None:
@@ -24,40 +28,62 @@ class ManagedOctoArmNode(LifecycleNode):
         Raises:
             ConfigError: if a parameter is of the wrong type.
         """
-        super().__init__(
-            'octo_arm', automatically_declare_parameters_from_overrides=True, **options
-        )
-        self._engine = Engine(self)
+        super().__init__('octo_arm', **options)
+        self._server = ArmServer(self)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(self._change_state, service.callback)
+
+    def _change_state(
+        self,
+        change: Callable[..., ChangeState.Response],
+        request: ChangeState.Request,
+        response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        """Change the state as `LifecycleNode` does, which raises if it cannot from this state."""
+        try:
+            return change(request, response)
+        except RuntimeError as error:
+            if not self.context.ok():
+                raise
+            self.get_logger().warning(f'transition {request.transition.id} refused: {error}')
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load and validate the arm; a failure leaves the node as it was."""
         try:
-            self._engine.configure()
+            self._server.configure()
         except OctoArmError as error:
             self.get_logger().error(f'not configured: {error}')
-            self._engine.cleanup()
+            self._server.cleanup()
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start answering."""
-        self._engine.activate()
+        """Start answering; a failure leaves the node as it was."""
+        try:
+            self._server.activate()
+        except OctoArmError as error:
+            self.get_logger().error(f'not activated: {error}')
+            self._server.deactivate()
+            return TransitionCallbackReturn.FAILURE
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering."""
-        self._engine.deactivate()
+        self._server.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the arm."""
-        self._engine.cleanup()
+        self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and free, from whichever state."""
-        self._engine.deactivate()
-        self._engine.cleanup()
+        self._server.deactivate()
+        self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import signal
 import sys
@@ -9,18 +10,23 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
-from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.checked_node import CheckedNode
+from octo_arm_model.ros.node.arm_server import ArmServer
+from octo_arm_model.ros.node.middleware import bound_memory
+from octo_arm_model.ros.start import start_ros
 
 LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
 LONGEST_END = 4.0  # [s] for ROS to let go of a node
 
 
-class OctoArmNode(Node):
+class OctoArmNode(CheckedNode):
     """Publishes the shape of the arm for every valid tension message."""
 
     def __init__(self, **options: Any) -> None:
@@ -31,12 +37,10 @@ class OctoArmNode(Node):
                 together.
             ArmDefinitionError: if the arm cannot exist.
         """
-        super().__init__(
-            'octo_arm', automatically_declare_parameters_from_overrides=True, **options
-        )
-        self._engine = Engine(self)
-        self._engine.configure()
-        self._engine.activate()
+        super().__init__('octo_arm', **options)
+        self._server = ArmServer(self)
+        self._server.configure()
+        self._server.activate()
 
 
 def make_executor() -> Executor:
@@ -53,11 +57,11 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     # rclpy ends its context at SIGINT, which ends the loop below. Python would raise as well, in
     # the middle of whatever is being solved, and the executor would report that as a fault.
     signal.signal(signal.SIGINT, lambda number, frame: None)
+    bound_memory()
     try:
-        rclpy.init(args=arguments)
-    except RuntimeError as error:  # what rcl raises for arguments and files it cannot parse
-        reason = str(error).split(', at /')[0]
-        return _fail(name, f'{reason}; in a ROS parameter file a list of doubles needs 1.0, not 1')
+        start_ros(arguments, SignalHandlerOptions.ALL)
+    except OctoArmError as error:
+        return _fail(name, str(error))
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
@@ -75,12 +79,15 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         # A signal may end the context while the executor builds its wait set on it.
         if rclpy.ok():
             raise
-    except OctoArmError as error:
+    except (OctoArmError, ParameterException) as error:
         return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
+    except MemoryError:
+        return _fail(name, 'out of memory')
     finally:
         # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing
         # of Python runs meanwhile. Then this ends the process with status 1 and says where it was.
-        faulthandler.dump_traceback_later(LONGEST_END, exit=True)
+        with contextlib.suppress(RuntimeError):  # Without memory for it: the error says more.
+            faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

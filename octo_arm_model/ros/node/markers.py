@@ -1,115 +1,95 @@
-"""The arm as RViz draws it: body, anchorages, and tendons in the colour of their tension."""
+"""The arm as RViz draws it, for whoever looks, and no oftener than they can see."""
 
 from __future__ import annotations
 
-from operator import itemgetter
+from typing import NamedTuple
 
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
-from std_msgs.msg import ColorRGBA, Header
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
-from octo_arm_model.analysis.arm_mesh import SIDES, Drawing, Drawn, tension_colours
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.wire.cdr_drawing import MarkersWriter
+from octo_arm_model.wire.stamp import Stamp
 
 TOPIC = 'markers'
-BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # the tendons inside show through
-DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
 
 
-class ArmMarkers:
-    """Draws shapes of one arm, many times.
-
-    Namespaces and ids stay the same from message to message, so each message replaces the one
-    before: ``body`` 0, ``anchorages`` and ``tendons`` from 1 on, in the arm's order.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        s: FloatArray,
-        *,
-        widen: bool = False,
-        prefix: str = '',
-        sides: int = SIDES,
-    ) -> None:
-        """Prepare to draw ``arm``; see `Drawing`.
-
-        ``prefix`` is what namespaces begin with, to tell arms apart that share a topic.
-        """
-        self._drawing = Drawing(arm, s, widen=widen, sides=sides)
-        self._prefix = prefix
-        # Picks the corner of every triangle from the list of vertices, which has each but once.
-        self._corners = itemgetter(*self._drawing.triangles.ravel().tolist())
-
-    def build(
-        self,
-        backbone: Backbone,
-        stamp: Time,
-        frame_id: str,
-        largest_tension: float | None = None,
-    ) -> MarkerArray:
-        """Markers of one shape, all with the same header.
-
-        Args:
-            backbone: a single solution with the stations this was prepared for.
-            stamp: time of the shape.
-            frame_id: frame the backbone is expressed in.
-            largest_tension: tension drawn in full red [N], as is all beyond it; None for the
-                largest of this shape.
-        """
-        header = Header(stamp=stamp, frame_id=frame_id)
-        drawn = self._drawing.draw(backbone.position, backbone.quaternion, backbone.q)
-        colours = tension_colours(backbone.tensions.ravel(), largest_tension)
-        markers = [self._body(header, drawn)]
-        markers += self._discs(header, drawn)
-        markers += self._tendons(header, drawn, colours)
-        return MarkerArray(markers=markers)
-
-    def _body(self, header: Header, drawn: Drawn) -> Marker:
-        marker = self._marker(header, 'body', 0, Marker.TRIANGLE_LIST, BODY_COLOUR)
-        # RViz multiplies the points by it.
-        marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
-        marker.points = list(self._corners(_points(drawn.vertices)))
-        return marker
-
-    def _discs(self, header: Header, drawn: Drawn) -> list[Marker]:
-        markers = []
-        for index, radius in enumerate(drawn.disc_radius.tolist()):
-            marker = self._marker(header, 'anchorages', index + 1, Marker.CYLINDER, DISC_COLOUR)
-            marker.pose = pose_message(drawn.disc_position[index], drawn.disc_quaternion[index])
-            thickness = self._drawing.disc_thickness
-            marker.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=thickness)
-            markers.append(marker)
-        return markers
-
-    def _tendons(self, header: Header, drawn: Drawn, colours: FloatArray) -> list[Marker]:
-        markers = []
-        for index, (path, colour) in enumerate(zip(drawn.tendons, colours.tolist(), strict=True)):
-            marker = self._marker(header, 'tendons', index + 1, Marker.LINE_STRIP, tuple(colour))
-            marker.scale = Vector3(x=self._drawing.line_width)
-            marker.points = _points(path)
-            markers.append(marker)
-        return markers
-
-    def _marker(
-        self, header: Header, namespace: str, number: int, kind: int, colour: tuple[float, ...]
-    ) -> Marker:
-        """Marker that stays until the next one of its name, its pose the origin of its frame."""
-        red, green, blue, alpha = colour
-        return Marker(
-            header=header,
-            ns=self._prefix + namespace,
-            id=number,
-            type=kind,
-            action=Marker.ADD,
-            pose=Pose(orientation=Quaternion(w=1.0)),
-            color=ColorRGBA(r=red, g=green, b=blue, a=alpha),
-        )
+class _Shape(NamedTuple):
+    backbone: Backbone
+    stamp: Stamp
 
 
-def _points(array: FloatArray) -> list[Point]:
-    return [Point(x=x, y=y, z=z) for x, y, z in array.tolist()]
+class MarkerPublisher:
+    """Publishes markers of the newest shape at a limited rate, while somebody listens."""
+
+    def __init__(self, node: Node, publisher: Publisher) -> None:
+        """Publish with ``publisher`` of ``node``."""
+        self._node, self._publisher = node, publisher
+        self._writer: MarkersWriter | None = None
+        self._timer: Timer | None = None
+        self._waiting: _Shape | None = None
+        self._is_clean, self._largest = False, 0.0
+
+    def describe(self, writer: MarkersWriter, rate: float) -> None:
+        """Shapes to come are drawn by ``writer``, at most ``rate`` [Hz] of them; 0 for all."""
+        self.stop()
+        self._writer = writer
+        self._is_clean, self._largest = False, 0.0
+        if rate:
+            # Time of ROS may run faster than that of whoever looks.
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+            self._timer = self._node.create_timer(1.0 / rate, self._on_time, clock=clock)
+            self._timer.cancel()
+
+    def stop(self) -> None:
+        """Draw no more, until `describe`."""
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+        self._timer = self._waiting = self._writer = None
+
+    def forget(self) -> None:
+        """Do not draw what waits for its time."""
+        self._waiting = None
+
+    def publish(self, backbone: Backbone, stamp: Stamp) -> None:
+        """Draw this shape now, or when the time has come if there is no newer one by then."""
+        if not self._publisher.get_subscription_count():
+            self.forget()
+            return
+        shape = _Shape(backbone, stamp)
+        if self._timer is None:
+            self._draw(shape)
+        elif self._timer.is_canceled():
+            self._draw(shape)
+            self._timer.reset()
+        else:
+            self._waiting = shape
+
+    def _on_time(self) -> None:
+        """Draw what has come meanwhile; if nothing has, the next is drawn at once."""
+        shape, self._waiting = self._waiting, None
+        if shape is None:
+            if self._timer is not None:
+                self._timer.cancel()
+            return
+        try:
+            self._draw(shape)
+        except RuntimeError:
+            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
+            if self._node.context.ok():
+                raise
+
+    def _draw(self, shape: _Shape) -> None:
+        if self._writer is None:
+            return
+        if not self._is_clean:
+            # Nothing of another arm may stay.
+            self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._is_clean = True
+        # Red is the largest tension drawn so far, so that colours can be compared over time.
+        self._largest = max(self._largest, float(shape.backbone.tensions.max()))
+        data = self._writer.write(shape.backbone, *shape.stamp, self._largest or None)
+        self._publisher.publish(data)

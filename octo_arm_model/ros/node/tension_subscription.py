@@ -1,117 +1,182 @@
-"""Tensions as they come in: the newest of what has arrived, as bytes until it is wanted."""
+"""Subscriptions of which only the latest message counts, and those to tensions among them."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.errors import MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.wire.tension_messages import READERS
-from octo_arm_model.wire.tension_template import Familiar, Stamp
+from octo_arm_model.ros.qos import create_subscription
+from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_layout import TensionLayout
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-# Best effort hears reliable publishers as well. What waits is passed over for the newest, but
-# while there is room it is counted.
+# A best-effort subscription receives from reliable publishers as well. All but the latest of the
+# messages in the queue are skipped; its depth limits how many of these are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-_CLASSES: dict[str, Any] = {
-    'octo_arm_msgs/msg/TendonTensions': TendonTensions,
-    'std_msgs/msg/Float64MultiArray': Float64MultiArray,
-    'sensor_msgs/msg/JointState': JointState,
-}
-TOPICS = tuple(READERS)
+TOPICS = tuple(TENSION_TOPICS)
 
 
-class Inbox:
-    """Subscription to one topic of tensions."""
+class LatestSubscription:
+    """Subscription to one topic, of which only the latest message is answered.
+
+    To answer may take longer than the time between two messages. It is a task of its own, queued
+    behind what the executor has to do already: in the callback of a message every message that
+    came meanwhile would be answered before any service is.
+
+    Attributes:
+        topic: its whole name, as remapped.
+    """
+
+    def __init__(
+        self, node: Node, kind: Any, topic: str, answer: Callable[[bytes, int], None]
+    ) -> None:
+        """Call ``answer`` with the latest message and how many older ones were skipped.
+
+        Messages are of type ``kind``.
+        """
+        self._node, self._kind, self._answer = node, kind, answer
+        self._latest: bytes | None = None
+        self._older = 0
+        self._is_due, self._is_open = False, True
+        self._subscription = create_subscription(
+            node, kind, topic, self._keep, INPUT_QOS, raw=True
+        )
+        self.topic = self._subscription.topic_name
+
+    def close(self) -> None:
+        """Destroy the subscription."""
+        self._is_open = False
+        self._node.destroy_subscription(self._subscription)
+
+    def count_publishers(self) -> int:
+        """How many publishers of the topic there are."""
+        return int(self._subscription.get_publisher_count())
+
+    def _keep(self, message: bytes) -> None:
+        self._older += self._latest is not None
+        self._latest = message
+        if not self._is_due:
+            executor = self._node.executor
+            assert executor is not None  # it called this
+            self._is_due = True
+            executor.create_task(self._answer_due)
+
+    def _answer_due(self) -> None:
+        self._is_due = False
+        try:
+            self.answer_latest()
+        except RuntimeError:
+            # A signal invalidates the context while an answer is under way: not an error.
+            if self._node.context.ok():
+                raise
+
+    def answer_latest(self) -> None:
+        """Answer the latest message, if it is not answered yet."""
+        if not self._is_open:
+            return
+        with self._subscription.handle:
+            while (taken := self._subscription.handle.take_message(self._kind, True)) is not None:
+                self._older += self._latest is not None
+                self._latest = taken[0]
+        latest, older = self._latest, self._older
+        self._latest, self._older = None, 0
+        if latest is not None:
+            self._answer(latest, older)
+
+    def decode(self, data: bytes) -> Any:
+        """The message.
+
+        Raises:
+            MessageError: if it is no message of the type.
+        """
+        try:
+            return deserialize_message(data, self._kind)
+        except Exception as error:
+            # The middleware raises errors of several types for bytes that are no message.
+            problem = f'{len(data)} bytes that are no {self._kind.__name__}'
+            raise MessageError(problem) from error
+
+
+class TensionInput(NamedTuple):
+    """The latest message of a topic of tensions.
+
+    Attributes:
+        topic: whole name of the topic.
+        tensions: of `Arm.tension_shape` [N], or why it holds none for the arm.
+        stamp: its stamp; None where its type has none, or it was not read.
+        older: how many messages before it were skipped.
+    """
+
+    topic: str
+    tensions: FloatArray | OctoArmError
+    stamp: Stamp | None
+    older: int
+
+
+class TensionSubscription(LatestSubscription):
+    """Subscription to one topic of tensions, which reads its messages."""
 
     def __init__(
         self,
         node: Node,
         topic: str,
-        answer: Callable[[Inbox, bytes, int], None],
+        arm: Callable[[], Arm],
+        answer: Callable[[TensionInput], None],
         prefix: str = 'tendon_tensions',
     ) -> None:
-        """Call ``answer`` with the newest message and how many older ones were passed over.
+        """Call ``answer`` with what the latest message says.
 
-        Messages are of the type of ``topic``, and it is heard under a name that begins with
-        ``prefix``.
+        Args:
+            node: the node that subscribes.
+            topic: one of `TENSION_TOPICS`, which says what type messages are of.
+            arm: returns the arm that they are for.
+            answer: what to call.
+            prefix: replaces 'tendon_tensions' in the name that is subscribed to.
         """
-        self.topic = topic.replace('tendon_tensions', prefix, 1)
-        type_name, self._read = READERS[topic]
-        self._type = _CLASSES[type_name]
-        self._answer, self._context = answer, node.context
-        self._familiar: Familiar | None = None
-        self._subscription = node.create_subscription(
-            self._type,
-            self.topic,
-            self._drain,
-            INPUT_QOS,
-            raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._message = TENSION_TOPICS[topic]
+        self._arm, self._hand_over = arm, answer
+        self._layout: TensionLayout | None = None
+        name = topic.replace('tendon_tensions', prefix, 1)
+        super().__init__(node, message_class(self._message.type_name), name, self._read_latest)
 
-    def close(self, node: Node) -> None:
-        """Stop listening."""
-        node.destroy_subscription(self._subscription)
-
-    def _drain(self, newest: bytes) -> None:
+    def _read_latest(self, data: bytes, older: int) -> None:
+        tensions: FloatArray | OctoArmError
         try:
-            self._answer_newest(newest)
-        except RuntimeError:
-            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
-            if self._context.ok():
-                raise
+            tensions, stamp = self._read(data, self._arm())
+        except OctoArmError as error:
+            tensions, stamp = error, None
+        self._hand_over(TensionInput(self.topic, tensions, stamp, older))
 
-    def _answer_newest(self, newest: bytes) -> None:
-        older = 0
-        with self._subscription.handle:
-            while True:
-                taken = self._subscription.handle.take_message(self._type, True)
-                if taken is None:
-                    break
-                newest = taken[0]
-                older += 1
-        self._answer(self, newest, older)
-
-    def read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
+    def _read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
         """Tensions [N] and the stamp of a message, None where its type has none.
 
         Raises:
-            TensionError: if it is no message of the type, or not one for ``arm``.
+            MessageError: if it is no message of the type.
+            TensionError: if it is not one for ``arm``.
         """
-        familiar = self._familiar
-        if familiar is not None and familiar.arm is arm:
-            found = familiar.read(data)
+        layout = self._layout
+        if layout is not None and layout.arm is arm:
+            found = layout.read(data)
             if found is not None:
                 return found
-        message, stamp = self.decode(data)
-        tensions = self._read(message, arm)
-        if self._type is TendonTensions:
-            self._familiar = Familiar(data, message.name, arm)
-        return tensions, stamp
+        message = self.decode(data)
+        tensions = self._message.read(message, arm)
+        self._layout = TensionLayout(self._message, data, message, arm)
+        if not self._message.has_stamp:
+            return tensions, None
+        stamp = message.header.stamp
+        return tensions, Stamp(stamp.sec, stamp.nanosec)
 
-    def decode(self, data: bytes) -> tuple[Any, Stamp | None]:
-        """A message and its stamp.
 
-        Raises:
-            TensionError: if it is no message of the type.
-        """
-        try:
-            message = deserialize_message(data, self._type)
-        except Exception as error:
-            # Whatever the middleware raises for bytes that are none of its own.
-            raise TensionError(f'{len(data)} bytes that are no {self._type.__name__}') from error
-        header = getattr(message, 'header', None)
-        if header is None:
-            return message, None
-        return message, Stamp(header.stamp.sec, header.stamp.nanosec)
+def message_class(type_name: str) -> Any:
+    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'."""
+    package, _, name = type_name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)

@@ -9,16 +9,12 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.commands import find_profile, profile_names
-from octo_arm_model.viewer.commander import (
-    Commander,
-    as_shell_line,
-    as_yaml,
-    figures,
-    highest_tensions,
-)
+from octo_arm_model.simulation.limits import check_profile, figures, tendon_limits
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 
 # Callbacks come from many threads; what they ask for is done by one, in turn.
@@ -36,29 +32,38 @@ class Controls:
     """What commands the tensions of one arm.
 
     Attributes:
-        highest: how far each slider goes [N], (tendons,).
+        highest: limit of each tendon [N], (tendons,); as far as its slider goes.
     """
 
     def __init__(
-        self, server: viser.ViserServer, arm: Arm, commander: Commander, topic: str, later: Later
+        self,
+        server: viser.ViserServer,
+        config: Config,
+        commander: Commander,
+        topic: str,
+        later: Later,
     ) -> None:
         """Add them to the page of ``server``; commands go out on ``topic``."""
-        self._gui, self._arm, self._commander = server.gui, arm, commander
+        self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._topic, self._later = topic, later
-        self.highest = highest_tensions(arm)
+        self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
         self._add_postures()
         self._add_sliders()
         self._add_copies()
+        self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
         """Let the sliders stand where the commands are."""
         for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
-            if round(tension, 4) > slider.max:
-                slider.max = round(tension, 4)  # a profile may ask for more than a hand can
-            slider.value = round(tension, 4)  # type: ignore[misc]  # its setter stands apart
+            # To the digits that are shown, but no further than it goes. mypy misses the setter.
+            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
+
+    def complain(self, problem: object) -> None:
+        """Say what could not be done, until something else is asked for."""
+        self._problem.content = numbers.failed(problem)
 
     def _add_postures(self) -> None:
         slack = self._gui.add_button('Let all go slack')
@@ -72,7 +77,11 @@ class Controls:
             group.on_click(lambda event: self._move(postures[event.target.value]))
 
     def _move(self, tensions: FloatArray) -> None:
-        self._later(lambda: self._commander.move(tensions, time.monotonic()))
+        def move() -> None:
+            self._problem.content = ''
+            self._commander.move(tensions, time.monotonic())
+
+        self._later(move)
 
     def _add_sliders(self) -> None:
         tendon = 0
@@ -100,7 +109,11 @@ class Controls:
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # a hand, not `follow`
                 value = event.target.value
-                self._later(lambda: self._commander.pull(tendon, value))
+                self._later(lambda: self._pull(tendon, value))
+
+    def _pull(self, tendon: int, tension: float) -> None:
+        self._problem.content = ''
+        self._commander.pull(tendon, tension)
 
     def add_profiles(self) -> None:
         """Add what plays movements, in a place of its own."""
@@ -113,7 +126,12 @@ class Controls:
         self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
 
         def play() -> None:
+            # By listed name alone: other names are paths of files.
+            if chosen.value not in names:
+                raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
             profile = find_profile(chosen.value, self._arm)
+            check_profile(profile, self._arm, self.highest)
+            self._problem.content = ''
             self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
 
         def describe(event: object) -> None:

@@ -7,6 +7,7 @@ import html
 import numpy as np
 
 from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import Overlap
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
@@ -58,6 +59,18 @@ def live(client: ArmClient) -> str:
     if client.age() > STALE:
         problem = f'no shape for {client.age():.0f} s' + (f'; {problem}' if problem else '')
     return _STYLE.format(f'<table>{table}</table>{_warning(problem)}')
+
+
+def overlapping(overlap: Overlap | None) -> str:
+    """That the arm passes through itself; nothing where it does not."""
+    if overlap is None:
+        return ''
+    first, second = (1e3 * s for s in overlap.s)
+    return _STYLE.format(
+        f'<span class="octo-arm-overlap" style="{_PROBLEM}">The arm passes through itself: at s = '
+        f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here knows '
+        'contact.</span>'
+    )
 
 
 def tip_angle(shape: Shape | Backbone) -> float:

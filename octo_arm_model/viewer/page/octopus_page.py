@@ -13,8 +13,10 @@ from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import BODY_COLOUR, ArmScene, Live, set_stage
 from octo_arm_model.viewer.page.theme import set_theme
+from octo_arm_model.viewer.page.view import View
 
 _READING = 0.5  # [s] between numbers
+_VIEW = (1.12, -0.94, 1.02)  # from which the middle is seen at first, in 1.6 lengths
 
 
 class OctopusPage:
@@ -60,7 +62,9 @@ class OctopusPage:
         arm = self._arms[index]
         if arm is None:
             if not any(self._arms):
-                set_stage(self._server, np.zeros(3), 1.6 * config.arm.length, config.arm.length)
+                length = config.arm.length
+                view = View(1.6 * length * np.array(_VIEW), np.zeros(3))
+                set_stage(self._server, view, np.zeros(3), 1.6 * length, length)
             arm = ArmScene(
                 self._server.scene,
                 f'arm_{index + 1}',

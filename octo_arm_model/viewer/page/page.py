@@ -9,9 +9,12 @@ import numpy as np
 import viser
 
 from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.client import ArmClient, Shape, Strains
+from octo_arm_model.simulation.limits import tendon_limits
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.comparison import Comparison
@@ -27,6 +30,7 @@ from octo_arm_model.viewer.page.scene import (
     set_stage,
 )
 from octo_arm_model.viewer.page.target import Answer, Search
+from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
 
 _READING = 0.2  # [s] between numbers: people cannot read quicker
 _PLOTTING = 0.1  # [s] between plots
@@ -54,17 +58,23 @@ class Page:
         self.commander = Commander(np.zeros(len(config.arm.tendons)))
         self._is_ours = False
         self._read = self._plotted = -np.inf
+        self._config = config
         length = config.arm.length
-        set_stage(server, middle_of(config), length, 0.55 * length)
+        self._points = reached(config, tendon_limits(config))
+        view = framing(self._points, tangent_of(config))
+        set_stage(server, view, middle_of(config), length, 0.55 * length)
         set_base(server.scene, config)
         self._arm = ArmScene(server.scene, 'arm', self._solver)
         self._add_ghost()
         gui = server.gui
         self._text = gui.add_html(numbers.live(client))
+        self._overlap = gui.add_html('')
+        whole = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
+        whole.on_click(self._look)
         tabs = gui.add_tab_group()
         with tabs.add_tab('Tendons'):
             self._controls = Controls(
-                server, config.arm, self.commander, client.command_topic, self._later
+                server, config, self.commander, client.command_topic, self._later
             )
         with tabs.add_tab('Profile'):
             self._controls.add_profiles()
@@ -91,6 +101,11 @@ class Page:
         if tensions is not None:
             self._is_ours = True
             self._client.command(tensions)
+
+    def refuse(self, problem: object) -> None:
+        """Stay where the tendons are, and say what could not be done."""
+        self.commander.stop()
+        self._controls.complain(problem)
 
     @property
     def is_stale(self) -> bool:
@@ -125,6 +140,23 @@ class Page:
         if now - self._plotted > _PLOTTING:
             self._plotted = now
             self._plots.show(strains, self._comparison.backbone)
+            found = deepest_overlap(strains.s, shape.position, self._radius(strains.q))
+            self._overlap.content = numbers.overlapping(found)
+
+    def _radius(self, q: FloatArray) -> FloatArray:
+        radius = self._config.arm.body.radius(self._solver.grid.s)
+        return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
+
+    def _look(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        """Let the browser that asks for it see all that the arm reaches."""
+        if event.client is None:
+            return
+        camera = event.client.camera
+        view = framing(self._points, tangent_of(self._config), camera.aspect or ASPECT)
+        with event.client.atomic():
+            camera.up_direction = (0.0, 0.0, 1.0)
+            camera.position, camera.look_at = view.position, view.look_at
+            camera.fov = FIELD
 
     def _add_ghost(self) -> None:
         rest = np.zeros(self._solver.arm.tension_shape)

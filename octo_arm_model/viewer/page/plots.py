@@ -65,7 +65,18 @@ class StrainPlots:
                         range={'min': {**end, 'soft': -_LEAST}, 'max': {**end, 'soft': _LEAST}}
                     ),
                 },
-                axes=(uplot.Axis(size=30), uplot.Axis(size=44)),
+                axes=(
+                    uplot.Axis(size=30),
+                    uplot.Axis(size=44),
+                    # Room above, for the upper half of the topmost number.
+                    uplot.Axis(
+                        side=0,
+                        size=8,
+                        stroke='transparent',
+                        grid={'show': False},
+                        ticks={'show': False},
+                    ),
+                ),
                 title=label,
                 legend=uplot.Legend(show=False),
                 height=112,

@@ -13,6 +13,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.viewer.page.view import FIELD, View, across, tangent_of
 
 Colour = tuple[int, int, int]
 BODY_COLOUR: Colour = (222, 140, 126)
@@ -21,7 +22,6 @@ GHOST_COLOUR: Colour = (150, 150, 155)
 DISC_COLOUR: Colour = (62, 62, 74)
 _SIDES = 24
 _THICKER = 1.5  # tendons here than in RViz, as the body dims them
-_VIEW = (1.12, -0.94, 1.02)  # from which the middle is seen at first, in lengths
 _BODY_OPACITY = 0.45  # the tendons inside show through
 GHOST_OPACITY = 0.16
 
@@ -161,11 +161,14 @@ def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
 
 
-def set_stage(server: viser.ViserServer, middle: FloatArray, length: float, depth: float) -> None:
+def set_stage(
+    server: viser.ViserServer, view: View, middle: FloatArray, length: float, depth: float
+) -> None:
     """Floor, light and first view.
 
     Args:
         server: what shows it.
+        view: from where it is looked at first.
         middle: of what is to be seen (3,) [m].
         length: its size [m].
         depth: of the floor below the middle [m].
@@ -185,10 +188,10 @@ def set_stage(server: viser.ViserServer, middle: FloatArray, length: float, dept
         fade_distance=6.0 * length,
         fade_from='origin',
     )
-    server.initial_camera.look_at = middle
-    server.initial_camera.position = middle + length * np.array(_VIEW)
+    server.initial_camera.look_at = view.look_at
+    server.initial_camera.position = view.position
     server.initial_camera.near = 0.01 * length
-    server.initial_camera.fov = 0.7
+    server.initial_camera.fov = FIELD
 
 
 def set_base(scene: viser.SceneApi, config: Config) -> None:
@@ -206,14 +209,9 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
 
 def middle_of(config: Config) -> FloatArray:
     """About which the arm moves (3,) [m]: it shortens and curls up towards its base."""
-    tangent = Quaternions.from_xyzw(config.base.quaternion).matrix()[:, 0]
-    return np.array(config.base.position) + 0.38 * config.arm.length * tangent
+    return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
 
 
 def beside(config: Config) -> FloatArray:
     """Where a second arm stands to be compared, from the first (3,) [m]."""
-    tangent = Quaternions.from_xyzw(config.base.quaternion).matrix()[:, 0]
-    across = np.cross([0.0, 0.0, 1.0], tangent)
-    if np.linalg.norm(across) < 1e-3:  # it stands or hangs
-        across = np.array([1.0, 0.0, 0.0])
-    return np.asarray(0.5 * config.arm.length * across / np.linalg.norm(across))
+    return 0.5 * config.arm.length * across(tangent_of(config))

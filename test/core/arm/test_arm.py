@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import arms
+from strategies import arms, extreme_arms
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Material, OctoArmError, Section
 
@@ -150,3 +150,40 @@ def test_refusals_name_field_value_and_expectation(
         build()
     assert str(refusal.value).startswith(message)
     assert isinstance(refusal.value, (OctoArmError, ValueError))
+
+
+# Rounding --------------------------------------------------------------------------------------
+
+
+@given(extreme_arms())
+def test_tendons_may_meet_the_midline_or_lie_on_the_surface(arm: Arm) -> None:
+    # The strategy draws nothing that is not inside to the last bit at its ends.
+    n, b = arm.tendon_offsets(np.linspace(0.0, arm.length, 50))
+    assert (np.hypot(n, b) <= arm.body.radius(0.0) * (1.0 + 1e-12)).all()
+
+
+@pytest.mark.parametrize('length', [0.3, 0.45, 0.7, 1.1])
+@pytest.mark.parametrize('base', [0.0033, 0.0075, 0.011])
+def test_a_tendon_may_end_on_the_midline(length: float, base: float) -> None:
+    section = Section(length, base, 0.0)
+    assert Arm(MATERIAL, Body(length, 0.02, 1e-5), (section,)).length == length
+    assert section.offset(length) == 0.0
+
+
+# Texts and sizes -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, 5, b'a', True])
+def test_names_are_texts_that_a_message_can_carry(name: object) -> None:
+    with pytest.raises(ArmDefinitionError, match='expected distinct, non-empty names of at most'):
+        arm_of((0.4, 0.0, 0.0), names=('a', 'b', 'c', name))  # type: ignore[arg-type]
+
+
+def test_sections_and_tendons_have_a_bound() -> None:
+    sections = [(0.4 - 1e-3 * i, 0.0, 0.0) for i in range(65)]
+    assert len(arm_of(*sections[:64]).tendons) == 256
+    with pytest.raises(ArmDefinitionError, match='number of sections is 65, expected at most 64'):
+        arm_of(*sections)
+    many = Section(0.4, 0.0, 0.0, angles=(0.0,) * 257)
+    with pytest.raises(ArmDefinitionError, match='number of tendons is 257, expected at most 256'):
+        Arm(MATERIAL, BODY, (many,))

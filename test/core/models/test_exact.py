@@ -12,7 +12,7 @@ from differences import jacobian
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, root
-from strategies import arms, fractions, loaded_arms, tensions_for
+from strategies import arms, extreme_arms, fractions, loaded_arms, scaled, tensions_for
 
 from octo_arm_model import (
     Arm,
@@ -248,21 +248,7 @@ def test_converging_tendons_bend_it_in_that_plane_but_for_their_slope_squared(
 @settings(max_examples=20)
 def test_shapes_scale_with_the_arm(case: tuple[Arm, np.ndarray], scale: float, law: str) -> None:
     arm, tensions = case
-    body = arm.body
-    assert isinstance(body, Body)
-    larger = Arm(
-        arm.material,
-        Body(scale * body.length, scale * body.radius_base, scale * body.radius_tip),
-        tuple(
-            Section(
-                scale * section.anchorage,
-                scale * section.offset_base,
-                scale * section.offset_anchorage,
-            )
-            for section in arm.sections
-            if isinstance(section, Section)
-        ),
-    )
+    larger = scaled(arm, scale)
     try:
         small = Solver(arm, 'exact', 31, material=law).solve(tensions)
     except SolveError:
@@ -507,6 +493,26 @@ def test_any_arm_is_in_balance_or_an_error(case: tuple[Arm, np.ndarray], law: st
     for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
         assert np.isfinite(getattr(backbone, name)).all()
     assert backbone.q.min() > -1.0
+
+
+@given(extreme_arms(), st.data())
+def test_arms_as_thin_as_needles_are_in_balance(arm: Arm, data: st.DataObject) -> None:
+    # So little that linear superposition leaves no doubt that there is an answer.
+    tensions = data.draw(tensions_for(arm, 0.05 / len(arm.sections)))
+    for law in LAWS:
+        backbone = Solver(arm, 'exact', 21, material=law).solve(tensions)
+        assert backbone.residual <= 1e-10
+
+
+def test_a_peak_of_strain_between_the_points_is_followed() -> None:
+    # Interpolated from Chebyshev points, the curvature towards this tip turns sections inside out.
+    section = Section(0.5705063220799433, 0.013006051446039847, 3.5939145729918886e-06)
+    body = Body(0.5705063220799433, 0.03323038907833264, 8.38382386761339e-06)
+    arm = Arm(Material(1.1e5), body, (section,))
+    tensions = [[6.587250390349166e-07, 1.303460156279126e-06, 0.0, 3.008288874788476e-07]]
+    exact, closed = (Solver(arm, model).solve(tensions) for model in ('exact', 'closed_form'))
+    assert exact.residual <= 1e-11
+    assert np.linalg.norm(exact.tip - closed.tip) < 0.01 * arm.length
 
 
 @given(arms(), st.data(), fractions(0.5, 10.0))

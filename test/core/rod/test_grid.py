@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import arms
+from strategies import arms, scaled
 
-from octo_arm_model import Arm, Config, ConfigError
-from octo_arm_model.core.rod.grid import MIN_INTERVALS, STEP_PER_RADIUS, StationGrid, panels_of
+from octo_arm_model import Arm, Body, Config, ConfigError, Material, Section
+from octo_arm_model.core.rod.grid import (
+    MIN_INTERVALS,
+    STEP_PER_RADIUS,
+    StationGrid,
+    _share_intervals,
+    panels_of,
+)
 
 STATION_COUNTS = st.integers(6, 150)
 
@@ -77,6 +83,52 @@ def test_intervals_are_short_against_arm_and_radius(arm: Arm, count: int) -> Non
     assert (grid.step <= STEP_PER_RADIUS * thinnest + 0.03 * arm.length / MIN_INTERVALS).all()
 
 
+@given(arms(), STATION_COUNTS, st.floats(-6.0, 6.0))
+def test_stations_scale_with_the_arm(arm: Arm, count: int, exponent: float) -> None:
+    scale = 10.0**exponent
+    small, large = StationGrid.build(arm, count), StationGrid.build(scaled(arm, scale), count)
+    np.testing.assert_allclose(large.s, scale * small.s, rtol=1e-12)
+    np.testing.assert_allclose(large.nodes, scale * small.nodes, rtol=1e-12)
+    np.testing.assert_array_equal(large.station_node, small.station_node)
+
+
+@given(
+    st.lists(st.integers(1, 12), min_size=1, max_size=6),
+    st.integers(0, 80),
+    st.integers(1, 1000),
+    st.sampled_from([1.0, 10.0, 0.1, 1.0 / 3.0, 1e-3, 7.7]),
+)
+def test_panels_that_are_equally_long_but_for_rounding_share_alike(
+    parts: list[int], more: int, unit: int, scale: float
+) -> None:
+    # Whole numbers of a length are where panels tie.
+    ends = np.cumsum(parts)[::-1]
+    first, second = (
+        Arm(
+            Material(1e5),
+            Body(length * ends[0], 0.5 * length, 0.5 * length),
+            tuple(Section(length * end, 0.1 * length, 0.1 * length) for end in ends),
+        )
+        for length in (1.0, scale / unit)
+    )
+    count = len(parts) + 1 + more
+    one, other = (StationGrid.build(arm, count) for arm in (first, second))
+    np.testing.assert_allclose(other.s, one.s * (scale / unit), rtol=1e-12)
+    assert other.step.size == one.step.size
+
+
+@given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8), st.integers(0, 300))
+def test_intervals_go_one_by_one_to_the_panel_with_the_longest(
+    lengths: list[float], more: int
+) -> None:
+    counts = _share_intervals(lengths, len(lengths) + more)
+    assert sum(counts) == len(lengths) + more
+    for count, length in zip(counts, lengths, strict=True):
+        # The last one it got was due to it: no other panel had longer intervals then.
+        others = max(other / n for other, n in zip(lengths, counts, strict=True))
+        assert count == 1 or length / (count - 1) >= others * (1.0 - 1e-8)
+
+
 def test_stations_are_spread_evenly(table4: Config) -> None:
     gaps = np.diff(StationGrid.build(table4.arm, 101).s)
     assert gaps.max() < 1.1 * gaps.min()
@@ -89,6 +141,7 @@ def test_stations_are_spread_evenly(table4: Config) -> None:
         (0, 'stations is 0, expected at least 4'),
         (-5, 'stations is -5, expected at least 4'),
         (101.0, 'stations is 101.0, expected an integer'),
+        (10**12, 'stations is 1000000000000, expected at most 10000'),
         (True, 'stations is True, expected an integer'),
         ('101', "stations is '101', expected an integer"),
     ],

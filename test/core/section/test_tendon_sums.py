@@ -74,7 +74,20 @@ def test_a_wrong_shape_is_named_with_the_right_one(table4: Config, shape: tuple[
     )
 
 
-@pytest.mark.parametrize('bad', [[[1, 2, 3, 4], [1, 2]], 'four', [[1, 2, 3, 'x']] * 3, {'a': 1}])
+@pytest.mark.parametrize(
+    'bad',
+    [
+        [[1, 2, 3, 4], [1, 2]],
+        'four',
+        [[1, 2, 3, 'x']] * 3,
+        {'a': 1},
+        [[True, 2, 3, 4]] * 3,
+        [[1, 2, 3, np.True_]] * 3,
+        np.ones((3, 4), bool),
+        [[None] * 4] * 3,
+        [[True] * 4] * 3,
+    ],
+)
 def test_what_is_not_rows_of_numbers_is_refused(table4: Config, bad: object) -> None:
     with pytest.raises(TensionError, match=r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'):
         check_tensions(table4.arm, bad)  # type: ignore[arg-type]

@@ -14,7 +14,12 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import (
+    PoseArray,
+    PoseWithCovarianceStamped,
+    TransformStamped,
+    WrenchStamped,
+)
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Path
@@ -26,23 +31,24 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+
+pytestmark = pytest.mark.slow
 
 DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-INPUTS = {
-    'tendon_tensions': TendonTensions,
-    'tendon_tensions/array': Float64MultiArray,
-    'tendon_tensions/joint_state': JointState,
-}
+INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,
@@ -55,10 +61,14 @@ DOMAINS = itertools.count(1 + os.getpid() % 80)
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
+def environment(domain):
+    return dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1')
+
+
 def start(module, *arguments, domain):
     return subprocess.Popen(
-        [sys.executable, '-m', f'octo_arm_model.ros.node.{module}', *arguments],
-        env=dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1'),
+        [sys.executable, '-m', f'octo_arm_model.ros.{module}', *arguments],
+        env=environment(domain),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -66,7 +76,7 @@ def start(module, *arguments, domain):
 
 
 def start_node(domain, config=CONFIG_FILE):
-    return start('main', '--ros-args', '--params-file', str(config), domain=domain)
+    return start('node.main', '--ros-args', '--params-file', str(config), domain=domain)
 
 
 def stop(process, how=signal.SIGINT):
@@ -132,18 +142,15 @@ class Client:
 
     def send(self, topic, tensions, names=NAMES):
         """Publish tensions; returns the seconds of the stamp, None where there is none."""
-        values = np.ravel(np.asarray(tensions, dtype=float))
-        if topic == 'tendon_tensions/array':
-            self.publishers[topic].publish(Float64MultiArray(data=values))
-            return None
-        if topic == 'tendon_tensions':
-            message = TendonTensions(name=names, tension=values)
-        else:
-            message = JointState(name=names, effort=values)
-        message.header.stamp.sec = next(self.stamps)
-        message.header.frame_id = 'of the load cells'
+        kind, message = TENSION_TOPICS[topic], INPUTS[topic]()
+        setattr(message, kind.tensions, np.ravel(np.asarray(tensions, dtype=float)).tolist())
+        if kind.names is not None:
+            setattr(message, kind.names, names)
+        if kind.has_stamp:
+            message.header.stamp.sec = next(self.stamps)
+            message.header.frame_id = 'of the load cells'
         self.publishers[topic].publish(message)
-        return message.header.stamp.sec
+        return message.header.stamp.sec if kind.has_stamp else None
 
     def ask(self, topic, tensions):
         """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
@@ -227,7 +234,7 @@ BAD = {
 
 @pytest.mark.parametrize(
     ('topic', 'case'),
-    [(t, c) for t in INPUTS for c in BAD if not (t.endswith('array') and 'name' in c)],
+    [(t, c) for t in INPUTS for c in BAD if TENSION_TOPICS[t].names or 'name' not in c],
 )
 def test_bad_input_is_not_answered_and_the_next_good_one_is(client, topic, case):
     values, names = BAD[case]
@@ -324,6 +331,14 @@ def test_parameters_change_the_arm_between_two_messages(client):
         ({'sections__anchorage': [0.45, 0.315]}, 'sections.offset_base has 3 values, expected 2'),
         ({'loads__gravity': [0.0, 0.0, -9.81]}, "model is 'renda2012', which has no loads"),
         ({'stations': 51, 'body__length': -1.0}, 'body.length is -1.0, expected a finite number'),
+        ({'stations': 10**12}, 'stations is 1000000000000, expected at most 10000'),
+        (
+            {'body__radius_tip': 1e-12, 'sections__offset_anchorage': [0.0, 0.0035, 0.006]},
+            'this arm takes more than 20000 intervals of integration',
+        ),
+        ({'body__length': 1e9}, 'this arm takes more than 20000 intervals of integration'),
+        ({'sections__tendons': [10**12, 4, 4]}, 'number of tendons is 1000000000008, expected'),
+        ({'base_frame': 'x' * 256}, 'expected string of at most 255 characters'),
     ],
 )
 def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason):
@@ -363,13 +378,13 @@ def test_the_arm_is_drawn_for_whoever_looks(client):
 
     def seen():
         client.ask('tendon_tensions', FETCHING_IN_PLANE)
-        return drawn
+        return drawn and len(drawn[-1].markers) > 1
 
     client.wait(seen, 'a drawing')
     client.node.destroy_subscription(looking)
-    kinds = {marker.ns for marker in drawn[-1].markers if marker.action == marker.ADD}
+    kinds = {marker.ns for marker in drawn[-1].markers}
     assert kinds == {'body', 'anchorages', 'tendons'}
-    assert {marker.header.frame_id for marker in drawn[-1].markers[1:]} == {'arm_base'}
+    assert {marker.header.frame_id for marker in drawn[-1].markers} == {'arm_base'}
 
 
 def statuses(client, name):
@@ -414,12 +429,173 @@ def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
     assert float(values['age of the newest stamp [s]']) > 1e6
 
 
-def test_silence_is_diagnosed(client):
+def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
     def silent():
         status, _ = statuses(client, 'input')
-        return 'silent' in status.message and status.level == DiagnosticStatus.WARN
+        return 'silent for' in status.message and status.level == DiagnosticStatus.WARN
 
     client.wait(silent, 'a warning')
+    for name in ('solver', 'output'):
+        status, _ = statuses(client, name)
+        assert (status.level, status.message) == (DiagnosticStatus.OK, 'waiting')
+
+
+def test_old_stamps_are_diagnosed_as_soon_as_they_come(client):
+    def told(message):
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)  # in the first hours of 1970
+        return any(message in s.message for s in client.health[-1].status)
+
+    client.wait(lambda: told('stamps older than 1 s'), 'a warning')
+    assert int(statuses(client, 'input')[1]['old stamps']) >= 1
+    try:
+        assert change(client, diagnostics__age_limit=1e10) == (True, '')
+        client.wait(lambda: told('receiving'), 'a diagnosis without a warning')
+        status = next(s for s in client.health[-1].status if s.name == 'octo_arm: input')
+        assert status.level == DiagnosticStatus.OK
+    finally:
+        assert change(client, diagnostics__age_limit=1.0) == (True, '')
+    refused = (False, 'diagnostics.age_limit is -1.0, expected a finite time >= 0 [s]')
+    assert change(client, diagnostics__age_limit=-1.0) == refused
+
+
+def test_two_publishers_on_one_topic_are_diagnosed(client):
+    def told():
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        return [
+            s.message
+            for s in client.health[-1].status
+            if '2 publishers on /tendon_tensions' in s.message
+        ]
+
+    client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    assert 'publishers on' not in statuses(client, 'input')[0].message
+    second = client.node.create_publisher(TendonTensions, 'tendon_tensions', 10)
+    try:
+        client.wait(told, 'a warning')
+    finally:
+        client.node.destroy_publisher(second)
+
+
+def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
+    client.health.clear()
+    names = ['x' * 500_000, *NAMES[1:]]
+
+    def told():
+        client.send('tendon_tensions', FETCHING_IN_PLANE, names)
+        client.executor.spin_once(timeout_sec=0.1)
+        return any('unknown tendon x' in s.message for m in client.health for s in m.status)
+
+    client.wait(told, 'a warning')
+    client.wait(lambda: any('unknown tendon x' in log.msg for log in client.logs), 'a log line')
+    said = [s.message for m in client.health for s in m.status]
+    said += [value.value for m in client.health for s in m.status for value in s.values]
+    said += [log.msg for log in client.logs]
+    assert max(map(len, said)) < 1000
+
+
+def test_frames_lead_from_the_base_to_the_tip():
+    domain = next(DOMAINS)
+    process = start(
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE),
+        '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
+        '-p', 'frame_prefix:=left_', domain=domain,
+    )  # fmt: skip
+    client = Client(domain)
+    heard = []
+    client.node.create_subscription(TFMessage, '/tf', heard.append, 100)
+    try:
+        client.connect()
+        client.wait(lambda: heard, 'frames')
+        tip = client.ask('tendon_tensions', FETCHING_IN_SPACE)[3]
+        client.wait(
+            lambda: heard[-1].transforms[0].header.stamp == tip.header.stamp, 'the frames of it'
+        )
+    finally:
+        client.close()
+        stop(process)
+    parents = {frame.child_frame_id: frame for frame in heard[-1].transforms}
+    names = {'left_tip', *(f'left_anchorage_{number}' for number in (1, 2, 3))}
+    assert set(parents) == names
+    # Somewhere in a room: a frame above that of the base, half a turn about z and a step aside.
+    room = TransformStamped()
+    room.header.frame_id, room.child_frame_id = 'room', 'robot'
+    room.transform.translation.x, room.transform.rotation.z = 2.0, 1.0
+    room.transform.rotation.w = 0.0
+    parents['robot'] = room
+    found = look_up(parents, 'left_tip', 'room')
+    place, turn = tip.pose.pose.position, tip.pose.pose.orientation
+    expected = np.eye(4)
+    expected[:3, :3] = np.diag([-1.0, -1.0, 1.0]) @ rotation([turn.x, turn.y, turn.z, turn.w])
+    expected[:3, 3] = [2.0 - place.x, -place.y, place.z]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    base = CONFIG.solver().solve(FETCHING_IN_SPACE)
+    in_base = look_up(parents, 'left_tip', 'robot')
+    np.testing.assert_allclose(in_base[:3, 3], base.tip + [0.1, -0.2, 0.3], atol=1e-9)
+
+
+def look_up(parents, frame, target):
+    """Matrix (4, 4) from coordinates in ``frame`` to those in ``target``, which is above it."""
+    whole = np.eye(4)
+    while frame != target:
+        step = parents[frame]
+        move, turn = step.transform.translation, step.transform.rotation
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation([turn.x, turn.y, turn.z, turn.w])
+        matrix[:3, 3] = [move.x, move.y, move.z]
+        whole = matrix @ whole
+        frame = step.header.frame_id
+    return whole
+
+
+def rotation(quaternion):
+    """Matrix (3, 3) of a quaternion x, y, z, w."""
+    x, y, z, w = quaternion
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * skew + 2.0 * skew @ skew
+
+
+@pytest.fixture
+def drawn(client):
+    """Stamps of the markers that come [s]; None for what clears the screen."""
+    stamps = []
+
+    def look(message):
+        first = message.markers[0]
+        stamps.append(first.header.stamp.sec if first.action == first.ADD else None)
+
+    looking = client.node.create_subscription(MarkerArray, 'markers', look, 100)
+    yield stamps
+    client.node.destroy_subscription(looking)
+    assert change(client, markers_rate=30.0) == (True, '')
+
+
+def ask_until_drawn(client, drawn):
+    """Whether somebody has drawn what was asked just now."""
+    stamp = client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec
+    client.executor.spin_once(timeout_sec=0.05)
+    return stamp in drawn
+
+
+def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, drawn):
+    assert change(client, markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    assert change(client, markers_rate=0.5) == (True, '')
+    drawn.clear()
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(20)
+    ]
+    client.wait(lambda: stamps[-1] in drawn, 'a drawing of the last shape')
+    assert drawn[:2] == [None, stamps[0]]  # another arm may have been there before
+    assert len(drawn) < 20
+
+
+def test_every_shape_is_drawn_if_that_is_wanted(client, drawn):
+    assert change(client, markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(5)
+    ]
+    client.wait(lambda: set(stamps) <= set(drawn), 'drawings of all')
 
 
 # The model exact, with loads, in a node of its own ----------------------------------------------
@@ -631,7 +807,7 @@ node.run('stuck', Stuck)
         ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of the arm'),
         ('length: 0.45', '', 'body.length is missing'),
         ('length: 0.45', 'length: [0.45', 'parse'),
-        ('0.45, 0.315', '1, 0.315', 'Sequence should be of same type'),
+        ('0.45, 0.315', '1, 0.315', 'a list of doubles needs 1.0, not 1'),
         ('model: renda2012', 'model: octopus', "model is 'octopus', expected one of renda2012"),
         ('stations: 101', 'stations: 3', 'stations is 3, expected at least 4'),
     ],
@@ -648,10 +824,48 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
     assert 'Traceback' not in complaints
 
 
+@pytest.mark.parametrize(
+    'arguments',
+    [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
+)
+def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments, tmp_path):
+    process = start('node.main', '--ros-args', *arguments, domain=next(DOMAINS))
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert arguments[-1] in complaints
+    assert '1.0, not 1' not in complaints
+    assert ('seen from' in complaints) == (arguments[-1] == 'nowhere.yaml')
+
+
+def test_a_refusal_names_the_topics_as_they_are_remapped(monkeypatch):
+    domain = next(DOMAINS)
+    process = start(
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE),
+        '-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench', domain=domain,
+    )  # fmt: skip
+    client = Client(domain)
+    winch = client.node.create_publisher(TendonTensions, 'winch/tension', 10)
+    hand = client.node.create_publisher(WrenchStamped, '/hand/wrench', 10)
+    pulling = WrenchStamped()
+    pulling.wrench.force.x = 1.0
+
+    def told(*beginnings):
+        winch.publish(TendonTensions())
+        hand.publish(pulling)
+        said = [log.msg for log in client.logs]
+        return all(any(line.startswith(words) for line in said) for words in beginnings)
+
+    client.wait(lambda: told('/winch/tension refused', '/hand/wrench refused'), 'a refusal')
+    _, values = statuses(client, 'input')
+    assert '/winch/tension' in values['last refusal'] or '/hand/wrench' in values['last refusal']
+    client.close()
+    stop(process)
+
+
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
     domain = next(DOMAINS)
     process = start(
-        'main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
         domain=domain,
     )  # fmt: skip
     client = Client(domain)
@@ -682,6 +896,45 @@ def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_bac
     assert status == 0, complaints
 
 
+@pytest.mark.parametrize(('step', 'is_ahead'), [(0.08, False), (0.01, True)])
+def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahead):
+    domain = next(DOMAINS)
+    process = start(
+        'node.main', '--ros-args', '--params-file', str(CONFIG_FILE), '-p', 'use_sim_time:=true',
+        domain=domain,
+    )  # fmt: skip
+    client = Client(domain)
+    clock = client.node.create_publisher(Clock, '/clock', 10)
+
+    def is_time(nanoseconds):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
+        clock.publish(message)
+        client.executor.spin_once(timeout_sec=0.1)
+        return client.health and client.health[-1].header.stamp == message.clock
+
+    try:
+        client.connect()
+        assert 'nothing is heard on /clock' in statuses(client, 'input')[0].message
+        now = 5000 * 10**9
+        for _ in range(3):
+            now += int(1e9 * step)
+            client.wait(lambda: is_time(now), 'that time')
+        stamped = TendonTensions(name=NAMES, tension=np.zeros(12))
+        before = int(statuses(client, 'input')[1]['stamps from the future'])
+        # The next of the clock is under way; this one has overtaken it and the one before.
+        ahead = now + int(1e9 * 0.15)
+        stamped.header.stamp.sec, stamped.header.stamp.nanosec = divmod(ahead, 10**9)
+        client.forget()
+        client.publishers['tendon_tensions'].publish(stamped)
+        client.wait(lambda: client.answers['backbone/path'], 'an answer')
+        after = int(statuses(client, 'input')[1]['stamps from the future'])
+        assert after - before == int(is_ahead)
+    finally:
+        client.close()
+        stop(process)
+
+
 # The managed node -------------------------------------------------------------------------------
 
 
@@ -694,7 +947,9 @@ def transition(client, number):
 @pytest.fixture
 def managed():
     domain = next(DOMAINS)
-    process = start('lifecycle', '--ros-args', '--params-file', str(CONFIG_FILE), domain=domain)
+    process = start(
+        'node.lifecycle', '--ros-args', '--params-file', str(CONFIG_FILE), domain=domain
+    )
     client = Client(domain)
     try:
         yield client
@@ -722,11 +977,27 @@ def test_a_managed_node_answers_while_it_is_active(managed):
     )
 
 
+def test_a_managed_node_that_does_not_answer_says_so(managed):
+    def says(words, level=DiagnosticStatus.WARN):
+        parts = managed.health[-1].status if managed.health else []
+        return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
+
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+    assert transition(managed, Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert transition(managed, Transition.TRANSITION_ACTIVATE)
+    managed.wait(lambda: says('waiting', DiagnosticStatus.OK), 'the diagnosis of an active node')
+    assert transition(managed, Transition.TRANSITION_DEACTIVATE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert transition(managed, Transition.TRANSITION_CLEANUP)
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+
+
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
     config = tmp_path / 'bad.yaml'
     config.write_text(CONFIG_FILE.read_text().replace('length: 0.45', 'length: 0.1'))
     domain = next(DOMAINS)
-    process = start('lifecycle', '--ros-args', '--params-file', str(config), domain=domain)
+    process = start('node.lifecycle', '--ros-args', '--params-file', str(config), domain=domain)
     client = Client(domain)
     try:
         assert not transition(client, Transition.TRANSITION_CONFIGURE)

@@ -1,0 +1,67 @@
+"""``octo-arm load``: the arm of a running node exchanged for that of a file."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from octo_arm_model.cli.options import add_config_argument, add_number, new_command
+from octo_arm_model.config.config import Config, load_parameters, naming, refuse_unknown
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.config.presets import find_path
+from octo_arm_model.core.arm.validation import positive
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
+
+_DESCRIPTION = """\
+Exchange the arm of a running node for that of CONFIG, between two messages: all parameters are set
+together, or none of them where they do not describe an arm, and then the node's reason is told.
+Parameters of the arm that CONFIG does not name return to their defaults, base_frame, base.position
+and frame_prefix among them; those of the simulator stay as they are unless CONFIG names them.
+
+`ros2 param load` sets the parameters of a file one by one instead. Each of them has to describe an
+arm together with all others as they are at that moment, so that some are taken and some refused.
+"""
+_EPILOG = """\
+examples:
+  octo-arm load renda2012_table2
+  octo-arm load my_arm.yaml --node /arm_3/octo_arm
+  octo-arm load renda2012_table2 --node /octo_arm_sim     # the simulator pulls the same tendons
+
+  ros2 param dump /octo_arm > kept.yaml                   # and, later, the same arm again:
+  octo-arm load kept.yaml
+"""
+_NO_ROS = 'needs ROS 2 ({} is missing): source one, or put tools/with_ros in front'
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subparsers ``commands``."""
+    summary = 'exchange the arm of a running node'
+    parser = new_command(commands, 'load', _run, summary, _DESCRIPTION, _EPILOG)
+    add_config_argument(parser)
+    parser.add_argument(
+        '--node',
+        default='/octo_arm',
+        metavar='NAME',
+        help='the node, with its namespace (default: %(default)s)',
+    )
+    wait = 'how long to wait for the node and for each answer [s]'
+    add_number(parser, '--wait', 10.0, wait, 'S')
+
+
+def _run(options: argparse.Namespace) -> None:
+    positive('--wait', options.wait, 's')
+    path = find_path(options.config)
+    values = load_parameters(path)
+    names = [parameter.name for parameter in PARAMETERS]
+    others = [parameter.name for parameter in SIMULATOR_PARAMETERS]
+    with naming(path):
+        refuse_unknown(values, [*names, *others], 'arm or simulator')
+        # A missing parameter is refused here: the node would take its default.
+        Config.from_parameters({name: v for name, v in values.items() if name in names})
+    try:
+        from octo_arm_model.ros.arm_swap import swap_arm
+    except ModuleNotFoundError as error:
+        raise ConfigError(_NO_ROS.format(error.name)) from error
+    swap_arm(values, options.node, options.wait)
+    print(f'{options.node} has the arm of {path}')

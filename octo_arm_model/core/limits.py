@@ -1,0 +1,29 @@
+"""How large what is given from outside may be: one table, checked where each thing enters.
+
+What an arm costs grows in proportion to its stations, to its intervals and to its tendons at each
+of them. Within these bounds every model answers within seconds to tens of seconds and a gigabyte.
+"""
+
+from __future__ import annotations
+
+MAX_STATIONS = 10_000
+MAX_INTERVALS = 20_000  # of the quadrature; see `grid`
+MAX_SECTIONS = 64
+MAX_TENDONS = 256
+# A node of the grid at which a tendon is tabulated; there are two nodes to an interval.
+MAX_TENDON_NODES = 500_000
+MAX_POINT_LOADS = 256
+MAX_TABLE_POINTS = 1_000  # of each table along s: radius, modulus, path, distributed force
+MAX_NAME = 255  # characters of a frame, a tendon or a path
+
+MAX_SAMPLES = 2**20  # sets of tensions of a workspace
+MAX_SAMPLED_TENSIONS = 2**25  # the same, times the tendons
+MAX_PROCESSES = 1_000
+
+MAX_PROFILE_ROWS = 100_000
+MAX_PROFILE_BYTES = 64 * 2**20  # of a CSV file
+
+# Of a YAML file. Collections in collections are counted with aliases written out.
+MAX_YAML_BYTES = 2**20
+MAX_YAML_VALUES = 100_000
+MAX_YAML_DEPTH = 20

@@ -1,0 +1,75 @@
+"""How large loads may be: what bounds them wherever they enter.
+
+No material bears a strain of a tenth of `LARGEST_STRAIN`, and with larger forces balances are not
+found any more, only searched for long.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from octo_arm_model.core.arm.loads import Loads, Resultants
+from octo_arm_model.core.errors import ArmDefinitionError, LoadError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.paper_balance import SectionStiffness
+
+LARGEST_STRAIN = 100.0  # of the weakest cross section, if it were linear [-]
+
+
+class LoadLimits:
+    """Largest force and moment on an arm.
+
+    Attributes:
+        force: `LARGEST_STRAIN` times the least E A [N].
+        moment: the same times the root of the least E A times the least E I [N m].
+    """
+
+    def __init__(self, stiffness: SectionStiffness) -> None:
+        """For an arm of ``stiffness`` at its nodes."""
+        axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
+        self.force = LARGEST_STRAIN * axial
+        self.moment = LARGEST_STRAIN * math.sqrt(axial * bending)
+        factor = f'{LARGEST_STRAIN:.0f} times'
+        self._force = f'at most {self.force:.4g} N, {factor} the least E A of the arm'
+        self._moment = (
+            f'at most {self.moment:.4g} N m, {factor} the root of its least E A times its least '
+            'E I'
+        )
+
+    def check_tip_wrench(self, wrench: FloatArray) -> None:
+        """Check ``wrench`` (..., 6) [N, N m].
+
+        Raises:
+            LoadError: if it is too large.
+        """
+        if (largest := _largest(wrench[..., :3])) > self.force:
+            raise LoadError(f'force on the tip is {largest:.4g} N, expected {self._force}')
+        if (largest := _largest(wrench[..., 3:])) > self.moment:
+            raise LoadError(f'moment on the tip is {largest:.4g} N m, expected {self._moment}')
+
+    def check_loads(self, loads: Loads, resultants: Resultants) -> None:
+        """Check ``loads`` and what they put on the cross sections of a straight rod.
+
+        Raises:
+            ArmDefinitionError: if one is too large, or all together are.
+        """
+        if _largest(loads.tip_force) > self.force:
+            raise ArmDefinitionError('loads.tip_force', loads.tip_force, self._force)
+        if _largest(loads.tip_moment) > self.moment:
+            raise ArmDefinitionError('loads.tip_moment', loads.tip_moment, self._moment)
+        for point in loads.points:
+            if _largest(point.moment) > self.moment:
+                raise ArmDefinitionError('loads.point.moment', point.moment, self._moment)
+        if (largest := _largest(resultants.force.T)) > self.force:
+            raise ArmDefinitionError('force of all loads along the arm', largest, self._force)
+        if (largest := _largest(resultants.moment.T)) > self.moment:
+            raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
+
+
+def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
+    """The largest norm of ``vectors`` (..., 3); infinite where a number is none."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        norms = np.linalg.norm(vectors, axis=-1)
+    return float(np.nan_to_num(norms, nan=np.inf, posinf=np.inf).max(initial=0.0))

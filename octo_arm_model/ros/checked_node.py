@@ -1,0 +1,93 @@
+"""A node that goes on whatever arrives on the topics and services that rclpy opens for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.msg import ParameterType, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
+
+WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
+# builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
+_LAST_SECOND = 2**31 - 1
+_HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
+
+
+class CheckedNode(Node):
+    """Checks what rclpy hands to its own callbacks, which raise where a value makes no sense.
+
+    What they raise would end the program.
+    """
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **options: Any
+    ) -> Subscription:
+        """As of `Node`; simulated time is checked first."""
+        if msg_type is Clock:
+            callback = partial(self._take_clock, callback)
+        return super().create_subscription(msg_type, topic, callback, *args, **options)
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[..., Any],
+        *args: Any,
+        **options: Any,
+    ) -> Service:
+        """As of `Node`; types of parameters are checked first."""
+        if srv_type is SetParameters:
+            callback = partial(self._set_each, callback)
+        elif srv_type is SetParametersAtomically:
+            callback = partial(self._set_together, callback)
+        return super().create_service(srv_type, srv_name, callback, *args, **options)
+
+    def _take_clock(self, take: Callable[[Clock], None], message: Clock) -> None:
+        """Go by the clock of ``message``, unless it is no time; then time stands still."""
+        sec, nanosec = message.clock.sec, message.clock.nanosec
+        if sec < 0 or sec + nanosec // 10**9 > _LAST_SECOND:
+            self.get_logger().warning(
+                f'/clock refused: it is {sec} s and {nanosec} ns, expected 0 to {_LAST_SECOND} s',
+                throttle_duration_sec=WARNING_PERIOD,
+            )
+            return
+        take(message)
+
+    def _set_each(
+        self,
+        set_all: Callable[..., SetParameters.Response],
+        request: SetParameters.Request,
+        response: SetParameters.Response,
+    ) -> SetParameters.Response:
+        """Set one parameter after the other, those of no known type excepted."""
+        results = [_check_type(parameter) for parameter in request.parameters]
+        request.parameters = [p for p, r in zip(request.parameters, results) if r.successful]
+        done = iter(set_all(request, response).results)
+        response.results = [next(done) if r.successful else r for r in results]
+        return response
+
+    def _set_together(
+        self,
+        set_all: Callable[..., SetParametersAtomically.Response],
+        request: SetParametersAtomically.Request,
+        response: SetParametersAtomically.Response,
+    ) -> SetParametersAtomically.Response:
+        """Set all parameters, or none where one is of no known type."""
+        for result in map(_check_type, request.parameters):
+            if not result.successful:
+                response.result = result
+                return response
+        return set_all(request, response)
+
+
+def _check_type(parameter: Any) -> SetParametersResult:
+    if parameter.value.type <= _HIGHEST_TYPE:
+        return SetParametersResult(successful=True)
+    reason = f'{parameter.name} is of type {parameter.value.type}, expected 0 to {_HIGHEST_TYPE}'
+    return SetParametersResult(successful=False, reason=reason)

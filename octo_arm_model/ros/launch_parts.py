@@ -1,0 +1,105 @@
+"""What the launch files have in common: their arguments, and the programs they start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from launch import LaunchContext
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from octo_arm_model.config.presets import preset_path
+
+PACKAGE = 'octo_arm_model'
+# Default value and description; where that of params_file is none, that of the table 4.
+ARGUMENTS: dict[str, tuple[str | None, str]] = {
+    'params_file': (None, 'ROS parameter file of the arm'),
+    'namespace': ('', 'namespace of all topics and services'),
+    'use_sim_time': ('false', 'whether time comes from /clock, as with a bag or a simulation'),
+    'rviz': ('false', 'whether to start RViz'),
+    'model': ('', 'name of a model; empty for that of params_file'),
+    'frame_prefix': ('', 'prefix of the names of TF frames; empty for that of params_file'),
+}
+# Given, these override what the parameter file says; empty, the file has its way.
+_OVERRIDES = ('model', 'frame_prefix')
+
+
+def declare(*names: str) -> list[DeclareLaunchArgument]:
+    """Declare the arguments ``names`` of `ARGUMENTS`."""
+    declared = []
+    for name in names:
+        default, description = ARGUMENTS[name]
+        if default is None:
+            default = str(preset_path('renda2012_table4'))
+        declared.append(
+            DeclareLaunchArgument(name, default_value=default, description=description)
+        )
+    return declared
+
+
+def value_of(name: str, context: LaunchContext) -> str:
+    """Value of the argument ``name``."""
+    return str(LaunchConfiguration(name).perform(context))
+
+
+def text(name: str) -> ParameterValue:
+    """The argument ``name`` as a parameter of type string.
+
+    Of which YAML would make a number where it is 1 or 1_, say.
+    """
+    return ParameterValue(LaunchConfiguration(name), value_type=str)
+
+
+def sim_time() -> dict[str, ParameterValue]:
+    """The parameter that has a node follow the argument ``use_sim_time``."""
+    return {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
+
+
+def overrides(context: LaunchContext, *names: str) -> dict[str, ParameterValue]:
+    """Parameters that the arguments ``names`` override, which are those that are not empty."""
+    return {name: text(name) for name in names if value_of(name, context)}
+
+
+def arm_node(context: LaunchContext, **own: Any) -> Node:
+    """The node of an arm, in the namespace and with the overrides that the arguments say."""
+    return node(
+        'octo_arm_node',
+        'octo_arm',
+        LaunchConfiguration('namespace'),
+        LaunchConfiguration('params_file'),
+        sim_time() | overrides(context, *_OVERRIDES) | own,
+    )
+
+
+def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
+    """A node of this package, with ``parameters`` of which the last have their way."""
+    return Node(
+        package=PACKAGE,
+        executable=executable,
+        name=name,
+        namespace=namespace,
+        parameters=list(parameters),
+        output='screen',
+    )
+
+
+def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
+    """Start RViz with the configuration ``view``, if the argument ``rviz`` says so.
+
+    The topics of a configuration are relative, so they follow the ``namespace``.
+    """
+    path = PathJoinSubstitution([FindPackageShare(PACKAGE), 'rviz', view])
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        name='rviz',
+        namespace=namespace,
+        arguments=['-d', path, *arguments],
+        parameters=[sim_time()],
+        condition=IfCondition(LaunchConfiguration('rviz')),
+    )

@@ -1,0 +1,37 @@
+"""How ROS starts in each of the programs, and what is said where it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from octo_arm_model.core.errors import ConfigError
+
+# What to do about it, by a part of what rcl says.
+_HINTS = {
+    'ogging': 'logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: '
+    'set one to a folder that can be written',
+    'Error opening YAML file': 'expected a file that exists and can be read, seen from {here}',
+    'should be of same type': 'in a ROS parameter file a list of doubles needs 1.0, not 1',
+}
+
+
+def start_ros(
+    arguments: Sequence[str] | None, signals: SignalHandlerOptions = SignalHandlerOptions.NO
+) -> None:
+    """Start ROS with ``arguments``, those of the program if None.
+
+    Raises:
+        ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
+    """
+    try:
+        rclpy.init(
+            args=None if arguments is None else list(arguments), signal_handler_options=signals
+        )
+    except RuntimeError as error:  # what rcl raises
+        reason = str(error).split(', at /')[0]
+        hints = [hint.format(here=Path.cwd()) for part, hint in _HINTS.items() if part in reason]
+        raise ConfigError('; '.join([reason, *hints])) from error

@@ -1,0 +1,59 @@
+"""What programs share on a terminal: the parser of their options, and one line of numbers."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+_PERIOD = 0.1  # between two states of the line on a terminal [s]
+
+
+def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Parser of a program, whose texts are printed as they are."""
+    return argparse.ArgumentParser(
+        prog=prog,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+class StatusLine:
+    """One line of a terminal that each new text overwrites; elsewhere each text is a line.
+
+    Attributes:
+        is_terminal: whether it is written to a terminal.
+    """
+
+    def __init__(self, stream: TextIO, period_elsewhere: float = math.inf) -> None:
+        """Write to ``stream``; no terminal gets more than a line per ``period_elsewhere`` [s]."""
+        self.is_terminal = stream.isatty()
+        self._stream = stream
+        self._period = _PERIOD if self.is_terminal else period_elsewhere
+        self._shown = -math.inf if self.is_terminal else time.monotonic()
+        self._is_open = False
+
+    def show(self, describe: Callable[[], str], *, always: bool = False) -> None:
+        """Write what ``describe`` returns if the period is over, or ``always``."""
+        now = time.monotonic()
+        if now - self._shown < self._period and not always:
+            return
+        self._shown, self._is_open = now, self.is_terminal
+        # Back to the first column, and erase what is left of a longer text.
+        self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
+        self._stream.flush()
+
+    def __enter__(self) -> StatusLine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.leave()
+
+    def leave(self) -> None:
+        """End the line, so that what follows is written below it."""
+        if self._is_open:
+            self._stream.write('\n')
+            self._is_open = False

@@ -1,0 +1,212 @@
+"""Stands before viser's server: who may connect, what may be asked, and how much of it.
+
+viser checks neither. It opens its server by `websockets.asyncio.server.serve`, the one place
+through which every request and every message of a page comes; while a server starts, that is
+called here instead, with the checks added. A viser that does not call it is not served.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http
+import logging
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
+
+import viser
+import websockets.asyncio.server as websockets_server
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.viewer.access import Access
+from octo_arm_model.viewer.requests import Requests
+
+MOST_PAGES = 32
+_MOST_CONNECTIONS = 128  # those that have not said yet what they want among them
+_MOST_BYTES = 1 << 16  # of a message; those of a page have some hundred
+_MOST_A_SECOND = 500  # messages of one page that are read; the others wait
+_PERIOD = 1.0  # [s] between lines about refusals
+_LOG = logging.getLogger('octo_arm_model.viewer')
+# Close codes of what the other side did wrong: protocol, text that is none, size.
+_FAULTS = (1002, 1007, 1009)
+
+Handler = Callable[[ServerConnection], Awaitable[None]]
+Process = Callable[[ServerConnection, Request], Response | None]
+
+
+class GuardError(OctoArmError, RuntimeError):
+    """The installed viser cannot be guarded, so it is not served."""
+
+
+class Refusals:
+    """Says what was refused, at most one line a second."""
+
+    def __init__(self) -> None:
+        """Begin."""
+        self._said, self._unsaid = -_PERIOD, 0
+
+    def add(self, what: str) -> None:
+        """One more, of which ``what`` says why."""
+        now = time.monotonic()
+        if now - self._said < _PERIOD:
+            self._unsaid += 1
+            return
+        more = f' (and {self._unsaid} before that)' if self._unsaid else ''
+        self._said, self._unsaid = now, 0
+        _LOG.warning('viewer refused: %s%s', what, more)
+
+
+class Guard:
+    """The checks of one server.
+
+    Attributes:
+        requests: checks messages; must be told which server it is.
+    """
+
+    def __init__(self, access: Access) -> None:
+        """Let in whom ``access`` allows."""
+        self.requests = Requests()
+        self._access = access
+        self._refusals = Refusals()
+        self._connections: set[object] = set()
+        self._is_asked = False
+
+    @contextlib.contextmanager
+    def installed(self) -> Iterator[None]:
+        """Guard the server that viser opens within the context.
+
+        Raises:
+            GuardError: if viser opened it in another way.
+        """
+        opened = websockets_server.serve
+        websockets_server.serve = self._guarding(opened)  # type: ignore[assignment,misc]
+        try:
+            yield
+        finally:
+            websockets_server.serve = opened  # type: ignore[misc]
+        if not self._is_asked:
+            raise GuardError(f'viser {viser.__version__} cannot be guarded, expected 1.1 or newer')
+
+    def _guarding(self, opened: Callable[..., Any]) -> Callable[..., Any]:
+        def serve(handler: Handler, host: str, port: int, **options: Any) -> Any:
+            self._is_asked = True
+            given = options['process_request']
+            options |= {
+                'process_request': lambda *request: self._process(given, *request),
+                'create_connection': self._make_connection(),
+                'max_size': _MOST_BYTES,
+                'logger': self._make_logger(),
+            }
+            return opened(handler, host, port, **options)
+
+        return serve
+
+    def _process(
+        self, given: Process, connection: ServerConnection, request: Request
+    ) -> Response | None:
+        """Answer to a request, or None to go on as a WebSocket."""
+        hosts, origins = map(request.headers.get_all, ('Host', 'Origin'))
+        objection = self._access.objection(hosts, origins)
+        if objection:
+            return self._refuse(connection, http.HTTPStatus.FORBIDDEN, objection)
+        if any(value.lower() == 'websocket' for value in request.headers.get_all('Upgrade')):
+            wanted = f'viser-v{viser.__version__}'
+            if request.headers.get_all('Sec-WebSocket-Protocol') != [wanted]:
+                objection = f'a page of another version than {viser.__version__}: load it again'
+                return self._refuse(connection, http.HTTPStatus.BAD_REQUEST, objection)
+            if len(connection.server.connections) >= MOST_PAGES:
+                objection = f'more than {MOST_PAGES} pages'
+                return self._refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, objection)
+            return None
+        try:
+            response = given(connection, request)
+        except (OSError, ValueError):  # a name that no file could have
+            return connection.respond(http.HTTPStatus.NOT_FOUND, 'NOT FOUND')
+        if response is not None:
+            response.headers.update(_page_headers(hosts[0]))
+        return response
+
+    def _refuse(self, connection: ServerConnection, status: http.HTTPStatus, why: str) -> Response:
+        self._refusals.add(why)
+        return connection.respond(status, f'{why}\n')
+
+    def _make_connection(self) -> type[ServerConnection]:
+        connections, refusals, requests = self._connections, self._refusals, self.requests
+
+        class Connection(ServerConnection):
+            """Hands on only what a page may ask, no quicker than it can be done."""
+
+            _second, _count = 0.0, 0
+
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                super().connection_made(transport)
+                connections.add(self)
+                if len(connections) > _MOST_CONNECTIONS:
+                    refusals.add(f'more than {_MOST_CONNECTIONS} connections')
+                    self.transport.abort()
+
+            def connection_lost(self, exc: Exception | None) -> None:
+                connections.discard(self)
+                super().connection_lost(exc)
+
+            async def recv(self, decode: bool | None = None) -> Any:
+                while True:
+                    try:
+                        data = await super().recv(decode)
+                    except ConnectionClosed as closed:
+                        if closed.sent is not None and closed.sent.code in _FAULTS:
+                            refusals.add(f'a message: {closed.sent.reason}')
+                        raise
+                    objection = requests.objection(data)
+                    await self._pace()
+                    if not objection:
+                        return data
+                    refusals.add(objection)
+
+            async def _pace(self) -> None:
+                now = time.monotonic()
+                if now - self._second >= 1.0:
+                    self._second, self._count = now, 0
+                self._count += 1
+                if self._count > _MOST_A_SECOND:
+                    await asyncio.sleep(self._second + 1.0 - now)
+
+        return Connection
+
+    def _make_logger(self) -> logging.Logger:
+        """What websockets complains of, as refusals: without the stack of each."""
+        logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
+
+        class Shortened(logging.Handler):
+            """Counts a refusal for each record."""
+
+            def emit(_, record: logging.LogRecord) -> None:
+                error = record.exc_info[1] if record.exc_info else None
+                why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
+                self._refusals.add(f'{record.getMessage()}{why}')
+
+        logger.addHandler(Shortened())
+        return logger
+
+
+def _page_headers(host: str) -> dict[str, str]:
+    """Headers of the page served as ``host``.
+
+    It connects to nothing but its own server, whatever stands in a link to it, and is shown in no
+    frame of another page, which could have its buttons pressed unseen.
+    """
+    sources = f"connect-src 'self' ws://{host} wss://{host} data: blob:"
+    return {
+        'Content-Security-Policy': (
+            f"{sources}; frame-ancestors 'none'; object-src 'none'; base-uri 'none'; "
+            "form-action 'none'"
+        ),
+        'X-Frame-Options': 'DENY',
+        'X-Content-Type-Options': 'nosniff',
+        'Cross-Origin-Resource-Policy': 'same-origin',
+        'Referrer-Policy': 'no-referrer',
+    }

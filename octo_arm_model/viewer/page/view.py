@@ -1,0 +1,81 @@
+"""From where an arm is looked at, so that all of it is seen wherever its tendons bring it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.solver import Solver
+
+FIELD = 0.7  # [rad] seen from top to bottom
+ASPECT = 0.9  # width over height of the scene between the panels of a usual window
+_DIRECTION = (0.6, -1.0, 0.6)  # towards who looks: along the arm, across it and up
+_MARGIN = 1.12
+_STATIONS = 31
+_CURLED = 0.2  # of the length: how far from the base an arm is that is curled up
+_PULL = 0.15  # of the limits, where a tip swings out widest; beyond that the arm curls up
+
+
+class View(NamedTuple):
+    """Where who looks is, and at what, each (3,) [m]."""
+
+    position: FloatArray
+    look_at: FloatArray
+
+
+def across(tangent: FloatArray) -> FloatArray:
+    """Level direction (3,) across an arm along ``tangent`` (3,); x where it stands or hangs."""
+    found = np.cross([0.0, 0.0, 1.0], tangent)
+    size = float(np.linalg.norm(found))
+    return np.asarray(found / size if size > 1e-3 else np.array([1.0, 0.0, 0.0]))
+
+
+def tangent_of(config: Config) -> FloatArray:
+    """Direction of the resting arm (3,)."""
+    return Quaternions.from_xyzw(config.base.quaternion).matrix()[:, 0]
+
+
+def reached(config: Config, limits: FloatArray) -> FloatArray:
+    """Points (points, 3) [m] of the arm at rest, curled up, and with one tendon pulled at a time.
+
+    Without its loads; of an arm that the model closed_form does not cover, at rest alone.
+    """
+    base, arm = np.array(config.base.position), config.arm
+    rest = np.linspace(base, base + arm.length * tangent_of(config), _STATIONS)
+    about = base + _CURLED * arm.length * np.concatenate([np.eye(3), -np.eye(3)])
+    rest = np.concatenate([rest, about])
+    tensions = _PULL * np.diag(limits).reshape(-1, *arm.tension_shape)
+    try:
+        bent = Solver(arm, 'closed_form', _STATIONS + len(arm.sections), config.base)
+        return np.concatenate([rest, bent.solve(tensions).position.reshape(-1, 3)])
+    except OctoArmError:
+        return rest
+
+
+def framing(points: FloatArray, tangent: FloatArray, aspect: float = ASPECT) -> View:
+    """The nearest view that has all ``points`` (points, 3) [m] within it, and in its middle.
+
+    ``tangent`` (3,) is the direction of the arm, which is seen from its side, and ``aspect`` the
+    width of the picture over its height.
+    """
+    along, side, up = _DIRECTION
+    towards = along * tangent + side * across(tangent) + [0.0, 0.0, up]
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(towards, right), towards])
+    seen = points @ axes.T
+    half = np.tan(0.5 * FIELD) * np.array([aspect, 1.0]) / _MARGIN
+    # A point at the edge is at x = half (distance - z) from the middle, on either side: what is
+    # nearer to who looks takes more room.
+    low, high = seen[:, :2] + np.outer(seen[:, 2], half), seen[:, :2] - np.outer(seen[:, 2], half)
+    most, least = low.max(axis=0), high.min(axis=0)
+    middle, distance = 0.5 * (most + least), float(np.max(0.5 * (most - least) / half))
+    look_at = np.append(middle, np.mean([seen[:, 2].min(), seen[:, 2].max()]))
+    eye = np.append(middle, distance)
+    return View(eye @ axes, look_at @ axes)

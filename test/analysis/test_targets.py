@@ -1,0 +1,63 @@
+"""Targets: their Jacobians, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from differences import jacobian as derivative
+
+from octo_arm_model import (
+    BackboneShape,
+    Bending,
+    Config,
+    Solver,
+    Stiffness,
+    TargetError,
+    TipPose,
+    TipPosition,
+)
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+
+TENSIONS = 0.6 * np.array(FETCHING_IN_SPACE)
+
+
+@pytest.fixture(scope='module')
+def solver(table4: Config) -> Solver:
+    return Solver(table4.arm, 'exact', 61, table4.base)
+
+
+@pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])
+def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -> None:
+    backbone = solver.solve(TENSIONS + 0.05)
+    other = solver.solve(0.7 * TENSIONS)
+    target = {
+        'position': TipPosition(other.tip),
+        'pose': TipPose(other.tip, other.quaternion[-1]),
+        'bending': Bending(0.4, 0.9),
+        'shape': BackboneShape(other.s[::7], other.position[::7]),
+    }[name]
+    got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
+
+    def error(tensions: np.ndarray) -> np.ndarray:
+        return target.error(solver.solve(tensions.reshape(3, 4)))
+
+    expected = derivative(error, backbone.tensions.ravel(), step=1e-4)
+    np.testing.assert_allclose(got, expected, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: TipPosition([0.0, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPosition([0.0, np.nan, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPose([0.0] * 3, [0.0, 0.0, 0.0, 2.0]), 'tip quaternion is .*, expected'),
+        (lambda: Bending(0.0, 4.0), 'bending angle is 4.0, expected 0 to pi'),
+        (lambda: Bending(np.inf, 1.0), 'bending plane is inf'),
+        (lambda: BackboneShape([0.1], [[0.0] * 3] * 2), 'backbone position has 2 points'),
+        (lambda: Stiffness([0.0, 0.0, 0.0], 1.0), 'stiffness direction is .*, expected'),
+        (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
+    ],
+)  # fmt: skip
+def test_what_is_no_target_is_refused(build: object, message: str) -> None:
+    with pytest.raises(TargetError, match=message):
+        build()  # type: ignore[operator]

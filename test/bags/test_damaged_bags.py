@@ -1,0 +1,539 @@
+"""Bags that are damaged or mean harm: refused in one line, within bounds, and no loss unsaid."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import socket
+import sqlite3
+import struct
+import sys
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+import lz4.frame
+from recordings import (
+    START,
+    TENDON_TENSIONS,
+    TYPES,
+    random_tensions,
+    samples,
+    text_sample,
+    write_bag,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from octo_arm_model import load_config
+from octo_arm_model.bags import limits, storages
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.writer import STORAGES
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.config import load_parameters, parameters_as_yaml
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import BagError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+PRESET = preset_path('renda2012_prototype')
+ARM = load_config(PRESET).arm
+CONTENT = [
+    text_sample('/arm_description', parameters_as_yaml(load_parameters(PRESET))),
+    *samples(ARM, random_tensions(ARM, 50)),
+]
+MIB = 2**20
+
+
+def bag(path: Path, storage: str = 'mcap') -> Path:
+    return write_bag(path, CONTENT, storage)
+
+
+def compressed_bag(path: Path, mode: CompressionMode, storage: str = 'mcap') -> Path:
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection('/tendon_tensions', TENDON_TENSIONS, typestore=TYPES)
+        for one in CONTENT[1:]:
+            writer.write(topic, one.received_ns, one.data)
+    return path
+
+
+def file_of(path: Path) -> Path:
+    """The file of the bag at ``path`` that holds the messages."""
+    (file,) = (one for one in path.iterdir() if one.name != 'metadata.yaml')
+    return file
+
+
+def single(path: Path, storage: str = 'mcap') -> Path:
+    """Such a file without its metadata, which would say how many there are."""
+    file = file_of(bag(path, storage))
+    return file.rename(path.with_suffix(file.suffix))
+
+
+def change(file: Path, *statements: str) -> Path:
+    """Change an SQLite ``file``."""
+    data = sqlite3.connect(file)
+    for statement in statements:
+        data.execute(statement)
+    data.commit()
+    data.close()
+    return file
+
+
+def problem_of(path: Path) -> str:
+    """What is said of the bag at ``path``, which is refused, in one line."""
+    with pytest.raises(BagError) as caught:
+        with BagReader(path) as reader:
+            list(reader.messages())
+    assert '\n' not in str(caught.value)
+    return str(caught.value)
+
+
+def found_in(path: Path) -> tuple[list[tuple[str, int, bytes]], list[str]]:
+    with BagReader(path) as reader:
+        found = sorted((one.topic, one.received_ns, one.data) for one in reader.messages())
+        return found, reader.notes
+
+
+# What asks for too much -------------------------------------------------------------------------
+
+
+def record(kind: int, data: bytes) -> bytes:
+    return struct.pack('<BQ', kind, len(data)) + data
+
+
+def chunk_alone(compression: bytes, data: bytes, size: int) -> bytes:
+    """An MCAP file of one chunk that claims to expand to ``size`` bytes, without an index."""
+
+    def text(value: bytes) -> bytes:
+        return struct.pack('<I', len(value)) + value
+
+    magic = b'\x89MCAP0\r\n'
+    head = struct.pack('<QQQI', 1, 2, size, 0) + text(compression) + struct.pack('<Q', len(data))
+    footer = record(2, struct.pack('<QQI', 0, 0, 0))
+    return magic + record(1, text(b'ros2') + text(b'')) + record(6, head + data) + footer + magic
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'lz4'])
+@pytest.mark.parametrize(
+    ('claimed', 'expected'),
+    [
+        (8 * 2**30, 'of 8589934592 bytes, at most 268435456 are read'),
+        (100, 'a chunk expands to more than 100 bytes'),
+        (20 * MIB, 'a chunk expands to more than 20971520 bytes'),
+    ],
+)
+def test_a_chunk_that_expands_out_of_bounds_takes_no_memory(
+    tmp_path: Path, compression: str, claimed: int, expected: str
+) -> None:
+    expand = {'zstd': zstd.compress, 'lz4': lz4.frame.compress}[compression]
+    path = tmp_path / 'bomb.mcap'
+    path.write_bytes(chunk_alone(compression.encode(), expand(bytes(64 * MIB)), claimed))
+    tracemalloc.start()
+    problem = problem_of(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert expected in problem
+    assert peak < 50 * MIB
+
+
+def test_chunks_of_one_moment_are_bounded_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = bag(tmp_path / 'bag')
+    monkeypatch.setattr(storages, 'LARGEST_OVERLAP', 1000)
+    assert 'chunks of more than 1000 bytes in all are of the same time' in problem_of(path)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_compressed_messages_are_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str
+) -> None:
+    path = compressed_bag(tmp_path / 'bag', CompressionMode.MESSAGE, storage)
+    found, _ = found_in(path)
+    assert [data for *_, data in found] == [one.data for one in CONTENT[1:]]
+    if storage == 'sqlite3':
+        bomb = zstd.compress(bytes(64 * MIB)).hex()
+        change(file_of(path), f"UPDATE messages SET data=x'{bomb}' WHERE id=7")
+        monkeypatch.setattr(limits, 'LARGEST', MIB)
+        assert 'a compressed message expands to more than 1048576 bytes' in problem_of(path)
+
+
+def test_compressed_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
+    assert len(found_in(path)[0]) == 50
+    file_of(path).write_bytes(zstd.compress(bytes(64 * MIB)))
+    monkeypatch.setattr(limits, '_FILE_MORE', MIB)
+    assert 'bytes expand to more than' in problem_of(path)
+
+
+def test_a_record_larger_than_its_file_is_refused(tmp_path: Path) -> None:
+    path = single(tmp_path / 'bag')
+    data = bytearray(path.read_bytes())
+    data[9:17] = struct.pack('<Q', 2**40)
+    path.write_bytes(data)
+    assert 'the record at byte 8 claims 1099511627776 bytes' in problem_of(path)
+
+
+def test_a_value_larger_than_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(storages, 'LARGEST', MIB)
+    statement = f'UPDATE messages SET data=zeroblob({MIB + 1}) WHERE id=7'
+    assert 'too big' in problem_of(change(single(tmp_path / 'bag', 'sqlite3'), statement))
+
+
+ENDLESS = 'WITH RECURSIVE endless(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM endless)'
+COMPUTED = {
+    'view': (
+        'DROP TABLE message_definitions',
+        f'CREATE VIEW message_definitions AS {ENDLESS} SELECT id, id topic_type, id encoding, '
+        'id encoded_message_definition, id type_description_hash FROM endless',
+    ),
+    'column': (
+        'DROP TABLE messages',
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, '
+        'data BLOB AS (zeroblob(900000000)))',
+    ),
+}
+
+
+@pytest.mark.parametrize('kind', COMPUTED)
+def test_what_computes_is_refused(tmp_path: Path, kind: str) -> None:
+    path = change(single(tmp_path / 'bag', 'sqlite3'), *COMPUTED[kind])
+    assert 'it has views or triggers or computes columns' in problem_of(path)
+
+
+@pytest.mark.parametrize('field', ['string[2000000000]', 'float64[2000000000]'])
+def test_a_definition_of_endless_arrays_is_refused(tmp_path: Path, field: str) -> None:
+    text, _ = TYPES.generate_msgdef(TENDON_TENSIONS, ros_version=2)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection(
+            '/tendon_tensions', TENDON_TENSIONS, msgdef=f'{field} x\n{text}', rihs01='RIHS01_0'
+        )
+        writer.write(topic, START, b'\0\1\0\0')
+    with BagReader(tmp_path / 'bag') as reader:
+        with pytest.raises(BagError, match='has 2000000000 of x, at most 1048576 are read'):
+            reader.decode(next(reader.messages()))
+
+
+@pytest.mark.parametrize('place', ['metadata', 'file', 'alone'])
+@pytest.mark.parametrize('kind', ['pipe', 'socket', 'device', 'folder'])
+def test_what_is_no_file_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, kind: str
+) -> None:
+    path = bag(tmp_path / 'bag')
+    target = path / 'metadata.yaml' if place == 'metadata' else file_of(path)
+    target.unlink()
+    if kind == 'pipe':
+        os.mkfifo(target)
+    elif kind == 'socket':
+        monkeypatch.chdir(path)  # The name of a socket is short.
+        socket.socket(socket.AF_UNIX).bind(target.name)
+    elif kind == 'device':
+        target.symlink_to('/dev/zero')
+    else:
+        target.mkdir()
+    problem = problem_of(target if place == 'alone' else path)
+    if (place, kind) == ('alone', 'folder'):
+        assert 'no metadata.yaml' in problem
+    else:
+        assert f'{target.name} is a {kind}, expected a file' in problem
+
+
+def test_a_link_to_a_file_is_followed(tmp_path: Path) -> None:
+    path = bag(tmp_path / 'bag')
+    file = file_of(path)
+    file.rename(tmp_path / 'elsewhere')
+    file.symlink_to(tmp_path / 'elsewhere')
+    assert len(found_in(path)[0]) == len(CONTENT)
+
+
+MANY_VALUES = 'more than 100000 values, with aliases written out'
+
+
+def nested(entry: Callable[[str], str]) -> str:
+    """YAML of twelve lines, each of nine times the one before."""
+    lines = ['    l0: &l0 {x: 1}']
+    lines += [f'    l{i}: &l{i} {entry(", ".join([f"*l{i - 1}"] * 9))}' for i in range(1, 12)]
+    return '  custom_data:\n' + '\n'.join(lines)
+
+
+@pytest.mark.parametrize(
+    ('custom', 'expected'),
+    [
+        (nested(lambda nine: f'[{nine}]'), MANY_VALUES),
+        (
+            nested(lambda nine: f'{{<<: [{nine}]}}'),
+            MANY_VALUES,
+        ),
+        ('  custom_data: &own {x: *own}', 'an alias within what it stands for'),
+        (f'  custom_data: {"[" * 5000}', 'nested more than 20 deep'),
+        (f'  custom_data: {{x: {"y" * (2 * MIB)}}}', 'at most 1048576 are read'),
+        ('  custom_data: !!python/name:os.system {}', 'could not determine a constructor'),
+        (f'  custom_data: {{}}\n  other: {"9" * 9999}', 'is no integer'),
+    ],
+)
+def test_yaml_that_would_take_for_ever_is_refused(
+    tmp_path: Path, custom: str, expected: str
+) -> None:
+    path = bag(tmp_path / 'bag')
+    text = (path / 'metadata.yaml').read_text()
+    (path / 'metadata.yaml').write_text(text.replace('  custom_data: null', custom))
+    assert expected in problem_of(path)
+
+
+def test_yaml_within_a_storage_is_bounded_too(tmp_path: Path) -> None:
+    bomb = '\n'.join(line.strip() for line in nested(lambda nine: f'[{nine}]').splitlines()[1:])
+    path = bag(tmp_path / 'bag', 'sqlite3')
+    data = sqlite3.connect(file_of(path))
+    data.execute('UPDATE topics SET offered_qos_profiles=?', (bomb,))
+    data.commit()
+    data.close()
+    where = 'offered_qos_profiles, line 6: not valid YAML'
+    assert f'{where}, {MANY_VALUES}' in problem_of(path)
+
+
+# Metadata of another type -----------------------------------------------------------------------
+
+OTHERS: tuple[Any, ...] = (None, True, -1, 10**30, 1.5, 'x', [], [1], {}, {'x': [1]})
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where the fields of nested maps and lists are."""
+    yield path
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from places(part, (*path, key))
+
+
+def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path) -> None:
+    path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
+    file = path / 'metadata.yaml'
+    whole = yaml.safe_load(file.read_text())
+    root = 'rosbag2_bagfile_information'
+    whole[root]['custom_data'] = {'operator': 'somebody'}
+    named = 0
+    for place in places(whole):
+        for other in OTHERS:
+            content = json.loads(json.dumps(whole))
+            if place:
+                inner = content
+                for key in place[:-1]:
+                    inner = inner[key]
+                inner[place[-1]] = other
+            else:
+                content = other
+            file.write_text(yaml.safe_dump(content))
+            try:
+                found_in(path)
+            except BagError as error:
+                assert '\n' not in str(error)
+                named += place[-1:] != () and str(place[-1]) in str(error)
+    assert named > 150
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'expected'),
+    [
+        ('custom_data: null', 'custom_data: [1]', 'custom_data is list, expected a map'),
+        ('custom_data: null', 'custom_data: {x: [1]}', 'custom_data.x is list, expected text'),
+        ('message_count: 51', 'message_count: many', "message_count is 'many', expected an int"),
+        ('message_count: 51', 'message_count: -1', 'message_count is -1, expected 0 to 92233'),
+        ('version: 9', 'version: 99', 'version is 99, expected 1 to 9'),
+        ('version: 9\n', '\n', 'version is missing'),
+        ('type: std_msgs/msg/String', 'type: 5', 'topic_metadata.type is 5, expected text'),
+        ('mcap\n  ', 'paper\n  ', "storage_identifier is 'paper', expected one of 'mcap', 'sq"),
+        ("compression_mode: ''", 'compression_mode: zip', "compression_mode is 'zip', expected o"),
+    ],
+)
+@pytest.mark.parametrize('command', ['replay', 'compare', 'identify'])
+def test_every_command_names_the_field(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    old: str,
+    new: str,
+    expected: str,
+) -> None:
+    path = bag(tmp_path / 'bag')
+    text = (path / 'metadata.yaml').read_text()
+    assert old in text
+    (path / 'metadata.yaml').write_text(text.replace(old, new))
+    options = {'replay': [], 'compare': ['--out'], 'identify': ['--out']}[command]
+    assert main([command, str(path), *options, str(tmp_path / 'out')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert expected in line
+    assert command == 'compare' or not (tmp_path / 'out').exists()  # a folder, and empty
+
+
+def test_custom_data_are_as_they_are_written(tmp_path: Path) -> None:
+    path = bag(tmp_path / 'bag')
+    text = (path / 'metadata.yaml').read_text()
+    custom = 'custom_data: {run: 007, is_good: true, day: 2024-05-02, nothing: , ratio: 1:30}'
+    (path / 'metadata.yaml').write_text(text.replace('custom_data: null', custom))
+    with BagReader(path) as reader:
+        assert reader.metadata == {
+            'run': '007', 'is_good': 'true', 'day': '2024-05-02', 'nothing': '', 'ratio': '1:30',
+        }  # fmt: skip
+
+
+# What is lost is said ---------------------------------------------------------------------------
+
+
+def test_counts_of_the_metadata_are_held_against_the_file(tmp_path: Path) -> None:
+    path = bag(tmp_path / 'bag')
+    file = path / 'metadata.yaml'
+    text = file.read_text()
+    file.write_text(text.replace('message_count: 50', 'message_count: 51'))
+    assert '50 messages found of 51 on /tendon_tensions' in problem_of(path)
+    file.write_text(text.replace('name: /tendon_tensions', 'name: /tendon_tension'))
+    assert '0 messages found of 50 on /tendon_tension' in problem_of(path)
+    file.write_text(text.replace('message_count: 50', 'message_count: 0'))
+    found, notes = found_in(path)
+    assert len(found) == len(CONTENT)
+    assert notes == ['/tendon_tensions: 50 messages, more than the 0 it says']
+
+
+def test_a_row_of_no_topic_is_an_error(tmp_path: Path) -> None:
+    path = change(single(tmp_path / 'bag', 'sqlite3'), 'UPDATE messages SET topic_id=9 WHERE id=5')
+    assert '1 message(s) of topics that it does not have' in problem_of(path)
+
+
+@pytest.mark.parametrize('column', ['timestamp', 'data'])
+def test_a_row_of_another_type_is_an_error(tmp_path: Path, column: str) -> None:
+    statement = f"UPDATE messages SET {column}='x' WHERE id=5"
+    path = change(single(tmp_path / 'bag', 'sqlite3'), statement)
+    assert '1 message(s) without a time of receipt or bytes' in problem_of(path)
+    early = change(single(tmp_path / 'early', 'sqlite3'), 'UPDATE messages SET timestamp=-5')
+    assert 'received at -5 ns' in problem_of(early)
+
+
+def test_rows_that_are_not_there_are_counted_by_every_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['record-demo', str(tmp_path / 'demo'), '--storage', 'sqlite3']) == 0
+    path = change(file_of(tmp_path / 'demo'), 'DELETE FROM messages WHERE id IN (300, 301)')
+    capsys.readouterr()
+    total = 2 + len(found_in(path)[0])
+    for command in ('replay', 'compare'):
+        out = str(tmp_path / command)
+        arguments = ['--out', out] if command == 'compare' else [out]
+        assert main([command, str(path), *arguments]) == 0
+        said = capsys.readouterr().out
+        assert f'demo_0.db3: 2 message(s) of {total} are not there, by their numbers' in said
+
+
+def test_what_the_recorder_had_no_time_for_is_an_error(tmp_path: Path) -> None:
+    path = single(tmp_path / 'bag', 'sqlite3')
+    path.with_name('bag.db3-wal').write_bytes(b'messages')
+    assert 'bag.db3-wal beside it holds what its recorder had no time' in problem_of(path)
+
+
+def test_a_chunk_that_the_index_does_not_have_is_an_error(tmp_path: Path) -> None:
+    path = single(tmp_path / 'bag')
+    whole = path.read_bytes()
+    place = whole.index(struct.pack('<BQ', 6, len(whole))[:1], 40)
+    index = whole.rindex(struct.pack('<Q', place))
+    path.write_bytes(whole[:index] + struct.pack('<Q', place + 1) + whole[index + 8 :])
+    assert 'its index has 1 chunks' in problem_of(path)
+
+
+def test_the_checksum_of_a_summary_is_checked(tmp_path: Path) -> None:
+    writer = pytest.importorskip('mcap.writer', reason='needs mcap')
+    path = tmp_path / 'theirs.mcap'
+    with path.open('wb') as stream:
+        theirs = writer.Writer(stream)
+        theirs.start(profile='ros2')
+        channel = theirs.register_channel('/note', 'cdr', 0)
+        theirs.add_message(channel, START, b'\0\1\0\0', START)
+        theirs.finish()
+    assert len(found_in(path)[0]) == 1
+    data = bytearray(path.read_bytes())
+    data[data.rindex(b'/note') + 1] ^= 1
+    path.write_bytes(data)
+    assert 'the checksum of its summary is another' in problem_of(path)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str) -> None:
+    path = single(tmp_path / 'bag', storage)
+    if storage == 'sqlite3':
+        change(path, 'PRAGMA page_size = 1024')
+        data = sqlite3.connect(path)
+        data.execute('VACUUM')  # into small pages, of which more is structure
+        data.close()
+    expected, _ = found_in(path)
+    whole = path.read_bytes()
+    rng = random.Random(0)
+    refused = 0
+    for _ in range(300):
+        damaged = bytearray(whole)
+        damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        try:
+            found, notes = found_in(path)
+        except BagError as error:
+            assert '\n' not in str(error)
+            refused += 1
+        else:
+            assert notes or len(found) == len(expected)
+    assert refused > 10
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_every_command_survives_damage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str
+) -> None:
+    rng = random.Random(1)
+    path = bag(tmp_path / 'bag', storage)
+    file = file_of(path)
+    whole = file.read_bytes()
+    statuses = set()
+    for number in range(30):
+        damaged = bytearray(whole)
+        start = rng.randrange(len(whole))
+        if number % 3 == 0:
+            del damaged[start:]
+        elif number % 3 == 1:
+            damaged[start : start + 40] = bytes(40)
+        else:
+            damaged[start] ^= 1 << rng.randrange(8)
+        file.write_bytes(damaged)
+        command = ('replay', 'compare', 'identify')[number % 10 // 4]
+        options = ['--model', 'closed_form'] if command == 'replay' else ['--out']
+        out = tmp_path / f'out{number}'
+        status = main([command, str(path), *options, str(out)]) if command != 'replay' else main(
+            [command, str(path), str(out), *options]
+        )  # fmt: skip
+        errors = [
+            line for line in capsys.readouterr().err.splitlines() if line.startswith('octo-arm: e')
+        ]
+        assert len(errors) == (status != 0)
+        statuses.add(status)
+    assert statuses <= {0, 1, 2}
+    assert 2 in statuses
+    # A bag is there where it was made, and nothing unfinished is anywhere.
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith('.')]
+
+
+def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path) -> None:
+    (sample,) = samples(
+        ARM, np.ones((1, 4)), '/tendon_tensions/array', 'std_msgs/msg/Float64MultiArray'
+    )
+    late = sample._replace(received_ns=2**31 * 10**9)
+    path = write_bag(tmp_path / 'bag', [*CONTENT, sample, late])
+    assert main(['replay', str(path), str(tmp_path / 'out')]) == 0
+    with BagReader(tmp_path / 'out') as reader:
+        assert reader.count(['/backbone/path']) == 51

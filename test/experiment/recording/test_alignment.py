@@ -1,0 +1,49 @@
+"""The transform from the camera's frame to base_frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from differences import jacobian
+from experiments import circle, midline, one_tendon
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.experiment.recording.alignment import (
+    Alignment,
+    align,
+    left_jacobian,
+    undetermined,
+)
+
+numbers = st.floats(-1.0, 1.0, allow_subnormal=False)
+turns = st.tuples(numbers, numbers, numbers).map(lambda v: 3.0 * np.array(v))
+
+
+@given(turns, st.tuples(numbers, numbers, numbers))
+def test_the_rigid_motion_of_points_is_found(turn: np.ndarray, shift: tuple[float, ...]) -> None:
+    points = midline('closed_form', one_tendon(2.0))
+    true = Alignment(turn, np.array(shift))
+    found = align(true.to_camera(points), points)
+    np.testing.assert_allclose(found.to_base(true.to_camera(points)), points, atol=1e-12)
+    np.testing.assert_allclose(found.rotation, true.rotation, atol=1e-9)
+
+
+@given(turns)
+def test_derivatives_of_an_alignment_are_those_of_differences(turn: np.ndarray) -> None:
+    points = np.random.default_rng(1).standard_normal((5, 3))
+    at = np.concatenate([[0.1, -0.2, 0.3], turn])
+    got = Alignment(at[3:], at[:3]).by_parameters(points)
+    expected = jacobian(lambda x: Alignment(x[3:], x[:3]).to_base(points), at, 1e-4)
+    np.testing.assert_allclose(got, expected, atol=1e-9)
+    small = np.array([1e-6, -2e-6, 3e-6])
+    after = Rotation.from_rotvec(turn + small) * Rotation.from_rotvec(turn).inv()
+    np.testing.assert_allclose(after.as_rotvec(), left_jacobian(turn) @ small, atol=1e-10)
+
+
+def test_what_an_alignment_leaves_open_is_said() -> None:
+    line = np.linspace(0.0, 1.0, 10)[:, np.newaxis] * [1.0, 2.0, 0.5]
+    assert 'rotation about it is not determined' in undetermined(line)[0]
+    assert 'mirror image' in undetermined(circle())[0]
+    assert undetermined(np.concatenate([circle(), circle()[:, [0, 2, 1]]])) == ()
+    assert 'no rotation' in undetermined(np.zeros((4, 3)))[0]

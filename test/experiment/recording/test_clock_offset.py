@@ -1,0 +1,24 @@
+"""The offset of the camera's clock, from the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from experiments import ARM, recording
+
+from octo_arm_model.experiment.recording.clock_offset import clock_offset
+
+
+@pytest.mark.parametrize('ahead', [-0.7, 0.0, 0.35])
+def test_the_clock_of_the_camera_is_set_by_the_motion(ahead: float) -> None:
+    seen = recording('exact', ahead, material__youngs_modulus=1.3e5)
+    tips = np.array([points[-1] for points in seen.frames])
+    found = clock_offset(ARM, seen.tension_time, seen.tensions, seen.frame_time, tips)
+    assert found == pytest.approx(-ahead, abs=0.03)
+
+
+def test_an_arm_at_rest_tells_no_time() -> None:
+    seen = recording(held=(2.0, 2.0))
+    rng = np.random.default_rng(0)
+    tips = 1e-3 * rng.standard_normal((len(seen.frames), 3))
+    assert clock_offset(ARM, seen.tension_time, seen.tensions, seen.frame_time, tips) is None

@@ -1,0 +1,118 @@
+"""How programs begin: interrupted while they are imported, and where ROS cannot start."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from checkout import ROOT
+
+import octo_arm_start
+from octo_arm_model.config.presets import preset_path
+
+PROGRAMS = [
+    name
+    for name, value in vars(octo_arm_start).items()
+    if inspect.isfunction(value) and not name.startswith('_')
+]
+PARAMETERS = str(preset_path('renda2012_prototype'))
+OF_ROS = {
+    'node': ['--ros-args', '--params-file', PARAMETERS],
+    'lifecycle_node': ['--ros-args', '--params-file', PARAMETERS],
+    'simulator': ['--ros-args', '--params-file', PARAMETERS],
+    'viewer': [],
+    'demo': ['renda2012_prototype', '--no-viewer'],
+    'octopus': ['renda2012_prototype', '--no-viewer'],
+}
+# Ctrl-C comes at the import of NumPy.
+INTERRUPT = """
+import os, signal, sys
+class Interrupt:
+    def find_spec(name, path=None, target=None):
+        if name == 'numpy':
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
+"""
+
+
+def started(program: str, *arguments: str, before: str = '', **environment: str | None) -> tuple:
+    """Run a program to its end; returns status and what it complains of."""
+    code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
+    variables = {**os.environ, **environment}
+    done = subprocess.run(
+        [sys.executable, '-c', code, *arguments],
+        env={name: value for name, value in variables.items() if value is not None},
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    return done.returncode, done.stderr
+
+
+def test_every_program_is_started_here() -> None:
+    scripts = re.findall(r"'octo.* = (\w+):(\w+)'", (ROOT / 'setup.py').read_text())
+    assert sorted(scripts) == [('octo_arm_start', name) for name in sorted(PROGRAMS)]
+
+
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_ctrl_c_ends_a_program_quietly_while_it_is_imported(program: str) -> None:
+    status, complaint = started(program, before=INTERRUPT)
+    assert complaint == ''
+    assert status == (130 if program == 'command_line' else 0)
+
+
+def test_ctrl_c_stays_ignored_where_it_was() -> None:
+    before = INTERRUPT + 'signal.signal(signal.SIGINT, signal.SIG_IGN)'
+    status, _ = started('command_line', 'play', '--list', before=before)
+    assert status == 0
+
+
+def test_without_memory_that_is_said() -> None:
+    before = (
+        'import octo_arm_model.cli.report as report\n'
+        'def summary(*given): raise MemoryError\n'
+        'report.summary = summary'
+    )
+    arguments = ['solve', 'renda2012_prototype', '--tensions', '[[1, 0, 0, 0]]']
+    status, complaint = started('command_line', *arguments, before=before)
+    assert (status, complaint) == (2, 'octo-arm: error: out of memory\n')
+
+
+@pytest.mark.parametrize('program', OF_ROS)
+def test_where_logs_cannot_be_written_that_is_said(program: str, tmp_path: Path) -> None:
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    (tmp_path / 'file').write_text('')
+    for environment in (
+        {'HOME': None, 'ROS_HOME': None, 'ROS_LOG_DIR': None},
+        {'ROS_LOG_DIR': str(tmp_path / 'file' / 'logs')},
+    ):
+        status, complaint = started(program, *OF_ROS[program], **environment)
+        assert status in (1, 2)
+        # Before it rcutils reports errors of its own.
+        last = complaint.splitlines()[-1]
+        assert ': error: failed to initialize logging' in last
+        assert last.endswith('set one to a folder that can be written')
+        assert '1.0' not in complaint
+        assert 'Traceback' not in complaint
+
+
+def test_an_error_is_not_hidden_where_no_thread_can_watch_the_end() -> None:
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    before = """
+import faulthandler
+def no_thread(*given, **named):
+    raise RuntimeError('unable to start watchdog thread')
+faulthandler.dump_traceback_later = no_thread
+"""
+    status, complaint = started('node', before=before)
+    assert status == 1
+    assert complaint.splitlines()[-1].startswith('octo_arm_node: error: ')
+    assert 'watchdog' not in complaint

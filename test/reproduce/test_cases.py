@@ -1,0 +1,63 @@
+"""What is measured on the shapes of the paper's arms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Config, Pose, Solver
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE
+from octo_arm_model.reproduce import cases
+from octo_arm_model.reproduce.claims.results_claims import PLANES
+
+
+@pytest.mark.parametrize('plane', PLANES)
+def test_the_pair_of_a_plane_is_at_most_two_neighbours_of_amplitude_one(plane: int) -> None:
+    pair = cases.pair(plane)
+    assert cases.angle_between(cases.law((pair,)), plane) < 1e-9
+    assert np.hypot(*(pair[j] - pair[j + 2] for j in (0, 1))) == pytest.approx(1.0)
+    assert min(pair[0], pair[2]) == min(pair[1], pair[3]) == 0.0
+
+
+def test_the_law_gives_the_captions_of_figure_11() -> None:
+    planes = [cases.law(tensions) for tensions in BENDING.values()]
+    np.testing.assert_allclose(planes, [135.0, -30.0, 60.0])
+
+
+def test_a_plane_is_measured_about_the_base_wherever_that_is(table2: Config) -> None:
+    turned = Pose((1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
+    shapes = [
+        Solver(table2.arm, 'exact', base=base).solve(BENDING['C']) for base in (Pose(), turned)
+    ]
+    for shape in shapes:
+        assert cases.bending_plane(shape) == pytest.approx(60.0, abs=1e-3)
+        assert cases.out_of_plane(shape) < 1e-6
+    distances = [cases.tip_distance(shape) for shape in shapes]
+    assert distances[0] == pytest.approx(distances[1])
+
+
+@pytest.mark.parametrize(
+    ('one', 'other', 'apart'), [(179.0, -179.0, 2.0), (-90.0, 90.0, 180.0), (30.0, 10.0, 20.0)]
+)
+def test_directions_are_compared_the_short_way_round(
+    one: float, other: float, apart: float
+) -> None:
+    assert cases.angle_between(one, other) == cases.angle_between(other, one) == apart
+
+
+def test_turns_of_sections_are_integrals_of_the_curvature(model: str) -> None:
+    shape = cases.solve('table4', model, FETCHING_IN_PLANE)
+    turns = cases.turns(shape)
+    assert tuple(turns) == (3, 2, 1)
+    assert sum(turns.values()) == pytest.approx(cases.headings(shape)[-1])
+    rate = np.rad2deg(shape.k * (1.0 + shape.q))
+    for section, turn in turns.items():
+        at = shape.section == section
+        # Without the interval after the anchorage, where the curvature jumps.
+        assert turn == pytest.approx(np.sum(rate[at]) * shape.s[1], rel=0.03)
+
+
+def test_anchorages_are_where_they_are(table4: Config) -> None:
+    shape = cases.solve('table4', 'closed_form', FETCHING_IN_PLANE)
+    at = [section.anchorage for section in reversed(table4.arm.sections)]
+    np.testing.assert_allclose(shape.s[cases.anchorages(shape)], at)

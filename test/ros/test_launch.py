@@ -1,0 +1,159 @@
+"""The launch files: their arguments and, where a ROS with launch is installed, what they start."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from checkout import ROOT
+
+SHARED = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
+OF_ONE_ARM = {'params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'}
+ARGUMENTS = {
+    'octo_arm': OF_ONE_ARM | {'bag'},
+    'octopus': {'params_file', 'use_sim_time', 'rviz', 'model', 'radius', 'base_frame'},
+    'simulation': OF_ONE_ARM | {'simulator_file', 'profile', 'ground_truth'},
+}
+# What the shared functions read.
+READ = {
+    'arm_node': {'namespace', 'params_file', 'use_sim_time', 'model', 'frame_prefix'},
+    'rviz': {'rviz', 'use_sim_time'},
+    'sim_time': {'use_sim_time'},
+}
+READERS = ('LaunchConfiguration', 'text', 'value_of', 'overrides')
+
+
+def calls_of(path: Path) -> list[ast.Call]:
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+
+def names_in(calls: list[ast.Call], *functions: str) -> list[str]:
+    """Names given as text to ``functions``."""
+    return [
+        argument.value
+        for call in calls
+        if getattr(call.func, 'id', '') in functions
+        for argument in call.args
+        if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
+    ]
+
+
+def launch_file(name: str) -> Path:
+    return ROOT / 'launch' / f'{name}.launch.py'
+
+
+def test_every_launch_file_is_tested() -> None:
+    assert {path.name.split('.')[0] for path in (ROOT / 'launch').iterdir()} == set(ARGUMENTS)
+
+
+@pytest.mark.parametrize('name', sorted(ARGUMENTS))
+def test_launch_files_declare_each_argument_once_and_read_no_other(name: str) -> None:
+    calls = calls_of(launch_file(name))
+    declared = names_in(calls, 'declare', 'DeclareLaunchArgument')
+    assert sorted(declared) == sorted(ARGUMENTS[name])
+    used = set(names_in(calls, *READERS))
+    for call in calls:
+        used |= READ.get(getattr(call.func, 'id', ''), set())
+    assert used == ARGUMENTS[name]
+    for call in calls:
+        if getattr(call.func, 'id', '') == 'DeclareLaunchArgument':
+            given = {keyword.arg: keyword.value for keyword in call.keywords}
+            assert {'default_value', 'description'} <= given.keys()
+
+
+def test_the_shared_functions_read_what_is_shared() -> None:
+    tree = ast.parse(SHARED.read_text(encoding='utf-8'))
+    (table,) = [
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.AnnAssign) and node.target.id == 'ARGUMENTS'
+    ]
+    assert set(ast.literal_eval(table)) == OF_ONE_ARM
+    assert set(names_in(calls_of(SHARED), *READERS)) <= OF_ONE_ARM
+
+
+def test_a_view_of_eight_arms_shows_the_markers_of_each() -> None:
+    one, eight = (
+        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
+        for name in ('octo_arm', 'octopus')
+    )
+    topics = [
+        display['Topic']['Value']
+        for display in eight['Displays']
+        if display['Class'].endswith('/MarkerArray')
+    ]
+    assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
+    assert eight['Global Options']['Fixed Frame'] == 'octopus'
+    assert eight['Tools'] == one['Tools']
+
+
+def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """Parameters of the nodes that a launch file starts, by executable and namespace."""
+    pytest.importorskip('launch_ros', reason='needs an installed ROS')
+    from launch import LaunchContext
+    from launch.actions import DeclareLaunchArgument
+    from launch_ros.actions import Node
+    from launch_ros.utilities import evaluate_parameters
+
+    loaded = runpy.run_path(str(launch_file(name)))
+    context = LaunchContext()
+    context.launch_configurations.update(values)
+    for entity in loaded['generate_launch_description']().entities:
+        if isinstance(entity, DeclareLaunchArgument):
+            entity.execute(context)
+    nodes = {}
+    for action in loaded['start'](context):
+        if not isinstance(action, Node) or (
+            action.condition and not action.condition.evaluate(context)
+        ):
+            continue
+        action._perform_substitutions(context)
+        # Names that begin with an underscore hold what the public ones are computed from.
+        given = evaluate_parameters(context, action._Node__parameters)
+        parameters: dict[str, Any] = {}
+        for part in given:
+            parameters |= part if isinstance(part, dict) else {'file': str(part)}
+        nodes[action.node_executable, action.expanded_node_namespace] = parameters
+    return nodes
+
+
+def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone() -> None:
+    ((key, plain),) = started('octo_arm').items()
+    assert key == ('octo_arm_node', '') or key == ('octo_arm_node', '/')
+    assert {'model', 'frame_prefix'}.isdisjoint(plain) and plain['use_sim_time'] is False
+    assert Path(plain['file']).stem == 'renda2012_table4'
+    ((_, given),) = started('octo_arm', model='exact', frame_prefix='1_').items()
+    assert (given['model'], given['frame_prefix']) == ('exact', '1_')
+
+
+def test_two_simulated_arms_have_frames_of_their_own(tmp_path: Path) -> None:
+    file = tmp_path / 'arm.yaml'
+    text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
+    file.write_text(re.sub(r'( +)model:', r"\1frame_prefix: 'of_file_'\n\1model:", text, count=1))
+    prefixes = []
+    for given in ({'frame_prefix': 'left_'}, {'params_file': str(file)}, {}):
+        nodes = started('simulation', namespace='arm', ground_truth='true', **given)
+        assert set(nodes) == {
+            ('octo_arm_node', '/arm'),
+            ('octo_arm_sim', '/arm'),
+            ('octo_arm_node', '/arm/ground_truth'),
+        }
+        prefixes.append(nodes['octo_arm_node', '/arm/ground_truth']['frame_prefix'])
+        assert nodes['octo_arm_node', '/arm'].get('frame_prefix') == given.get('frame_prefix')
+    assert prefixes == ['left_ground_truth_', 'of_file_ground_truth_', 'ground_truth_']
+
+
+def test_the_octopus_has_eight_arms_and_rviz_if_wanted() -> None:
+    nodes = started('octopus', rviz='true', base_frame='body')
+    (seen,) = [key for key in nodes if key[0] == 'rviz2']
+    assert nodes.pop(seen) == {'use_sim_time': False}
+    assert {where for _, where in nodes} == {f'/arm_{number}' for number in range(1, 9)}
+    for (_, where), parameters in nodes.items():
+        assert parameters['base_frame'] == 'body'
+        assert parameters['frame_prefix'] == f'{where[1:]}_'

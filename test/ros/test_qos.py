@@ -1,0 +1,158 @@
+"""Parameters override every QoS policy of every topic of the nodes."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from rclpy.duration import Duration
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
+
+from octo_arm_model import ConfigError
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
+from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.qos import POLICIES
+from octo_arm_model.ros.simulator_node import SimulatorNode
+
+README = Path(__file__).resolve().parents[2] / 'README.md'
+CONFIG_FILE = preset_path('renda2012_table4')
+NODES = {'node': OctoArmNode, 'managed': ManagedOctoArmNode, 'simulator': SimulatorNode}
+# Of rclpy itself.
+OTHERS = {'/rosout', '/parameter_events', '/clock', '/octo_arm/transition_event'}
+# None of them is what any topic has by default.
+WANTED = {
+    'history': ('keep_last', HistoryPolicy.KEEP_LAST),
+    'depth': (7, 7),
+    'durability': ('transient_local', DurabilityPolicy.TRANSIENT_LOCAL),
+    'deadline': (3 * 10**9, Duration(seconds=3)),
+    'lifespan': (4 * 10**9, Duration(seconds=4)),
+    'liveliness': ('manual_by_topic', LivelinessPolicy.MANUAL_BY_TOPIC),
+    'liveliness_lease_duration': (5 * 10**9, Duration(seconds=5)),
+}
+
+
+@pytest.fixture
+def context() -> Iterator[object]:
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=1 + os.getpid() % 80)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+def make(kind: str, context: object, *overrides: str) -> rclpy.node.Node:
+    """A node, active, with parameters overridden."""
+    arguments = ['--ros-args', '--params-file', str(CONFIG_FILE)]
+    for override in overrides:
+        arguments += ['-p', override]
+    node = NODES[kind](context=context, cli_args=arguments, use_global_arguments=False)
+    if kind == 'managed':
+        for transition in (node.on_configure, node.on_activate):
+            if transition(None) != TransitionCallbackReturn.SUCCESS:
+                raise ConfigError('refused, and the reason is in the log')
+    return node
+
+
+def entities(node: rclpy.node.Node) -> dict[tuple[str, str], object]:
+    """Publishers and subscriptions by kind and topic."""
+    found = {('publisher', publisher.topic_name): publisher for publisher in node.publishers}
+    for subscription in node.subscriptions:
+        found['subscription', subscription.topic_name] = subscription
+    return {key: entity for key, entity in found.items() if key[1] not in OTHERS}
+
+
+@pytest.mark.parametrize('kind', NODES)
+def test_every_policy_of_every_topic_is_overridden(kind: str, context: object) -> None:
+    plain = make(kind, context)
+    topics = entities(plain)
+    before = {key: entity.qos_profile for key, entity in topics.items()}
+    plain.destroy_node()
+    overrides, expected = [], {}
+    for number, (key, qos) in enumerate(before.items()):
+        for policy, (text, value) in WANTED.items():
+            if (key[0], policy) != ('subscription', 'lifespan'):
+                overrides.append(f'qos_overrides.{key[1]}.{key[0]}.{policy}:={text}')
+                expected[(*key, policy)] = value
+        # Each another depth, so that none takes that of another; what comes last counts.
+        expected[(*key, 'depth')] = 10 + number
+        overrides.append(f'qos_overrides.{key[1]}.{key[0]}.depth:={10 + number}')
+        is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+        other = ReliabilityPolicy.BEST_EFFORT if is_reliable else ReliabilityPolicy.RELIABLE
+        expected[(*key, 'reliability')] = other
+        overrides.append(f'qos_overrides.{key[1]}.{key[0]}.reliability:={other.name.lower()}')
+    node = make(kind, context, *overrides)
+    found = {
+        (*key, policy): getattr(entity.qos_profile, policy)
+        for key, entity in entities(node).items()
+        for policy in [*WANTED, 'reliability']
+        if (*key, policy) in expected
+    }
+    assert found == expected
+    # And what others see of it.
+    if kind != 'simulator':
+        (seen,) = node.get_publishers_info_by_topic('/tip_pose')
+        assert seen.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert seen.qos_profile.deadline == Duration(seconds=3)
+    node.destroy_node()
+
+
+def test_an_override_is_of_one_topic_alone(context: object) -> None:
+    node = make('node', context, 'qos_overrides./strains.publisher.depth:=77')
+    depths = {key[1]: entity.qos_profile.depth for key, entity in entities(node).items()}
+    assert depths['/strains'] == 77
+    assert depths['/tip_pose'] == depths['/backbone/path'] == depths['/markers'] == 5
+    node.destroy_node()
+    node = make('node', context)
+    assert entities(node)['publisher', '/strains'].qos_profile.depth == 5
+    node.destroy_node()
+
+
+def test_overrides_are_parameters_that_cannot_change_later(context: object) -> None:
+    node = make('node', context, 'qos_overrides./strains.publisher.depth:=77')
+    names = {name for name in node.get_parameters_by_prefix('') if name.startswith('qos_')}
+    assert {name.rpartition('.')[2] for name in names} == {p.name.lower() for p in POLICIES}
+    for name in names:
+        assert node.describe_parameter(name).read_only
+    node.destroy_node()
+
+
+@pytest.mark.parametrize('kind', NODES)
+@pytest.mark.parametrize(
+    ('override', 'reason'),
+    [
+        ('/{}.publisher.durabilty:=volatile', 'durabilty overrides nothing'),
+        ('/{}.subscription.depth:=5', 'depth overrides nothing'),
+        ('{}.publisher.depth:=5', 'depth overrides nothing'),
+        ('/{}.publisher.reliability:=surely', 'surely'),
+        ('/{}.publisher.depth:=many', 'depth'),
+        ('/{}.publisher.depth:=-1', 'depth is -1, expected 0 to 100000'),
+        ('/{}.publisher.depth:=100001', 'depth is 100001, expected 0 to 100000'),
+        ('/{}.publisher.deadline:=-1', 'deadline is -1, expected nanoseconds >= 0'),
+    ],
+)
+def test_overrides_that_cannot_be_are_refused(
+    kind: str, override: str, reason: str, context: object
+) -> None:
+    topic = 'ground_truth/tendon_tensions' if kind == 'simulator' else 'strains'
+    with pytest.raises(ConfigError) as error:
+        make(kind, context, 'qos_overrides.' + override.format(topic))
+    assert kind == 'managed' or re.search(re.escape(reason), str(error.value))
+    assert '\n' not in str(error.value)
+
+
+def test_the_readme_names_every_topic(context: object) -> None:
+    node = make('node', context)
+    text = README.read_text().split('### Services')[0]
+    named = set(re.findall(r'^\| `([a-z_/]+)` \|', text, re.MULTILINE))
+    found = {key[1] for key in entities(node)}
+    # Where tf2_msgs is not installed there are no frames.
+    assert {'/' + name.lstrip('/') for name in named} - {'/tf'} == found - {'/tf'}
+    node.destroy_node()

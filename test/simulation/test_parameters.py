@@ -1,0 +1,70 @@
+"""Parameters of the simulator: limits, names and types."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from octo_arm_model import ArmDefinitionError, ConfigError
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.simulation.hardware import Hardware
+from octo_arm_model.simulation.load_cells import LoadCells
+from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model.simulation.winches import Winches
+
+ARM = load_parameters(preset_path('renda2012_prototype'))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'complaint'),
+    [
+        ('winches.slack_floor', -0.1, 'winches.slack_floor is -0.1, expected a finite tension'),
+        ('winches.force_limit', np.nan, 'winches.force_limit is nan'),
+        ('winches.rate_limit', -1.0, 'winches.rate_limit is -1.0, expected a finite rate >= 0'),
+        ('winches.lag', np.inf, 'winches.lag is inf, expected a finite time >= 0 [s]'),
+        ('load_cells.gain_stddev', -1.0, 'load_cells.gain_stddev is -1.0'),
+        ('load_cells.noise_stddev', -1.0, 'load_cells.noise_stddev is -1.0'),
+        ('load_cells.resolution', -1.0, 'load_cells.resolution is -1.0'),
+        ('load_cells.drop_probability', 1.5, 'is 1.5, expected a number in [0, 1]'),
+        ('load_cells.seed', -1, 'load_cells.seed is -1, expected an integer >= 0'),
+        ('relaxation.ratio', -0.5, 'relaxation.ratio is -0.5'),
+        ('relaxation.time', 0.0, 'relaxation.time is 0.0, expected a finite number > 0 [s]'),
+        ('rate', 0.0, 'rate is 0.0, expected a finite number > 0 [Hz]'),
+        ('rate', 1e6, 'rate is 1000000.0, expected at most 1000.0 [Hz]'),
+        ('profile.speed', -1.0, 'profile.speed is -1.0'),
+    ],
+)
+def test_impossible_values_are_refused_by_name(name, value, complaint) -> None:
+    with pytest.raises(ArmDefinitionError) as caught:
+        SimulatorConfig.from_parameters({**ARM, name: value})
+    assert complaint in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('values', 'complaint'),
+    [
+        ({'winches.lga': 0.1}, 'did you mean winches.lag?'),
+        ({'material.poison_ratio': 0.5}, 'did you mean material.poisson_ratio?'),
+        ({'elbow': 1.0}, 'elbow is no parameter of the simulator or the arm; known are rate'),
+        ({'winches.lag': 'long'}, "winches.lag is 'long', expected double"),
+        ({'profile.loop': 1}, 'profile.loop is 1, expected bool'),
+    ],
+)
+def test_unknown_names_and_wrong_types_are_refused(values, complaint) -> None:
+    with pytest.raises(ConfigError) as caught:
+        SimulatorConfig.from_parameters({**ARM, **values})
+    assert complaint in str(caught.value)
+
+
+def test_everything_is_off_by_default_and_every_parameter_arrives() -> None:
+    config = SimulatorConfig.from_parameters(ARM)
+    assert config.hardware == Hardware()
+    assert config.profile is None
+    own = {p.name: p.default for p in PARAMETERS}
+    own |= {'winches.lag': 0.1, 'load_cells.seed': 3, 'relaxation.ratio': 0.2, 'rate': 20.0}
+    config = SimulatorConfig.from_parameters({**ARM, **own, 'profile.name': 'ramps'})
+    expected = Hardware(Winches(lag=0.1), LoadCells(seed=3), Relaxation(ratio=0.2))
+    assert (config.hardware, config.rate) == (expected, 20.0)
+    assert config.profile is not None and config.profile.duration > 0.0

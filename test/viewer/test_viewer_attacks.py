@@ -1,0 +1,407 @@
+"""The viewer against pages that mean harm: real connections to the real thing."""
+
+import http.client
+import math
+import re
+import socket
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+viser = pytest.importorskip('viser', reason='needs viser')
+
+import msgspec
+import zstandard
+from octo_arm_msgs.msg import TendonTensions
+from viewer_setup import CONFIG, DEADLINE, Setup
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from octo_arm_model.ros.client.topic import Topic
+from octo_arm_model.simulation.limits import tendon_limits
+
+LIMITS = tendon_limits(CONFIG)
+NAMES = CONFIG.arm.tendon_names
+EVIL = 'http://evil.example'
+NAN, INF = math.nan, math.inf
+CAMERA = {
+    'type': 'ViewerCameraMessage',
+    'wxyz': [1.0, 0.0, 0.0, 0.0],
+    'position': [1.0, 1.0, 1.0],
+    'fov': 0.7,
+    'near': 0.01,
+    'far': 100,
+    'image_height': 600,
+    'image_width': 800,
+    'look_at': [0, 0, 0],
+    'up_direction': [0, 0, 1],
+}
+DRAG = {
+    'type': 'TransformControlsUpdateMessage',
+    'name': '/target',
+    'wxyz': [1.0, 0.0, 0.0, 0.0],
+    'position': [0.3, 0.1, 0.0],
+    'owner': '',
+}
+
+
+class Page:
+    """What a page does, without a browser that keeps it from worse."""
+
+    def __init__(self, port, host='localhost', origin=None, protocol=None):
+        self._socket = connect(
+            f'ws://{host}:{port}',
+            sock=socket.create_connection(('127.0.0.1', port)),
+            origin=origin,
+            subprotocols=[protocol or f'viser-v{viser.__version__}'],
+            max_size=None,
+            compression=None,
+            max_queue=None,
+            open_timeout=DEADLINE,
+        )
+        self.controls = {}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._socket.close()
+
+    def read(self):
+        """Take all that is shown at first."""
+        self.send(CAMERA)
+        while True:
+            data = self._socket.recv(timeout=DEADLINE)
+            size = int.from_bytes(data[8:16], 'little')
+            text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + size])
+            for message in msgspec.msgpack.decode(text)['messages']:
+                if 'label' in (message.get('props') or {}):
+                    self.controls[message['props']['label']] = message['uuid']
+                if message['type'] == 'ReplayDoneMessage':
+                    return self
+
+    def send(self, message):
+        raw = message if isinstance(message, (bytes, str)) else msgspec.msgpack.encode(message)
+        self._socket.send(raw)
+
+    def update(self, label, **updates):
+        uuid = self.controls[label]
+        self.send({'type': 'GuiUpdateMessage', 'uuid': uuid, 'updates': updates})
+
+    def wait_until_closed(self):
+        with pytest.raises(ConnectionClosed):
+            while True:
+                self._socket.recv(timeout=DEADLINE)
+
+
+class Attacked(Setup):
+    """The viewer, and all that it ever commands."""
+
+    def __init__(self):
+        super().__init__()
+        self.number = int(self.url.rpartition(':')[2])
+        self.commands, self.last, self.tension = [], np.zeros(len(NAMES)), 0.0
+        self._topic = Topic(self.client._node, TendonTensions, 'tendon_commands', 1000)
+        self.wait_for(lambda: self.client.tensions is not None, 'the first tensions')
+        end = time.monotonic() + DEADLINE
+        while time.monotonic() < end:
+            with Page(self.number) as page:
+                self.labels = page.read().controls
+            if 'Speed' in self.labels:
+                return
+        raise AssertionError('no page')
+
+    def page(self, **options):
+        return Page(self.number, **options).read()
+
+    def hear(self):
+        new = [np.array(message.tension) for message in self._topic.take()]
+        self.commands += new
+        self.last = new[-1] if new else self.last
+        return self.commands
+
+    def still_obeys(self):
+        """A page that means well is obeyed, and nothing but that was commanded since the last."""
+        with self.page() as page:
+            while not self.pulls_one(page):
+                pass  # something was under way, which the pull stopped
+        for command in self.commands:
+            assert np.isfinite(command).all()
+            assert (command >= 0.0).all()
+            assert (command <= LIMITS * (1.0 + 1e-9)).all()
+        others = [command for command in self.commands if np.delete(command, 5).any()]
+        self.commands.clear()
+        assert self.viewer.poll() is None
+        return others
+
+    def pulls_one(self, page):
+        """Slacken all but one tendon; whether the others were slack by then."""
+        page.update('Let all go slack', value=True)
+        self.wait_for(lambda: self.hear() is not None and not self.last.any(), 'slack')
+        self.tension = round(self.tension % 3.0 + 0.01, 2)
+        page.update(NAMES[5], value=self.tension)
+        self.wait_for(lambda: self.hear() and self.last[5] == self.tension, 'the tension')
+        return np.count_nonzero(self.last) == 1
+
+    def request(self, path, **headers):
+        connection = http.client.HTTPConnection('127.0.0.1', self.number, timeout=DEADLINE)
+        connection.putrequest('GET', path, skip_host=True)
+        for name, value in {'Host': f'localhost:{self.number}', **headers}.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        response = connection.getresponse()
+        response.read()
+        connection.close()
+        return response
+
+
+@pytest.fixture(scope='module')
+def viewer():
+    viewer = Attacked()
+    began = time.monotonic()
+    yield viewer
+    assert viewer.still_obeys() == []
+    took = time.monotonic() - began
+    # Says the processes ended in order, without a stack of calls.
+    complaints = viewer.close()
+    lines = complaints.splitlines()
+    assert lines, 'nothing was said of all this'
+    assert len(lines) <= took + 5.0
+    for line in lines:
+        assert line.startswith('viewer refused: '), complaints
+
+
+# Who may connect --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('host', 'origin'),
+    [
+        ('localhost', EVIL),
+        ('localhost', 'null'),
+        ('localhost', 'http://localhost:1'),
+        ('localhost', 'http://localhost.evil.example'),
+        ('localhost', 'file://'),
+        ('127.0.0.1', 'http://localhost'),
+        ('evil.example', EVIL),  # its name points here: DNS rebinding
+        ('evil.example', None),
+        ('localhost.evil.example', None),
+    ],
+)
+def test_a_page_from_elsewhere_is_not_let_in(viewer, host, origin):
+    if origin and origin.startswith('http') and origin.count(':') == 1:
+        origin = f'{origin}:{viewer.number}' if host in origin and host != 'localhost' else origin
+    with pytest.raises(InvalidStatus) as refused:
+        Page(viewer.number, host=host, origin=origin)
+    assert refused.value.response.status_code == 403
+    assert viewer.still_obeys() == []
+
+
+@pytest.mark.parametrize('host', ['localhost', '127.0.0.1', '[::1]', 'LOCALHOST'])
+def test_the_page_itself_is_let_in(viewer, host):
+    with Page(viewer.number, host=host, origin=f'http://{host.lower()}:{viewer.number}') as page:
+        assert page.read().controls.keys() >= {'Speed', *NAMES}
+
+
+def test_a_page_of_another_version_is_turned_away(viewer):
+    with pytest.raises(InvalidStatus):
+        Page(viewer.number, protocol='viser-v0.0.1')
+
+
+@pytest.mark.parametrize('host', ['evil.example', 'localhost.evil.example', 'localhost@evil', ''])
+def test_a_page_is_served_under_its_own_names_alone(viewer, host):
+    assert viewer.request('/', Host=host).status == 403
+
+
+def test_the_page_connects_nowhere_else_and_is_shown_in_no_frame(viewer):
+    response = viewer.request('/')
+    assert response.status == 200
+    policy = response.headers['Content-Security-Policy']
+    assert f"connect-src 'self' ws://localhost:{viewer.number} " in policy
+    assert "frame-ancestors 'none'" in policy
+
+
+@pytest.mark.parametrize(
+    'path', ['/' + 5000 * 'a', '/%00', '/../../etc/passwd', '/%2e%2e/%2e%2e/etc/passwd', '//etc']
+)
+def test_files_of_the_page_alone_are_served(viewer, path):
+    assert viewer.request(path).status == 404
+    assert viewer.still_obeys() == []
+
+
+def test_what_is_no_request_is_survived(viewer):
+    for data in (
+        b'\x16\x03\x01\x02\x00',
+        b'GET\r\n\r\n',
+        70000 * b'x',
+        b'POST / HTTP/1.1\r\n\r\n',
+    ):
+        with socket.create_connection(('127.0.0.1', viewer.number), timeout=DEADLINE) as raw:
+            raw.sendall(data)
+    assert viewer.still_obeys() == []
+
+
+def test_many_pages_are_as_many_as_can_be_served(viewer):
+    pages = []
+    with pytest.raises(InvalidStatus) as refused:
+        for _ in range(100):
+            pages.append(Page(viewer.number))
+    assert refused.value.response.status_code == 503
+    assert 8 <= len(pages) < 100
+    for page in pages:
+        with page:
+            pass
+    assert viewer.still_obeys() == []
+
+
+def test_many_connections_that_say_nothing_keep_nobody_out_for_long(viewer):
+    silent = [socket.create_connection(('127.0.0.1', viewer.number)) for _ in range(300)]
+    for connection in silent[200:]:  # let go at once
+        connection.settimeout(DEADLINE)
+        assert connection.recv(1) == b''
+    for connection in silent:
+        connection.close()
+    assert viewer.still_obeys() == []
+
+
+# What may be asked ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'value', [1e6, 4.1, -5, -1e-3, NAN, INF, -INF, True, None, 'x', [], {}, 2**63], ids=repr
+)
+def test_no_tension_beyond_its_limits_is_commanded(viewer, value):
+    with viewer.page() as page:
+        page.update(NAMES[4], value=value)
+        assert viewer.still_obeys() == []
+
+
+@pytest.mark.parametrize('label', ['Speed', NAMES[4], 'Movement', 'Let all go slack', 'Loop'])
+def test_of_a_control_a_page_sets_the_value_alone(viewer, label):
+    with viewer.page() as page:
+        for updates in (
+            {'update_cb': []},
+            {'sync_cb': None},
+            {'removed': True},
+            {'is_button': True},
+            {'nothing_of_that_name': 1},
+            {'value': 1.0, 'update_cb': []},
+            {},
+        ):
+            page.update(label, **updates)
+        assert viewer.still_obeys() == []
+        # The control does what it did.
+        page.update('Play', value=True)
+        viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the profile')
+    viewer.still_obeys()
+
+
+@pytest.mark.parametrize('value', [0, 0.05, -1.0, NAN, INF, 1e300, 'x'], ids=repr)
+def test_no_speed_but_those_of_the_slider_is_played_at(viewer, value):
+    with viewer.page() as page:
+        page.update('Play', value=True)
+        page.update('Speed', value=value)
+        viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the profile')
+    viewer.still_obeys()
+
+
+@pytest.mark.parametrize('name', ['/etc/passwd', '/etc/passwd.csv', '../x.yaml', '', 1, None])
+def test_profiles_are_played_by_their_listed_names_alone(viewer, name):
+    with viewer.page() as page:
+        page.update('Movement', value=name)
+        page.update('Play', value=True)
+        viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the one listed')
+    viewer.still_obeys()
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'position': [NAN, 0.0, 0.0]},
+        {'position': [INF, 0.0, 0.0]},
+        {'position': [1e300, 0.0, 0.0]},
+        {'position': [0.0, 0.0]},
+        {'position': 'x'},
+        {'wxyz': [NAN, 0.0, 0.0, 0.0]},
+        {'name': '/arm'},
+        {'name': '/nothing'},
+        {'owner': 'x'},
+        {'more': 1},
+    ],
+    ids=str,
+)
+def test_what_is_dragged_is_a_target_to_somewhere(viewer, change):
+    with viewer.page() as page:
+        page.send({**DRAG, **change})
+        assert viewer.still_obeys() == []
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        {**CAMERA, 'fov': NAN},
+        {**CAMERA, 'position': [NAN, 0.0, 0.0]},
+        {**CAMERA, 'look_at': [1e300, 0.0, 0.0]},
+        {**CAMERA, 'wxyz': [1.0]},
+        {**CAMERA, 'image_width': 10**9},
+        {**CAMERA, 'more': 1},
+        {'type': 'ShareUrlRequest'},
+        {'type': 'RunJavascriptMessage', 'source': 'alert(1)'},
+        {'type': 'GuiFormDirtyMessage', 'uuid': 'a'},
+        {'type': 'GuiFormSubmitMessage', 'uuid': 'a'},
+        {'type': 'CommandTriggerMessage', 'uuid': 'a'},
+        {'type': 'FileTransferStartUpload', 'source_component_uuid': 'SLIDER',
+         'transfer_uuid': 'a', 'filename': '/etc/x', 'mime_type': 'x', 'part_count': 0,
+         'size_bytes': 0},
+        {'type': 'FileTransferPart', 'source_component_uuid': 'SLIDER', 'transfer_uuid': 'a',
+         'part_index': 0, 'content': 1000 * b'x'},
+        {'type': 'NoSuchMessage'},
+        {'type': 5},
+        {},
+        [],
+        5,
+        b'',
+        b'\xc1',
+        30_000 * b'\x91',
+        b'\xdf\xff\xff\xff\xff',
+        'text',
+    ],
+    ids=lambda message: str(message)[:40],
+)  # fmt: skip
+def test_what_no_page_here_asks_for_is_passed_over(viewer, message):
+    with viewer.page() as page:
+        if isinstance(message, dict) and 'SLIDER' in message.values():
+            message = {**message, 'source_component_uuid': page.controls[NAMES[0]]}
+        page.send(message)
+        # It is still there, and nobody else heard of it.
+        page.update(NAMES[4], value=0.0)
+        assert viewer.still_obeys() == []
+        page.update(NAMES[4], value=1.5)
+        viewer.wait_for(lambda: any(c[4] == 1.5 for c in viewer.hear()), 'the same page')
+    viewer.still_obeys()
+
+
+def test_a_message_of_any_size_is_not_taken_in(viewer):
+    with viewer.page() as page:
+        page.send(10_000_000 * b'x')
+        page.wait_until_closed()
+    assert viewer.still_obeys() == []
+
+
+def test_a_flood_is_answered_by_one_line_a_second(viewer):
+    with viewer.page() as page:
+        for _ in range(2000):
+            page.update(NAMES[4], value=1e6)
+        assert viewer.still_obeys() == []
+
+
+def test_an_origin_that_is_none_is_one_clear_line(capsys):
+    from octo_arm_model.viewer import main
+
+    assert main.main(['--allow-origin', 'arm.lab']) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.count('\n') == 1
+    assert re.search("origin is 'arm.lab', expected one such as http://arm.lab:8080", complaint)
