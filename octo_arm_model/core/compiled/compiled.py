@@ -11,15 +11,12 @@ import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledNewton
 from octo_arm_model.core.compiled.numba_build import evaluate_sections, find_shapes, read_out
-from octo_arm_model.core.compiled.tables import (
+from octo_arm_model.core.compiled.section_tables import (
     SectionTables,
-    Tables,
     exact_tables,
-    march_tables,
-    no_arm,
-    packed,
     section_tables,
 )
+from octo_arm_model.core.compiled.tables import Tables, march_tables, no_arm, packed
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Evaluate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -45,7 +42,7 @@ class Compiled:
             ModuleNotFoundError: if numba is not installed.
             Exception: whatever a numba that does not work raises.
         """
-        self._find_shapes = find_shapes()
+        self._find_shapes, self._read_out = find_shapes(), read_out()
         a, b = (complex(part) for part in base.rotation)
         tables = no_arm()._replace(
             step=grid.step,
@@ -72,7 +69,7 @@ class Compiled:
         self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
     ) -> None:
         """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
-        read_out()(self._tables, np.ascontiguousarray(twist), strains, position, quaternion)
+        self._read_out(self._tables, np.ascontiguousarray(twist), strains, position, quaternion)
 
     @staticmethod
     def covers(statics: Statics) -> bool:

@@ -23,14 +23,25 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled import kernels, products, rod_kernels, section_kernels
-from octo_arm_model.core.compiled.tables import no_arm, no_rod
+from octo_arm_model.core.compiled import (
+    exact_kernels,
+    frame_kernels,
+    kernels,
+    products,
+    rod_kernels,
+    section_kernels,
+    system_kernels,
+)
+from octo_arm_model.core.compiled.rod_tables import no_rod
+from octo_arm_model.core.compiled.tables import no_arm
 
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
-_KERNELS = (kernels, section_kernels, rod_kernels, products)
+_KERNELS = (
+    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels, products,
+)  # fmt: skip
 
 
 def is_available() -> bool:
@@ -92,17 +103,17 @@ def newton() -> Callable[..., tuple[float, int, float, int]]:
         functools.partial(_entry, function=rod_kernels.newton),
         (
             no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, four, none, none, np.zeros((3, 3, 0)),
-            three, three, four, np.zeros((4, 4, 0)), six, six,
+            three, three, four, np.zeros((4, 4, 0)), np.zeros((6, 6)), six,
         ),
     )  # fmt: skip
 
 
 @functools.cache
 def read_out() -> Callable[..., bool]:
-    """`kernels.read_out`, compiled; raises as `find_shapes`."""
+    """`frame_kernels.read_out`, compiled; raises as `find_shapes`."""
     none = np.zeros((4, 0))
     return _made(
-        functools.partial(_entry, function=kernels.read_out),
+        functools.partial(_entry, function=frame_kernels.read_out),
         (no_arm(), none, none, np.zeros((0, 3)), np.zeros((0, 4))),
     )
 

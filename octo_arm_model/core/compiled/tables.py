@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.compiled.section_tables import ExactTables, no_exact
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import COLLOCATION_POINTS
 from octo_arm_model.core.models.renda2012 import March
 from octo_arm_model.core.numerics.vectors import runs_of
-from octo_arm_model.core.section.energy import SectionEnergy
 
 
 class Weights(NamedTuple):
@@ -55,82 +53,6 @@ class MarchTables(NamedTuple):
     integrate: FloatArray
     runs: IntArray
     to_nodes: FloatArray
-
-
-class SectionTables(NamedTuple):
-    """Cross sections of the model exact, as `SectionEnergy` has them.
-
-    Attributes:
-        axial: E A of each [N], (sections,).
-        torsion: G I [N m^2], likewise.
-        squared: square of the radius [m^2], likewise.
-        lever_max: see `SectionEnergy`, likewise [m].
-        x: offset of each tendon along n [m], (sections, tendons).
-        y: along b.
-        dx: slope of ``x``.
-        dy: slope of ``y``.
-        transmission: part of its tension that each tendon has there.
-        widens: whether the law is neo_hookean; else it is linear.
-        planar: whether tendons cannot twist the arm.
-    """
-
-    axial: FloatArray
-    torsion: FloatArray
-    squared: FloatArray
-    lever_max: FloatArray
-    x: FloatArray
-    y: FloatArray
-    dx: FloatArray
-    dy: FloatArray
-    transmission: FloatArray
-    widens: bool
-    planar: bool
-
-
-class ExactTables(NamedTuple):
-    """What `exact` interpolates from.
-
-    Attributes:
-        sections: at the points of all panels.
-        at_nodes: at the nodes.
-        tail: matrix (points of a panel, 2) to the last two Chebyshev coefficients.
-        runs: panel, first node and number of nodes of ranges of nodes in it, (runs, 3).
-        to_nodes: matrices (points, nodes) from the points of a panel to these, one after another.
-    """
-
-    sections: SectionTables
-    at_nodes: SectionTables
-    tail: FloatArray
-    runs: IntArray
-    to_nodes: FloatArray
-
-
-class RodTables(NamedTuple):
-    """A loaded rod, as `Equilibrium` has it.
-
-    Attributes:
-        sections: at the points of all elements.
-        from_start: matrix of the integrals within an element from its start, (each, each).
-        to_end: to its end.
-        twice: of the integrals to the end of the integrals from the start, (each x each, each).
-        weights: of the integral over an element of length one, (each,).
-        step: lengths of the elements [m], (elements,).
-        force: resultant of the loads beyond each point [N], (3, points).
-        moment: of the moments of point loads [N m], likewise.
-        base: orientation of the base w, x, y, z, (4,).
-        length: of the arm [m].
-    """
-
-    sections: SectionTables
-    from_start: FloatArray
-    to_end: FloatArray
-    twice: FloatArray
-    weights: FloatArray
-    step: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    base: FloatArray
-    length: float
 
 
 class Tables(NamedTuple):
@@ -179,80 +101,6 @@ def march_tables(march: March) -> MarchTables:
         runs=np.array(runs, np.int64).reshape(-1, 3),
         to_nodes=np.concatenate([np.zeros(0), *map(np.ravel, matrices)]),
     )
-
-
-def section_tables(energy: SectionEnergy) -> SectionTables:
-    """The cross sections of ``energy``."""
-    x, y, dx, dy, transmission = (
-        table[:, 0].T for table in (energy.x, energy.y, energy.dx, energy.dy, energy.transmission)
-    )
-    return SectionTables(
-        axial=energy.stiffness.axial,
-        torsion=energy.stiffness.torsion,
-        squared=energy.radius**2,
-        lever_max=energy.lever_max,
-        x=x,
-        y=y,
-        dx=dx,
-        dy=dy,
-        transmission=transmission,
-        widens=energy.law.widens,
-        planar=energy.planar,
-    )
-
-
-def exact_tables(statics: Exact) -> ExactTables:
-    """What ``statics`` interpolates from."""
-    runs, matrices = [], []
-    for panel, (nodes, matrix) in enumerate(statics.panels):
-        # Nodes of a panel are two ranges: ends of intervals, and their middles.
-        for part in np.split(np.arange(nodes.size), np.flatnonzero(np.diff(nodes) > 1) + 1):
-            runs.append((panel, nodes[part[0]], part.size))
-            matrices.append(matrix[:, part])
-    return ExactTables(
-        sections=section_tables(statics.at_points),
-        at_nodes=section_tables(statics.sections),
-        tail=statics.tail,
-        runs=np.array(runs, np.int64).reshape(-1, 3),
-        to_nodes=np.concatenate([np.zeros(0), *map(np.ravel, matrices)]),
-    )
-
-
-def rod_tables(problem: Equilibrium) -> RodTables:
-    """The rod of ``problem``."""
-    own, rule = problem.collocation, problem.collocation.rule
-    a, b = problem.base.a.item(), problem.base.b.item()
-    twice = rule.to_end[:, np.newaxis] * rule.from_start.T
-    return RodTables(
-        sections=section_tables(problem.energy),
-        from_start=rule.from_start,
-        to_end=rule.to_end,
-        twice=twice.reshape(-1, rule.points.size),
-        weights=rule.weights,
-        step=own.step,
-        force=problem.loads.dead.force,
-        moment=problem.loads.dead.moment,
-        base=np.array([a.real, a.imag, b.real, b.imag]),
-        length=own.length,
-    )
-
-
-def no_rod() -> RodTables:
-    """Of no arm."""
-    none, table = np.zeros(0), np.zeros((0, 0))
-    nothing = np.zeros((3, 0))
-    return RodTables(
-        no_exact().sections, table, table, table, none, none, nothing, nothing, np.zeros(4), 1.0
-    )
-
-
-def no_exact() -> ExactTables:
-    """Of another model."""
-    none, table = np.zeros(0), np.zeros((0, 0))
-    sections = SectionTables(
-        none, none, none, none, table, table, table, table, table, False, False
-    )
-    return ExactTables(sections, sections, np.zeros((0, 2)), np.zeros((0, 3), np.int64), none)
 
 
 def no_march() -> MarchTables:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.newton import Newton
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
@@ -92,7 +95,7 @@ def _growth(strayed: float) -> float:
 
     What is strayed grows with the square of the step.
     """
-    return float(np.clip(np.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1, 2.5))
+    return min(max(math.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1), 2.5)
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
-from octo_arm_model.core.loaded.linearised import Linearised, Response, System
+from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
+from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
@@ -30,71 +31,6 @@ from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
 # A compliance this many times the others is that of something that moves freely.
 _FREE = 1e6
-
-
-class Condition(NamedTuple):
-    """What acts on the arm.
-
-    Attributes:
-        tensions: (tendons,) [N].
-        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
-        factor: part of all other loads.
-    """
-
-    tensions: FloatArray
-    tip_wrench: FloatArray
-    factor: float
-
-    def towards(self, other: Condition, part: float) -> Condition:
-        """This one, moved by ``part`` of the way to ``other``."""
-        return Condition(
-            self.tensions + part * (other.tensions - self.tensions),
-            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
-            self.factor + part * (other.factor - self.factor),
-        )
-
-
-class State(NamedTuple):
-    """A loaded arm, in balance or not.
-
-    Attributes:
-        condition: what acts on it.
-        shape: twists and orientations.
-        rotation: orientation at the points as matrices, (3, 3, points).
-        tangent: u', the derivative of the position by s, (3, points) [-].
-        moment: of what lies beyond, in base_frame, (3, points) [N m].
-        force: likewise [N].
-        imbalance: the part of both, in the axes of the cross section, that it does not answer,
-            (n, points).
-        hessian: of the energy by the twist, (n, n, points).
-        residual: largest imbalance over its scale.
-    """
-
-    condition: Condition
-    shape: Shape
-    rotation: FloatArray
-    tangent: FloatArray
-    moment: FloatArray
-    force: FloatArray
-    imbalance: FloatArray
-    hessian: FloatArray
-    residual: float
-
-
-class Stability(NamedTuple):
-    """Stability of an equilibrium.
-
-    Attributes:
-        is_stable: whether it would come back; None under moments, where that is not known.
-        sign: of the determinant of its equations, over that without loads, 1 or -1; where it
-            changes, one branch has been left for another.
-        softest_mode: of what is not stable, the change of least, or most negative, stiffness,
-            scaled to turn the arm by about one radian.
-    """
-
-    is_stable: bool | None
-    sign: int
-    softest_mode: Response | None
 
 
 # From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
@@ -210,45 +146,48 @@ class Equilibrium:
                 f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
             )
 
-    def stability(self, state: State, system: System | None = None) -> Stability:
+    def stability(self, state: State, answer: System | TipAnswer | None = None) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
         the determinant of its equations has the sign it has without loads: of one mode of
-        buckling it is the other one, of two at once the compliance tells. ``system`` is one that
-        is linearised about nearly the same state, if there is.
+        buckling it is the other one, of two at once the compliance tells. ``answer`` is that
+        to wrenches on the tip or a system linearised about nearly the same state, if there is.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
         """
         self.require_tangents('the stability check')
-        system = system or self.linearised(state)
-        wrench = self.tip_wrenches(state)
-        # Moments over a length, so that they compare.
-        wrench[:, 3:] *= self.collocation.length
-        response = system.solve(wrench[: len(state.imbalance)])
-        work = wrench[: len(state.imbalance)] * self.collocation.weights
-        compliance = np.tensordot(work, response.twist, axes=([0, 2], [0, 2]))
+        if not isinstance(answer, TipAnswer):
+            answer = self.tip_answer(state, answer or self.linearised(state))
+        compliance = answer.compliance
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
         # What yields without end in one direction is neither: an arm that may turn about the
         # vertical, say. Rounding gives that any sign.
         size = np.sort(np.abs(values))
         is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
-        sign = system.sign * self.unloaded_sign
-        if not is_free.any() and sign < 0:
+        if not is_free.any() and answer.sign < 0:
             is_stable = False
         # A moment that keeps its direction has no energy, and nothing follows from compliance.
         if self.loads.has_moments or state.condition.tip_wrench[3:].any():
             is_stable = None
         if is_stable is not False:
-            return Stability(is_stable, sign, None)
+            return Stability(is_stable, answer.sign, None)
         worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        softest_mode = Response(
-            *(np.einsum('icn,c->in', part, vectors[:, worst])[:, np.newaxis] for part in response)
-        )
-        turn = self.turn(softest_mode)
-        return Stability(is_stable, sign, Response(*(part / turn for part in softest_mode)))
+        twist = np.einsum('icn,c->in', answer.twist, vectors[:, worst])[:, np.newaxis]
+        softest_mode = Response(twist, np.zeros((3, *twist.shape[1:])))
+        softest_mode = Response(twist / self.turn(softest_mode), softest_mode.turn)
+        return Stability(is_stable, answer.sign, softest_mode)
+
+    def tip_answer(self, state: State, system: System) -> TipAnswer:
+        """How ``state`` answers wrenches on its tip, by its linearised ``system``."""
+        count = len(state.imbalance)
+        wrench = self.tip_wrenches(state)[:count]
+        wrench[:, 3:] *= self.collocation.length
+        twist = system.solve(wrench).twist
+        compliance = np.tensordot(wrench * self.collocation.weights, twist, axes=([0, 2], [0, 2]))
+        return TipAnswer(compliance, twist, system.sign * self.unloaded_sign)
 
     def tip_wrenches(self, state: State) -> FloatArray:
         """What unit forces and moments on the tip do to all cross sections, (6, 6, points).

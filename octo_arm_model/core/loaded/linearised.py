@@ -50,6 +50,20 @@ class System(Protocol):
         """Answer to the unit wrenches on the tip as ``imbalance``."""
 
 
+class TipAnswer(NamedTuple):
+    """How a rod answers unit forces, and unit moments over its length, on its tip.
+
+    Attributes:
+        compliance: work of each on the change that each makes, (6, 6).
+        twist: the changes, (4 or 6, 6, points).
+        sign: of the determinant of the system, over that without loads, 1 or -1.
+    """
+
+    compliance: FloatArray
+    twist: FloatArray
+    sign: int
+
+
 class Linearised:
     """The linearised equilibrium about one state."""
 

@@ -7,8 +7,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State
-from octo_arm_model.core.loaded.linearised import System
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.linearised import System, TipAnswer
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 MOST = 10  # iterations
@@ -28,13 +29,14 @@ class Iterate(NamedTuple):
         iterations: made.
         strayed: how far all of them but the first, which goes along the branch, have turned the
             arm [rad].
-        system: the last one solved, if the state is balanced.
+        system: the last one solved, or how it answers wrenches on the tip, if the state is
+            balanced.
     """
 
     state: State
     iterations: int
     strayed: float
-    system: System | None
+    system: System | TipAnswer | None
 
 
 class Newton(Protocol):

@@ -17,8 +17,8 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import follow
-from octo_arm_model.core.loaded.equilibrium import Condition
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,

@@ -13,9 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import State
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid

@@ -20,6 +20,7 @@ from octo_arm_model import (
     Config,
     Loads,
     Material,
+    PointLoad,
     ProfiledBody,
     Section,
     SolveError,
@@ -30,7 +31,10 @@ from octo_arm_model import (
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled import kernels, numba_build
+from octo_arm_model.core.compiled import frame_kernels, kernels, numba_build
+from octo_arm_model.core.loaded.linearised import TipAnswer
+from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
 from octo_arm_model.logs import show_logs
@@ -277,7 +281,7 @@ def test_two_stations_at_one_node_are_both_filled_in() -> None:
     station_node[3] = station_node[2]
     position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
     twist = np.array(found.twist)
-    kernels.integrate_twist(
+    frame_kernels.integrate_twist(
         tables._replace(station_node=station_node), twist, position, quaternion
     )
     expected = found.position.copy()
@@ -430,3 +434,33 @@ def test_a_numba_told_not_to_compile_is_done_without(
     monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
     assert not TABLE_4.solver(compiled=None).is_compiled
     assert numba_build.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'
+
+
+def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
+    loads = Loads(gravity=(0.0, 2.0, -5.0), points=(PointLoad(0.2, (0.0, 0.01, 0.0)),))
+    machine, numpy = (
+        Solver(HELICAL, 'exact', loads=loads, compiled=flag)._statics for flag in (True, False)
+    )
+    assert isinstance(machine, Exact) and isinstance(numpy, Exact)
+    tensions = np.linspace(0.1, 0.6, 6)
+    condition = Condition(tensions, np.array([0.0, 1e-3, 2e-3, 0.0, 0.0, 0.0]), 1.0)
+    shape = numpy._rod(0).unloaded(tensions)
+    one, other = (statics._rod(0).newton(condition, shape, 1e-11) for statics in (machine, numpy))
+    assert one.iterations == other.iterations > 2
+    assert one.strayed == pytest.approx(other.strayed, rel=1e-3)
+    for name in ('rotation', 'tangent', 'moment', 'force', 'hessian'):
+        a, b = getattr(one.state, name), getattr(other.state, name)
+        np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
+    problem = numpy._rod(0).equilibrium
+    answer = problem.tip_answer(other.state, problem.linearised(other.state))
+    assert isinstance(one.system, TipAnswer) and one.system.sign == answer.sign == 1
+    # The last system solved is that of the iterate before.
+    scale = np.abs(answer.compliance).max()
+    np.testing.assert_allclose(one.system.compliance, answer.compliance, atol=1e-3 * scale)
+    # Nothing is left to do.
+    again = machine._rod(0).newton(condition, one.state.shape, 1e-11)
+    assert again.iterations == 0 and isinstance(again.system, TipAnswer)
+    np.testing.assert_allclose(again.system.compliance, answer.compliance, atol=1e-8 * scale)
+    np.testing.assert_allclose(
+        again.system.twist, answer.twist, atol=1e-8 * np.abs(answer.twist).max()
+    )
