@@ -145,14 +145,16 @@ def guess(
 
 
 def minimise_section(
-    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray
-) -> tuple[float, int]:
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray,
+    gradient: FloatArray, step: FloatArray, hessian: FloatArray,
+) -> tuple[float, int]:  # fmt: skip
     """Move ``strain`` (4,) of section ``i`` to least energy, as `minimise` does.
+
+    The others, (4,) and (4, 4), are room to work in.
 
     Returns:
         What is left of the balance, relative, and the number of steps; -1 without balance.
     """
-    gradient, step, hessian = np.empty(4), np.zeros(4), np.empty((4, 4))
     of_moment, of_force = scales(tables, i, tensions, pulled)
     slope = 0.0
     steps = 0
@@ -197,10 +199,12 @@ def find_minima(
     """
     pulled = np.flatnonzero(tensions)
     residual, steps = 0.0, 0
-    strain = np.empty(4)
+    strain, gradient, step, hessian = np.empty(4), np.empty(4), np.empty(4), np.empty((4, 4))
     for i in range(tables.axial.size):
         guess(tables, i, tensions, pulled, strain)
-        left, count = minimise_section(tables, i, tensions, pulled, strain)
+        left, count = minimise_section(
+            tables, i, tensions, pulled, strain, gradient, step, hessian
+        )
         if count < 0:
             return left, -1
         residual, steps = max(residual, left), max(steps, count)
