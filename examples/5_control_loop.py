@@ -84,7 +84,7 @@ class Controller(Node):
                     flush=True,
                 )
         self.command.header.stamp = self.get_clock().now().to_msg()
-        self.command.tension = self.tensions
+        self.command.tension = self.tensions.tolist()
         self.publisher.publish(self.command)
 
 

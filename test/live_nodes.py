@@ -180,7 +180,7 @@ class RosClient:
 
     @property
     def parameters(self):
-        """rclpy's own client of the node's parameters, its services ready."""
+        """The client of rclpy for the node's parameters, its services ready."""
         if self._parameters is None:
             self._parameters = AsyncParameterClient(self.node, self.name)
         self.wait(self._parameters.services_are_ready, f'the services of {self.name}')

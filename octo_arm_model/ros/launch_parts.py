@@ -86,7 +86,7 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
 
 
 def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
-    """RViz with the configuration ``view``, started if the argument ``rviz`` is true.
+    """Start RViz with the configuration ``view`` if the argument ``rviz`` is true.
 
     The topics of a configuration are relative to ``namespace``.
     """

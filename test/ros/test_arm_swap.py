@@ -26,8 +26,8 @@ def load(client, *arguments):
 
 def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client):
     before = client.dump()
-    assert client.change(loads__point_s=[0.1], loads__point_force=[0.0, 0.0, 0.01],
-                  model='exact', stations=51) == (True, '')  # fmt: skip
+    loads = {'loads__point_s': [0.1], 'loads__point_force': [0.0, 0.0, 0.01]}
+    assert client.change(**loads, model='exact', stations=51) == (True, '')
     status, said, complaints = load(client, 'renda2012_table2')
     assert (status, complaints) == (0, '')
     assert '/octo_arm has the arm of' in said
