@@ -11,10 +11,11 @@ import numpy as np
 
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.types import known_types
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.wire.tension_messages import READERS
 from octo_arm_model.wire.tension_template import Stamp
 
@@ -48,13 +49,13 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def read_tensions(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:
+def read_tensions(reader: BagReader, topic: str, config: Config) -> Iterator[Reading]:
     """Every message of ``topic``, read as the node reads it.
 
     Raises:
         BagError: if there is no such topic, it is of none of `TYPES` or the bag is damaged.
     """
-    tensions = TensionTopic(reader, arm)
+    tensions = TensionTopic(reader, config)
     records = reader.messages([reader.pick(topic, TYPES, 'tensions')])
     while some := list(itertools.islice(records, _TOGETHER)):
         yield from tensions.read(some)
@@ -67,16 +68,16 @@ class TensionTopic:
     stamp and numbers is decoded once.
     """
 
-    def __init__(self, reader: BagReader, arm: Arm) -> None:
-        """Read from ``reader`` for ``arm``."""
-        self._reader, self._arm = reader, arm
+    def __init__(self, reader: BagReader, config: Config) -> None:
+        """Read from ``reader`` for the arm and the load cells of ``config``."""
+        self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
         self._pattern: _Pattern | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
         """What each of ``records`` says."""
         readings: dict[int, Reading] = {}
         if self._pattern is not None:
-            readings = self._pattern.read(records, self._arm)
+            readings = self._pattern.read(records, self._arm, self._load_cells)
         return [
             _stampable(readings[number] if number in readings else self._read_alone(record))
             for number, record in enumerate(records)
@@ -85,7 +86,7 @@ class TensionTopic:
     def _read_alone(self, record: Record) -> Reading:
         if self._pattern is not None:
             # After the first of its kind.
-            found = self._pattern.read([record], self._arm)
+            found = self._pattern.read([record], self._arm, self._load_cells)
             if found:
                 return found[0]
         stamp = Stamp.from_ns(record.received_ns)
@@ -94,7 +95,7 @@ class TensionTopic:
             stamp = stamp_of(message, record.received_ns)
             tensions = _READ[record.type_name](message, self._arm)
             self._pattern = _Pattern.of(self._reader, record, message, self._arm) or self._pattern
-            return Reading(stamp, check_tensions(self._arm, tensions), '')
+            return Reading(stamp, self._load_cells.tensions(self._arm, tensions), '')
         except OctoArmError as error:
             return Reading(stamp, None, str(error))
         except (AttributeError, TypeError, ValueError) as error:
@@ -140,7 +141,9 @@ class _Pattern(NamedTuple):
         order = _READ[name](numbered, arm).ravel().astype(np.intp)
         return cls(data, is_constant, hasattr(message, 'header'), order)
 
-    def read(self, records: Sequence[Record], arm: Arm) -> dict[int, Reading]:
+    def read(
+        self, records: Sequence[Record], arm: Arm, load_cells: LoadCellCalibration
+    ) -> dict[int, Reading]:
         """Readings of those ``records`` that are of this layout, by their place."""
         size = self.data.size
         places = [number for number, record in enumerate(records) if len(record.data) == size]
@@ -158,11 +161,11 @@ class _Pattern(NamedTuple):
         numbers = block[:, size - 8 * self.order.size :].copy().view('<f8')[:, self.order]
         tensions = numbers.reshape(-1, *arm.tension_shape)
         try:
-            check_tensions(arm, tensions)
+            found = load_cells.tensions(arm, tensions)
         except TensionError:
-            readings = [_checked(arm, *pair) for pair in zip(stamps, tensions)]
+            readings = [_checked(arm, load_cells, *pair) for pair in zip(stamps, tensions)]
         else:
-            readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, tensions)]
+            readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, found)]
         return dict(zip(places, readings))
 
 
@@ -174,9 +177,11 @@ def _stampable(reading: Reading) -> Reading:
     return reading._replace(tensions=None, reason=reason)
 
 
-def _checked(arm: Arm, stamp: Stamp, tensions: FloatArray) -> Reading:
+def _checked(
+    arm: Arm, load_cells: LoadCellCalibration, stamp: Stamp, readings: FloatArray
+) -> Reading:
     try:
-        return Reading(stamp, check_tensions(arm, tensions), '')
+        return Reading(stamp, load_cells.tensions(arm, readings), '')
     except TensionError as error:
         return Reading(stamp, None, str(error))
 

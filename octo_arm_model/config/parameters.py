@@ -191,6 +191,15 @@ PARAMETERS = (
     Parameter('tendon_limits', float,
               'largest tension that may be commanded of each tendon [N], section by section from '
               'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
+    Parameter('tension_deadband', float,
+              'tensions within this of zero are zero, as load cells of slack tendons read; those '
+              'further below are refused [N]', 0.0, range='>= 0'),
+    Parameter('tension_offset', float,
+              'what is added to the reading of each load cell, after tension_scale, section by '
+              'section from the tip [N]; empty for nothing', (), is_array=True),
+    Parameter('tension_scale', float,
+              'what the reading of each load cell is multiplied by, section by section from the '
+              'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
               (0.0, 0.0, 0.0), is_array=True),
     Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,

@@ -127,7 +127,8 @@ class SimulatorNode(CheckedNode):
             self._played += config.speed * elapsed
         measured, effective = self._hardware.step(self._command, elapsed)
         stamp = now.to_msg()
-        self._effective.publish(self._message(effective, stamp))
+        read = config.hardware.calibration.readings(effective)  # by cells without errors
+        self._effective.publish(self._message(read, stamp))
         if measured is None:
             self._counts['lost'] += 1
         else:

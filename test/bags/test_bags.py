@@ -55,7 +55,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
-ARM = load_config(preset_path('renda2012_table4')).arm
+CONFIG = load_config(preset_path('renda2012_table4'))
+ARM = CONFIG.arm
 NAMES = ARM.tendon_names
 TOPICS = {
     '/tendon_tensions': TENDON_TENSIONS,
@@ -73,7 +74,7 @@ FLIPPED = next(BAG_OF_ALL.glob('*.mcap')).read_bytes()
 
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
     with BagReader(path) as reader:
-        return list(read_tensions(reader, topic, ARM))
+        return list(read_tensions(reader, topic, CONFIG))
 
 
 # What comes in is what went out -----------------------------------------------------------------
@@ -499,9 +500,9 @@ def test_messages_read_together_are_those_read_one_by_one(some: list[tuple[str, 
         (topic,) = (topic for topic, own in TOPICS.items() if own == kind)
         first = next(reader.messages([topic]))
         records = [first._replace(data=data, received_ns=i) for i, (_, data) in enumerate(some)]
-        topic_of_all = TensionTopic(reader, ARM)
+        topic_of_all = TensionTopic(reader, CONFIG)
         found = topic_of_all.read(records) + topic_of_all.read(records)
-        expected = [TensionTopic(reader, ARM).read([record])[0] for record in records]
+        expected = [TensionTopic(reader, CONFIG).read([record])[0] for record in records]
     for one, other in zip(found, expected * 2, strict=True):
         assert (one.stamp_ns, one.reason) == (other.stamp_ns, other.reason)
         np.testing.assert_array_equal(one.tensions, other.tensions)
@@ -549,13 +550,13 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN, 0)) as writer:
         add_demo(writer, PROTOTYPE, CLEAN, 0)
     stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
-    solver = Config.from_parameters({**PROTOTYPE, **stiffer}).solver()
+    config = Config.from_parameters({**PROTOTYPE, **stiffer})
+    solver = config.solver()
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     seen = 0
     with BagReader(tmp_path / 'bag') as reader:
         tensions = {
-            one.stamp_ns: one.tensions
-            for one in read_tensions(reader, '/tendon_tensions', solver.arm)
+            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
         }
         highest = max(float(np.max(row)) for row in tensions.values())
         assert highest == max(PROTOTYPE_ERRORS)
@@ -590,7 +591,7 @@ def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
         midlines = reader.count(['/camera/midline'])
         assert 0.85 * 390 < midlines < 390
         assert all(not one.reason for one in read_tensions(reader, '/tendon_tensions', load_config(
-            preset_path('renda2012_prototype')).arm))  # fmt: skip
+            preset_path('renda2012_prototype'))))  # fmt: skip
 
 
 def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:

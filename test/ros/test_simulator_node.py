@@ -240,7 +240,7 @@ def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -
         lambda: len(controller.measured) > 50 and len(controller.effective) > 50, 'readings'
     )
     read = np.array([message.tension for message in controller.measured[10:]])
-    assert (read >= 0.0).all()
+    assert (read < 0.0).any()
     assert len(np.unique(read[:, 10])) > 2
     np.testing.assert_array_equal(read, 0.25 * np.round(read / 0.25))
     np.testing.assert_array_equal(controller.effective[-1].tension, PLANE)

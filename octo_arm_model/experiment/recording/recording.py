@@ -95,7 +95,8 @@ def read_recording(
         topic = reader.pick(tensions, TYPES, 'tensions')
         measured = reader.pick(midlines, tuple(_MEASURED), 'midlines or tips')
         parameters = dict(find_arms(reader, [topic], given)[0].parameters)
-        arm = Config.from_parameters(parameters).arm
+        arm_config = Config.from_parameters(parameters)
+        arm = arm_config.arm
         notes: list[str] = []
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
@@ -104,7 +105,7 @@ def read_recording(
         stamps: list[int] = []
         rows: list[FloatArray] = []
         total = reader.count([topic, measured])
-        for done, reading in enumerate(read_tensions(reader, topic, arm)):
+        for done, reading in enumerate(read_tensions(reader, topic, arm_config)):
             progress(done, total)
             if reading.tensions is None:
                 skipped.append(SkippedMessage(topic, reading.stamp_ns, reading.reason))

@@ -155,7 +155,8 @@ class Engine:
         if prepared is None or outbox is None:
             return
         try:
-            tensions, stamp = inbox.read(data, prepared.config.arm)
+            readings, stamp = inbox.read(data, prepared.config.arm)
+            tensions = prepared.config.load_cells.tensions(prepared.config.arm, readings)
             if self._health.received(inbox.topic, stamp):
                 self._last = None  # A bag that begins anew: nothing follows from its end.
             began = time.perf_counter()
