@@ -13,6 +13,7 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.measured_topics import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
 from octo_arm_model.experiment.recording.recording import Recording, read_recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
@@ -45,9 +46,34 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--midlines',
+        nargs='+',
+        default=[],
         metavar='TOPIC',
         help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
-        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped); by default the only ones there',
+        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
+        'by default the only ones there; with --marker-s perhaps one of each marker',
+    )
+    parser.add_argument(
+        '--marker-s',
+        nargs='+',
+        type=float,
+        default=[],
+        metavar='S',
+        help='arc coordinates of markers [m], from the base on: what is measured are points at '
+        'these, NaN where a marker is hidden, and no midlines',
+    )
+    parser.add_argument(
+        '--marker-frames',
+        nargs='+',
+        default=[],
+        metavar='FRAME',
+        help='their frames in /tf, or in the topic of --midlines, in the same order',
+    )
+    parser.add_argument(
+        '--length-unit',
+        choices=LENGTH_UNITS,
+        default='m',
+        help='of what was measured (default: %(default)s)',
     )
     parser.add_argument(
         '--tensions', metavar='TOPIC', help='tensions; by default the only ones there'
@@ -108,12 +134,16 @@ def read_options(
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
         _alignment(options.align)  # Checked before the bag is read.
+    measured = Measured(
+        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
+        options.length_unit,
+    )  # fmt: skip
     with Bar('messages') as bar:
         recording = read_recording(
             options.bag,
             options.config,
             options.tensions,
-            options.midlines,
+            measured,
             progress=bar if bar.is_terminal else lambda done, total: None,
         )
     config = Config.from_parameters(recording.parameters)

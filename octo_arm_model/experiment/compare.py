@@ -13,12 +13,15 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
+from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
     MidlineErrors,
     fraction_at_start,
+    marker_errors,
     midline_errors,
 )
 
@@ -63,7 +66,7 @@ class ModelComparison:
     notes: tuple[str, ...]
 
     def percent(self, name: str) -> FloatArray:
-        """Errors ``name`` of all steps in per cent of the length, NaN for those of tips alone."""
+        """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
         values = [getattr(step.errors, name) for step in self.steps]
         return np.array([np.nan if value is None else 100.0 * value / self.length
                          for value in values])  # fmt: skip
@@ -107,8 +110,12 @@ def compare(
     steps = []
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
-        fraction_at_start(measured, backbone.position, check=True)
-        errors = midline_errors(measured, backbone.position)
+        if shape.s is None:
+            fraction_at_start(measured, backbone.position, check=True)
+            errors = midline_errors(measured, backbone.position)
+        else:
+            away = shape_residuals(shape, measured, backbone)
+            errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         steps.append(StepComparison(number, shape, measured, backbone, errors))
     return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)

@@ -1,9 +1,9 @@
-"""A recording: tensions, and measured midlines or tips."""
+"""A recording: tensions, and measured midlines, tips or markers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,13 +11,18 @@ import numpy as np
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import find_path
-from octo_arm_model.core.errors import BagError, MeasurementError, OctoArmError
+from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.experiment.recording.measured_topics import (
+    Frame,
+    Measured,
+    MeasuredPoints,
+    MeasuredTopics,
+    in_short,
+)
+from octo_arm_model.wire.refusals import Refusals
 
-MIDLINES = ('nav_msgs/msg/Path', 'geometry_msgs/msg/PoseArray')
-TIPS = ('geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
-# A midline is taken to be in metres if its extent is so many times the length of the arm.
-_LENGTHS = (0.02, 2.0)
+_KEPT = 1000  # messages left out that are kept one by one; all are counted
 
 
 class SkippedMessage(NamedTuple):
@@ -43,10 +48,13 @@ class Recording:
         tension_time: stamp of each set of tensions [s], (n,); from the first on.
         tensions: (n, tendons) [N].
         frame_time: stamp of each midline, on the same scale, (f,) [s].
-        frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3).
+        frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3). Of markers all
+            have one point for each of ``marker_s``, NaN where it was not seen.
         frame_id: frame they are in.
-        skipped: messages left out.
+        skipped: the first of the messages left out.
         notes: remarks.
+        marker_s: arc coordinate of each marker [m]; None of midlines and tips.
+        refusals: counts of the messages left out, by topic and reason.
     """
 
     parameters: dict[str, Any]
@@ -57,18 +65,54 @@ class Recording:
     frame_id: str
     skipped: tuple[SkippedMessage, ...] = ()
     notes: tuple[str, ...] = ()
+    marker_s: FloatArray | None = None
+    refusals: Refusals = field(default_factory=Refusals)
 
     @property
     def is_tips(self) -> bool:
         """Whether tips were measured and no midlines."""
-        return all(len(points) == 1 for points in self.frames)
+        return self.marker_s is None and all(len(points) == 1 for points in self.frames)
+
+
+class Skips:
+    """What is left out on the way into a recording.
+
+    Attributes:
+        kept: the first of them.
+        refusals: their counts.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is left out yet."""
+        self.kept: list[SkippedMessage] = []
+        self.refusals = Refusals()
+
+    def __call__(self, topic: str, stamp_ns: int, reason: str) -> None:
+        """Leave a message out."""
+        self.refusals.count(topic, reason)
+        if len(self.kept) < _KEPT:
+            self.kept.append(SkippedMessage(topic, stamp_ns, reason))
+
+
+class Stamped(NamedTuple):
+    """Sets of tensions and their stamps.
+
+    Attributes:
+        source: topic or file.
+        stamps: [ns].
+        rows: (n, tendons) [N].
+    """
+
+    source: str
+    stamps: list[int]
+    rows: list[FloatArray]
 
 
 def read_recording(
     path: Path | str,
     config: str | None = None,
     tensions: str | None = None,
-    midlines: str | None = None,
+    measured: Measured = Measured(),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
     """Read the bag at ``path``.
@@ -77,8 +121,8 @@ def read_recording(
         path: the bag.
         config: parameter file or preset of the arm; None for the arm_description in the bag.
         tensions: topic of the tensions; None for the only one there is.
-        midlines: topic of the midlines or tips; None for the only one that the model itself does
-            not publish.
+        measured: what was measured; of no topics the only one that the model itself does not
+            publish.
         progress: called with the numbers of messages read and of all messages.
 
     Raises:
@@ -93,42 +137,64 @@ def read_recording(
     given = None if config is None else load_parameters(find_path(config))
     with BagReader(path) as reader:
         topic = reader.pick(tensions, TYPES, 'tensions')
-        measured = reader.pick(midlines, tuple(_MEASURED), 'midlines or tips')
         parameters = dict(find_arms(reader, [topic], given)[0].parameters)
         arm_config = Config.from_parameters(parameters)
-        arm = arm_config.arm
+        points = MeasuredPoints(measured, arm_config.arm.length)
+        topics = MeasuredTopics(reader, measured, points)
         notes: list[str] = []
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
         notes += reader.notes
-        skipped: list[SkippedMessage] = []
-        stamps: list[int] = []
-        rows: list[FloatArray] = []
-        total = reader.count([topic, measured])
+        skips = Skips()
+        stamped = Stamped(topic, [], [])
+        total = reader.count([topic, *dict.fromkeys(topics.topics)])
         for done, reading in enumerate(read_tensions(reader, topic, arm_config)):
             progress(done, total)
             if reading.tensions is None:
-                skipped.append(SkippedMessage(topic, reading.stamp_ns, reading.reason))
+                skips(topic, reading.stamp_ns, reading.reason)
             else:
-                stamps.append(reading.stamp_ns)
-                rows.append(reading.tensions.ravel())
-        if not rows:
-            raise BagError(f'{path}: no tensions for this arm on {topic}{_first(skipped)}')
-        origin = min(stamps)
-        tension_time, order = _in_order(stamps, origin, topic, notes)
-        table = np.array(rows)[order]
-        frames = _Frames(reader, measured, arm.length)
+                stamped.stamps.append(reading.stamp_ns)
+                stamped.rows.append(reading.tensions.ravel())
+        if not stamped.rows:
+            raise BagError(
+                f'{path}: no tensions for this arm on {topic}{in_short(skips.refusals)}'
+            )
         found = []
-        for stamped in frames.read(skipped):
-            found.append(stamped)
-            progress(len(rows) + len(found), total)
-        if not found:
-            raise MeasurementError(f'{path}: nothing measured on {measured}{_first(skipped)}')
-        frame_time, order = _in_order([stamp for stamp, _ in found], origin, measured, notes)
-        return Recording(
-            parameters, tension_time, table, frame_time, tuple(found[i][1] for i in order),
-            frames.frame_id or '', tuple(skipped), tuple(notes),
-        )  # fmt: skip
+        for frame in topics.read(skips):
+            found.append(frame)
+            progress(min(len(stamped.rows) + len(found), total), total)
+        source = ', '.join(topics.topics)
+        return assemble(parameters, stamped, found, source, measured, points, skips, notes)
+
+
+def assemble(
+    parameters: dict[str, Any],
+    tensions: Stamped,
+    frames: Sequence[Frame],
+    source: str,
+    measured: Measured,
+    points: MeasuredPoints,
+    skips: Skips,
+    notes: list[str],
+) -> Recording:
+    """A recording of ``tensions`` and ``frames``, which come from ``source``.
+
+    Raises:
+        MeasurementError: if there are no frames, or they are not of this arm.
+    """
+    if not frames:
+        raise MeasurementError(f'nothing measured on {source}{in_short(skips.refusals)}')
+    if measured.marker_s or all(len(frame.points) == 1 for frame in frames):
+        points.check_together(frames)
+    origin = min(tensions.stamps)
+    tension_time, order = _in_order(tensions.stamps, origin, tensions.source, notes)
+    table = np.array(tensions.rows)[order]
+    stamps = [frame.stamp_ns for frame in frames]
+    frame_time, order = _in_order(stamps, origin, source, notes)
+    return Recording(
+        parameters, tension_time, table, frame_time, tuple(frames[i].points for i in order),
+        points.frame_id or '', tuple(skips.kept), tuple(notes), points.marker_s, skips.refusals,
+    )  # fmt: skip
 
 
 def _in_order(
@@ -141,73 +207,3 @@ def _in_order(
         notes.append(f'{back} of {given.size} stamps on {topic} run backwards; they are sorted')
     order = np.argsort(given, kind='stable')
     return np.asarray(1e-9 * (given[order] - origin)), np.asarray(order)
-
-
-def _first(skipped: list[SkippedMessage]) -> str:
-    """The last reason, for an error message."""
-    return f'; {len(skipped)} were left out, the last as {skipped[-1].reason}' if skipped else ''
-
-
-class _Frames:
-    """Reads measured midlines or tips off one topic.
-
-    Attributes:
-        frame_id: frame of the first one; None before.
-    """
-
-    def __init__(self, reader: Any, topic: str, length: float) -> None:
-        self.frame_id: str | None = None
-        self._reader, self._topic, self._length = reader, topic, length
-
-    def read(self, skipped: list[SkippedMessage]) -> Iterator[tuple[int, FloatArray]]:
-        """Stamps [ns] and points; unusable messages are added to ``skipped``."""
-        from octo_arm_model.bags.reader import stamp_of
-
-        for record in self._reader.messages([self._topic]):
-            stamp = record.received_ns
-            try:
-                message = self._reader.decode(record)
-                stamp = stamp_of(message, stamp).ns
-                yield stamp, self._points(message, record.type_name)
-            except OctoArmError as error:
-                skipped.append(SkippedMessage(self._topic, stamp, str(error)))
-
-    def _points(self, message: Any, type_name: str) -> FloatArray:
-        """Points of a message, checked.
-
-        Raises:
-            MeasurementError: if they cannot be points of this arm.
-        """
-        frame = str(message.header.frame_id)
-        if self.frame_id is None:
-            self.frame_id = frame
-        elif frame != self.frame_id:
-            raise MeasurementError(f'its frame is {frame!r}, expected {self.frame_id!r}')
-        positions = _MEASURED[type_name](message)
-        points = np.array([(p.x, p.y, p.z) for p in positions], dtype=np.float64).reshape(-1, 3)
-        if type_name in MIDLINES and len(points) < 2:
-            raise MeasurementError(f'it has {len(points)} point(s), expected at least 2')
-        if not np.isfinite(points).all():
-            number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-            raise MeasurementError(
-                f'point {number + 1} is {points[number].tolist()}, expected finite numbers'
-            )
-        if type_name in MIDLINES:
-            # The diagonal of the bounding box, to which noise adds little.
-            size = float(np.linalg.norm(np.ptp(points, axis=0)))
-            low, high = (factor * self._length for factor in _LENGTHS)
-            if not low <= size <= high:
-                raise MeasurementError(
-                    f'it extends over {size:.4g} m, expected {low:.3g} to {high:.3g} m for an arm '
-                    f'of {self._length:.4g} m'
-                )
-        return points
-
-
-# The positions in a message, by type.
-_MEASURED: dict[str, Callable[[Any], list[Any]]] = {
-    'nav_msgs/msg/Path': lambda message: [pose.pose.position for pose in message.poses],
-    'geometry_msgs/msg/PoseArray': lambda message: [pose.position for pose in message.poses],
-    'geometry_msgs/msg/PoseStamped': lambda message: [message.pose.position],
-    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda message: [message.pose.pose.position],
-}
