@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from octo_arm_model.cli.options import add_config_option, add_number, add_path
 from octo_arm_model.cli.progress import Bar
@@ -13,9 +14,10 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.csv_table import read_columns
 from octo_arm_model.experiment.recording.measured_topics import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.recording import Recording, read_recording
+from octo_arm_model.experiment.recording.recording import CsvSources, Recording, read_recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
 ALL = 'all'
@@ -35,7 +37,7 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """Add the bag and how it is read."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    add_path(parser, 'bag', 'BAG', bag)
+    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG', help=bag)
     add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
         '--model',
@@ -84,6 +86,21 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
         metavar='A',
         help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
         "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+    )
+    tables = parser.add_argument_group(
+        'CSV files', 'in place of topics; with both of them there is no BAG'
+    )
+    text = 'tensions: time [s] and a column for each tendon [N]'
+    add_path(tables, '--tension-csv', 'CSV', text)
+    text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
+    add_path(tables, '--midline-csv', 'CSV', text)
+    tables.add_argument(
+        '--columns',
+        nargs='+',
+        default=[],
+        metavar='NAME=COLUMN',
+        help='columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file '
+        'of such; units are those in the header, such as "force [mN]"',
     )
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
@@ -138,12 +155,14 @@ def read_options(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit,
     )  # fmt: skip
+    columns = read_columns(options.columns)
     with Bar('messages') as bar:
         recording = read_recording(
             options.bag,
             options.config,
             options.tensions,
             measured,
+            CsvSources(options.tension_csv, options.midline_csv, columns),
             progress=bar if bar.is_terminal else lambda done, total: None,
         )
     config = Config.from_parameters(recording.parameters)

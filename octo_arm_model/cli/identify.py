@@ -84,7 +84,9 @@ def _run(options: argparse.Namespace) -> int:
             notes.append(f'{model} is not fitted: {error}')
     best = best_of(list(fitted.values()))
     if options.out is not None and best.is_trustworthy:
-        options.out.write_text(as_config(best, str(options.bag)), encoding='utf-8')
+        options.out.write_text(
+            as_config(best, str(options.bag or options.tension_csv)), encoding='utf-8'
+        )
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')

@@ -58,7 +58,7 @@ def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
     parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
 
 
-def add_path(parser: argparse.ArgumentParser, name: str, metavar: str, text: str) -> None:
+def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
     """Add the option, or the argument, ``name`` for a file or folder."""
     parser.add_argument(name, type=Path, metavar=metavar, help=text)
 

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 _NUMBER = re.compile(r'(?<![A-Za-z_\d])[-+]?(\d+\.?\d*([eE][-+]?\d+)?|nan|inf)\b')
+_NEGATIVE = re.compile(r'tension of .* is -[\d.]')
 _MOST = 50  # reasons apart; what is beyond is counted together
 _OTHER = 'other reasons'
 
@@ -45,7 +46,10 @@ class Refusals:
     def lines(self) -> list[str]:
         """A line for each topic and reason, most frequent first."""
         ordered = sorted(self.counts.items(), key=lambda item: -item[1])
-        return [
+        lines = [
             f'{topic}: {count} left out, as {self.examples[topic, kind]}'
             for (topic, kind), count in ordered
         ]
+        if any(_NEGATIVE.match(example) for example in self.examples.values()):
+            lines.append('load cells: tension_deadband takes readings near zero as zero')
+        return lines
