@@ -10,7 +10,7 @@ from octo_arm_model.bags.tensions import TYPES
 from octo_arm_model.bags.topics import DESCRIPTION, names
 from octo_arm_model.config.config import parse_parameters
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 STRING = 'std_msgs/msg/String'
 
@@ -54,7 +54,10 @@ def find_arms(
         found = [
             topic
             for topic, type_name in reader.topics.items()
-            if any(names(topic, usual) and type_name == READERS[usual][0] for usual in READERS)
+            if any(
+                names(topic, usual) and type_name == kind.type_name
+                for usual, kind in TENSION_TOPICS.items()
+            )
             and reader.count([topic])
         ] or [reader.pick(None, TYPES, 'tensions')]
     by_prefix: dict[str, list[str]] = {}
@@ -71,7 +74,7 @@ def find_arms(
 
 def _prefix(topic: str) -> str:
     """Namespace of a ``topic`` of tensions, with the slash."""
-    for usual in READERS:
+    for usual in TENSION_TOPICS:
         if names(topic, usual):
             return topic.removesuffix(usual)
     return topic[: topic.rfind('/') + 1]

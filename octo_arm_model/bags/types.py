@@ -68,7 +68,7 @@ def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Types
     except BagError:
         raise
     except Exception as error:
-        # Whatever parsers raise over text that is no definition.
+        # Parsers raise errors of several types for text that is no definition.
         raise BagError(f'the definition of {type_name} makes no sense') from error
     return store
 

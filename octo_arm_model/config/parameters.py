@@ -1,7 +1,7 @@
 """Every parameter of the arm and its node, declared once.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and a test holds
-the README to it, so a name, a unit or a default is written in one place only.
+The YAML loader reads this table, the node declares its ROS parameters from it and the manual
+prints it, so a name, a unit or a default is written in one place only.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from octo_arm_model.core.limits import (
     MAX_TABLE_POINTS,
     MAX_TENDONS,
 )
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)

@@ -198,7 +198,7 @@ class MeasuredTopics:
             yield Frame(stamp, frames[stamp])
 
     def _stamp(self, record: Any) -> int:
-        from octo_arm_model.bags.reader import stamp_of
+        from octo_arm_model.bags.records import stamp_of
 
         try:
             return stamp_of(self._reader.decode(record), record.received_ns).ns
@@ -213,7 +213,7 @@ class MeasuredTopics:
         Raises:
             OctoArmError: if it holds none of this arm.
         """
-        from octo_arm_model.bags.reader import stamp_of
+        from octo_arm_model.bags.records import stamp_of
 
         message, kind = self._reader.decode(record), record.type_name
         if kind == TF:
@@ -230,7 +230,7 @@ class MeasuredTopics:
     def _of_tf(
         self, message: Any, record: Any, skip: Callable[[str, int, str], None]
     ) -> Iterator[tuple[int, FloatArray]]:
-        from octo_arm_model.bags.reader import stamp_of
+        from octo_arm_model.bags.records import stamp_of
 
         for transform in message.transforms:
             name = str(transform.child_frame_id)
