@@ -153,7 +153,9 @@ class _Output:
     ) -> None:
         config = Config.from_parameters(arm.parameters)
         self.topics, self.model = arm.topics, config.model
-        self._tensions = {topic: TensionTopic(reader, config) for topic in arm.topics}
+        self._tensions = {
+            topic: TensionTopic(reader, config, arm.fields.get(topic, '')) for topic in arm.topics
+        }
         self._newest: dict[str, int] = {}
         self._answers = Answers(config, lengths)
         description = writer.add(arm.prefix + DESCRIPTION, STRING, latched=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -10,15 +11,19 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError, TensionError
+from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
+# Types that are read as by a field that is named.
+FIELDS = {'std_msgs/msg/Float32MultiArray': 'data'}
 _TOGETHER = 128  # messages read at once
+_LISTED = 20
 
 
 class Reading(NamedTuple):
@@ -40,23 +45,69 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def read_tensions(reader: BagReader, topic: str, config: Config) -> Iterator[Reading]:
+def read_tensions(
+    reader: BagReader, topic: str, config: Config, field: str = ''
+) -> Iterator[Reading]:
     """Every message of ``topic``, read as the node reads it.
 
     Raises:
         BagError: if there is no such topic, it is of none of `TYPES` or the bag is damaged.
     """
-    tensions = TensionTopic(reader, config)
-    records = reader.messages([reader.pick(topic, TYPES, 'tensions')])
+    if not field:
+        topic, field = pick_tensions(reader, topic)
+    tensions = TensionTopic(reader, config, field)
+    records = reader.messages([topic])
     while some := list(itertools.islice(records, _TOGETHER)):
         yield from tensions.read(some)
+
+
+def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
+    """Topic of tensions and the field they are in, '' for the usual one of its type.
+
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is.
+
+    Raises:
+        BagError: if there is none; the message lists the numeric fields of other types.
+    """
+    topic, colon, field = (wanted or '').partition(':')
+    if colon:
+        topic = reader.pick(topic, None, 'tensions')
+        fields = reader.numeric_fields(reader.topics[topic])
+        if re.sub(r'\[\d+\]', '', field) not in fields:
+            raise BagError(
+                f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+                f'it has {", ".join(fields) or "none"}'
+            )
+        return topic, field
+    try:
+        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+    except BagError as error:
+        others = [wanted] if wanted is not None else list(reader.topics)
+        others = [one if one in reader.topics else f'/{one}' for one in others]
+        raise BagError(f'{error}{_fields_of(reader, others)}') from None
+    return topic, FIELDS.get(reader.topics[topic], '')
+
+
+def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
+    """Numeric fields of the messages on ``topics`` whose types are none of `TYPES`, in words."""
+    found = []
+    for topic in topics[:_LISTED]:
+        type_name = reader.topics.get(topic, '')
+        if type_name and type_name not in (*TYPES, *FIELDS):
+            if fields := reader.numeric_fields(type_name):
+                found.append(f'{topic}:{{{",".join(fields)}}}')
+    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
 
 
 class TensionTopic:
     """Reads the messages of one topic: those laid out like one before them many at once."""
 
-    def __init__(self, reader: BagReader, config: Config) -> None:
-        """Read from ``reader`` for the arm and the load cells of ``config``."""
+    def __init__(self, reader: BagReader, config: Config, field: str = '') -> None:
+        """Read from ``reader`` for the arm and the load cells of ``config``.
+
+        Tensions are in ``field``, if that is given.
+        """
+        self._field = field
         self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
         self._layout: TensionLayout | None = None
 
@@ -88,10 +139,18 @@ class TensionTopic:
         # The layout may be that of another message of the same batch by now.
         if found := self._read_alike([record]):
             return found[0]
-        kind, stamp = _KINDS[record.type_name], Stamp.from_ns(record.received_ns)
+        stamp, wanted = Stamp.from_ns(record.received_ns), self._load_cells.names
         try:
             message = self._reader.decode(record)
             stamp = stamp_of(message, record.received_ns)
+            if self._field:
+                values = field_values(message, self._field)
+                names = names_of(message, len(values))
+                tensions = tensions_by_names(values, names, wanted, self._arm)
+                return self._checked(stamp, tensions)
+            kind = _KINDS[record.type_name]
+            if wanted:
+                return self._checked(stamp, kind.read_named(message, self._arm, wanted))
             tensions = kind.read(message, self._arm)
         except OctoArmError as error:
             return Reading(stamp, None, str(error))

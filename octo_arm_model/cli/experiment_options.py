@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from octo_arm_model.cli.options import add_config_option, add_number, add_path
+from octo_arm_model.cli.options import add_config_option, add_number, add_path, add_tendons
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
@@ -78,8 +78,11 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
         help='of what was measured (default: %(default)s)',
     )
     parser.add_argument(
-        '--tensions', metavar='TOPIC', help='tensions; by default the only ones there'
+        '--tensions',
+        metavar='TOPIC[:FIELD]',
+        help='tensions, or any numeric field of any topic; by default the only ones there',
     )
+    add_tendons(parser)
     parser.add_argument(
         '--align',
         nargs='+',
@@ -163,6 +166,7 @@ def read_options(
             options.tensions,
             measured,
             CsvSources(options.tension_csv, options.midline_csv, columns),
+            options.tendons,
             progress=bar if bar.is_terminal else lambda done, total: None,
         )
     config = Config.from_parameters(recording.parameters)

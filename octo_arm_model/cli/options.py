@@ -84,6 +84,19 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
     return None if options.config is None else load_parameters(find_path(options.config))
 
 
+def add_tendons(parser: argparse.ArgumentParser) -> None:
+    """Add ``--tendons``."""
+    parser.add_argument(
+        '--tendons',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='what each tendon of the arm, from the tip, is called in what is read: a name, or '
+        'a number from 0 on where there are none, or - for one that is slack (default: '
+        'tension_names of the arm)',
+    )
+
+
 def add_model(parser: argparse.ArgumentParser) -> None:
     """Add ``--model``."""
     parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')

@@ -12,6 +12,7 @@ from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.csv_table import FORCE, LENGTH, CsvTable
 from octo_arm_model.experiment.recording.measured_topics import Frame, Measured, MeasuredPoints
+from octo_arm_model.wire.tension_fields import NONE
 
 _POINT = re.compile(r'^x_?([0-9]{1,6})$')
 Skip = Callable[[str, int, str], None]
@@ -26,7 +27,10 @@ def csv_tensions(
         MeasurementError: if a column is missing or a cell holds no number.
     """
     arm, stamps = config.arm, table.times()
-    columns = [table.numbers(name, FORCE, 'N') for name in arm.tendon_names]
+    columns = [
+        np.zeros(len(stamps)) if name == NONE else table.numbers(name, FORCE, 'N')
+        for name in config.load_cells.names or arm.tendon_names
+    ]
     readings = np.stack(columns, axis=1)
     rows = readings.reshape(-1, *arm.tension_shape)
     try:

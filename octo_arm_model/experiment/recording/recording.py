@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,6 +26,7 @@ from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.bags.tensions import Reading
 
 _KEPT = 1000  # messages left out that are kept one by one; all are counted
 
@@ -134,6 +135,7 @@ def read_recording(
     tensions: str | None = None,
     measured: Measured = Measured(),
     files: CsvSources = CsvSources(),
+    tendons: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
     """Read the bag at ``path``, or CSV files, or tensions from one and midlines from the other.
@@ -141,10 +143,11 @@ def read_recording(
     Args:
         path: the bag; None where all is in files.
         config: parameter file or preset of the arm; None for the arm_description in the bag.
-        tensions: topic of the tensions; None for the only one there is.
+        tensions: topic of the tensions, or TOPIC:FIELD; None for the only one there is.
         measured: what was measured; of no topics the only one that the model itself does not
             publish.
         files: CSV files in place of topics.
+        tendons: what the tendons are called there, in place of tension_names.
         progress: called with the numbers of messages read and of all messages.
 
     Raises:
@@ -156,13 +159,13 @@ def read_recording(
     if files.tensions is not None and files.midlines is not None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, tensions, measured, files, progress)
+        return _gather(None, given, tensions, measured, files, tendons, progress)
     if path is None:
         raise MeasurementError('expected a bag, or --tension-csv and --midline-csv')
     from octo_arm_model.bags.reader import BagReader
 
     with BagReader(path) as reader:
-        return _gather(reader, given, tensions, measured, files, progress)
+        return _gather(reader, given, tensions, measured, files, tendons, progress)
 
 
 def _gather(
@@ -171,24 +174,28 @@ def _gather(
     tensions: str | None,
     measured: Measured,
     files: CsvSources,
+    tendons: Sequence[str],
     progress: Callable[[int, int], None],
 ) -> Recording:
     """Tensions and frames, each from a file or from the bag of ``reader``."""
     skips, notes = Skips(), list[str]()
-    topic = None
+    topic, field = None, ''
     if reader is not None:
         from octo_arm_model.bags.arms import describe, find_arms
-        from octo_arm_model.bags.tensions import TYPES
+        from octo_arm_model.bags.tensions import pick_tensions
 
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
         notes += reader.notes
         if files.tensions is None:
-            topic = reader.pick(tensions, TYPES, 'tensions')
-            given = dict(find_arms(reader, [topic], given)[0].parameters)
+            topic, field = pick_tensions(reader, tensions)
+            wanted = f'{topic}:{field}' if field else topic
+            given = dict(find_arms(reader, [wanted], given)[0].parameters)
         elif given is None:
             given = describe(reader)
     assert given is not None
+    if tendons:
+        given['tension_names'] = list(tendons)
     config = Config.from_parameters(given)
     points = MeasuredPoints(measured, config.arm.length)
     topics = None
@@ -201,7 +208,10 @@ def _gather(
         names += topics.topics if topics is not None else []
         total = reader.count(list(dict.fromkeys(names)))
     if topic is not None and reader is not None:
-        stamped = _tensions_of(reader, topic, config, skips, lambda done: progress(done, total))
+        from octo_arm_model.bags.tensions import read_tensions
+
+        readings = read_tensions(reader, topic, config, field)
+        stamped = _tensions_of(topic, readings, skips, lambda done: progress(done, total))
     else:
         assert files.tensions is not None
         table = read_csv(files.tensions, files.columns)
@@ -224,13 +234,11 @@ def _gather(
 
 
 def _tensions_of(
-    reader: BagReader, topic: str, config: Config, skips: Skips, progress: Callable[[int], None]
+    topic: str, readings: Iterable[Reading], skips: Skips, progress: Callable[[int], None]
 ) -> Stamped:
     """Tensions of a topic."""
-    from octo_arm_model.bags.tensions import read_tensions
-
     stamped = Stamped(topic, [], [])
-    for done, one in enumerate(read_tensions(reader, topic, config)):
+    for done, one in enumerate(readings):
         progress(done)
         if one.tensions is None:
             skips(topic, one.stamp_ns, one.reason)

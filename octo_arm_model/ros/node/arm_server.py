@@ -102,7 +102,10 @@ class ArmServer:
         """
         node = self._node
         self._inputs = [
-            TensionSubscription(node, topic, self._current_arm, self._answer) for topic in TOPICS
+            TensionSubscription(
+                node, topic, self._current_arm, self._answer, names=self._current_names
+            )
+            for topic in TOPICS
         ]
         self._health.publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._health.begin()
@@ -153,6 +156,9 @@ class ArmServer:
         )
 
     # Messages -----------------------------------------------------------------------------------
+
+    def _current_names(self) -> tuple[str, ...]:
+        return self._prepared.config.load_cells.names if self._prepared is not None else ()
 
     def _current_arm(self) -> Arm:
         assert self._prepared is not None  # it subscribes only while configured
