@@ -81,7 +81,7 @@ def replay_all(source: Path, out: Path, storage: str, model: str) -> None:
 def read_all(source: Path, config: Config) -> None:
     """Read all tensions."""
     with BagReader(source) as reader:
-        for _ in read_tensions(reader, '/tendon_tensions', config.arm):
+        for _ in read_tensions(reader, '/tendon_tensions', config):
             pass
 
 

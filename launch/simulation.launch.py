@@ -16,6 +16,14 @@ from octo_arm_model.ros.launch_parts import (
 )
 
 
+def _deadband(context):
+    """Deadband of the simulated load cells, which the node has to know as well."""
+    path = value_of('simulator_file', context)
+    name = 'tension_deadband'
+    given = load_parameters(path) if path else {}
+    return {name: float(given[name])} if name in given else {}
+
+
 def start(context):
     """Everything to start, once the arguments have values."""
     namespace, params_file = LaunchConfiguration('namespace'), LaunchConfiguration('params_file')
@@ -26,7 +34,7 @@ def start(context):
     if value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     actions = [
-        arm_node(context),
+        arm_node(context, **_deadband(context)),
         node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
         rviz('octo_arm.rviz', namespace),
     ]

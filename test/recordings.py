@@ -24,7 +24,8 @@ TENDON_TENSIONS, ARRAY, JOINT_STATE = (
     TOPICS[f'/tendon_tensions{suffix}'] for suffix in ('', '/array', '/joint_state')
 )
 TYPES = known_types()
-ARM = load_config(preset_path('renda2012_table4')).arm
+CONFIG = load_config(preset_path('renda2012_table4'))
+ARM = CONFIG.arm
 NAMES = ARM.tendon_names
 
 
@@ -121,4 +122,4 @@ def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
     """What the messages of a topic say of the arm of Table 4."""
     with BagReader(path) as reader:
-        return list(read_tensions(reader, topic, ARM))
+        return list(read_tensions(reader, topic, CONFIG))

@@ -18,7 +18,7 @@ from octo_arm_model.bags.metadata import check_folder
 from octo_arm_model.bags.records import Key, Record, count_messages, counts_of
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
-from octo_arm_model.bags.types import types_for
+from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.core.errors import BagError
 
 
@@ -215,8 +215,17 @@ class BagReader:
                 raise BagError(f'{self.path}: {error}') from error
         return self._stores[type_name]
 
-    def pick(self, wanted: str | None, types: Sequence[str], what: str) -> str:
+    def numeric_fields(self, type_name: str) -> list[str]:
+        """Numeric fields of a type, such as 'wrench.force.x'; none where nothing defines it."""
+        try:
+            return numeric_fields(self.types_of(type_name), type_name)
+        except BagError:
+            return []
+
+    def pick(self, wanted: str | None, types: Sequence[str] | None, what: str) -> str:
         """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
+
+        ``types`` are None where ``wanted`` may be of any.
 
         What the model answers with is none unless wanted. Of several topics that with messages is
         taken, or with a usual name such as tendon_tensions, in whatever namespace.
@@ -224,12 +233,12 @@ class BagReader:
         Raises:
             BagError: if there is none, or several; the message lists what is there.
         """
-        expected = ' or '.join(types)
+        expected = ' or '.join(types or ())
         if wanted is not None:
             topic = wanted if wanted in self.topics else f'/{wanted}'
             if topic not in self.topics:
                 raise BagError(f'{self.path}: no topic {wanted} for {what}; {self._listing()}')
-            if self.topics[topic] not in types:
+            if types is not None and self.topics[topic] not in types:
                 raise BagError(
                     f'{self.path}: topic {topic} is of {self.topics[topic]}, expected {expected} '
                     f'for {what}'
@@ -239,7 +248,7 @@ class BagReader:
         found = [
             topic
             for topic, type_name in self.topics.items()
-            if type_name in types and not is_answer(topic)
+            if type_name in (types or ()) and not is_answer(topic)
         ]
         for narrower in (
             [topic for topic in found if self.count([topic])],

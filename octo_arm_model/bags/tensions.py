@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError, TensionError
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
+# Types that are read as by a field that is named.
+FIELDS = {'std_msgs/msg/Float32MultiArray': 'data'}
 _TOGETHER = 128  # messages read at once
+_LISTED = 20
 
 
 class Reading(NamedTuple):
@@ -41,24 +45,70 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def read_tensions(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:
+def read_tensions(
+    reader: BagReader, topic: str, config: Config, field: str = ''
+) -> Iterator[Reading]:
     """Every message of ``topic``, read as the node reads it.
 
     Raises:
         BagError: if there is no such topic, it is of none of `TYPES` or the bag is damaged.
     """
-    tensions = TensionTopic(reader, arm)
-    records = reader.messages([reader.pick(topic, TYPES, 'tensions')])
+    if not field:
+        topic, field = pick_tensions(reader, topic)
+    tensions = TensionTopic(reader, config, field)
+    records = reader.messages([topic])
     while some := list(itertools.islice(records, _TOGETHER)):
         yield from tensions.read(some)
+
+
+def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
+    """Topic of tensions and the field they are in, '' for the usual one of its type.
+
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is.
+
+    Raises:
+        BagError: if there is none; the message lists the numeric fields of other types.
+    """
+    topic, colon, field = (wanted or '').partition(':')
+    if colon:
+        topic = reader.pick(topic, None, 'tensions')
+        fields = reader.numeric_fields(reader.topics[topic])
+        if re.sub(r'\[\d+\]', '', field) not in fields:
+            raise BagError(
+                f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+                f'it has {", ".join(fields) or "none"}'
+            )
+        return topic, field
+    try:
+        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+    except BagError as error:
+        others = [wanted] if wanted is not None else list(reader.topics)
+        others = [one if one in reader.topics else f'/{one}' for one in others]
+        raise BagError(f'{error}{_fields_of(reader, others)}') from None
+    return topic, FIELDS.get(reader.topics[topic], '')
+
+
+def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
+    """Numeric fields of the messages on ``topics`` whose types are none of `TYPES`, in words."""
+    found = []
+    for topic in topics[:_LISTED]:
+        type_name = reader.topics.get(topic, '')
+        if type_name and type_name not in (*TYPES, *FIELDS):
+            if fields := reader.numeric_fields(type_name):
+                found.append(f'{topic}:{{{",".join(fields)}}}')
+    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
 
 
 class TensionTopic:
     """Reads the messages of one topic: those laid out like one before them many at once."""
 
-    def __init__(self, reader: BagReader, arm: Arm) -> None:
-        """Read from ``reader`` for ``arm``."""
-        self._reader, self._arm = reader, arm
+    def __init__(self, reader: BagReader, config: Config, field: str = '') -> None:
+        """Read from ``reader`` for the arm and the load cells of ``config``.
+
+        Tensions are in ``field``, if that is given.
+        """
+        self._field = field
+        self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
         self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
@@ -78,9 +128,9 @@ class TensionTopic:
         if given is not None:
             stamps = [one if any(one) else received for one, received in zip(given, stamps)]
         try:
-            check_tensions(self._arm, tensions)
+            tensions = self._load_cells.tensions(self._arm, tensions)
         except TensionError:
-            readings = [_checked(self._arm, *pair) for pair in zip(stamps, tensions)]
+            readings = [self._checked(*pair) for pair in zip(stamps, tensions)]
         else:
             readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, tensions)]
         return dict(zip(places, readings))
@@ -89,10 +139,18 @@ class TensionTopic:
         # The layout may be that of another message of the same batch by now.
         if found := self._read_alike([record]):
             return found[0]
-        kind, stamp = _KINDS[record.type_name], Stamp.from_ns(record.received_ns)
+        stamp, wanted = Stamp.from_ns(record.received_ns), self._load_cells.names
         try:
             message = self._reader.decode(record)
             stamp = stamp_of(message, record.received_ns)
+            if self._field:
+                values = field_values(message, self._field)
+                names = names_of(message, len(values))
+                tensions = tensions_by_names(values, names, wanted, self._arm)
+                return self._checked(stamp, tensions)
+            kind = _KINDS[record.type_name]
+            if wanted:
+                return self._checked(stamp, kind.read_named(message, self._arm, wanted))
             tensions = kind.read(message, self._arm)
         except OctoArmError as error:
             return Reading(stamp, None, str(error))
@@ -102,7 +160,13 @@ class TensionTopic:
         if self._is_as_known(record.type_name):
             layout = TensionLayout(kind, record.data, message, self._arm)
             self._layout = layout if layout.read(record.data) else self._layout
-        return _checked(self._arm, stamp, tensions)
+        return self._checked(stamp, tensions)
+
+    def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
+        try:
+            return Reading(stamp, self._load_cells.tensions(self._arm, readings), '')
+        except TensionError as error:
+            return Reading(stamp, None, str(error))
 
     def _is_as_known(self, type_name: str) -> bool:
         """Whether the bag defines a type as it is known here, so that it has the known layout."""
@@ -116,10 +180,3 @@ def _stampable(reading: Reading) -> Reading:
         return reading
     reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
     return reading._replace(tensions=None, reason=reason)
-
-
-def _checked(arm: Arm, stamp: Stamp, tensions: FloatArray) -> Reading:
-    try:
-        return Reading(stamp, check_tensions(arm, tensions), '')
-    except TensionError as error:
-        return Reading(stamp, None, str(error))

@@ -10,10 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
 
@@ -28,7 +32,9 @@ examples:
   octo-arm compare experiment --model all --out compared
   octo-arm compare experiment --config renda2012_prototype --align 0 0 0.5 1 0 0 0 --json
 
-With --out DIR: DIR/compare.csv, DIR/compare.json, a picture of every step like the paper's
+With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
+model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),
+compare.json, a picture of every step like the paper's
 Figure 9 and one of the errors over the tensions.
 
 """
@@ -61,9 +67,9 @@ def _run(options: argparse.Namespace) -> int:
     comparisons = []
     for model in models:
         try:
-            comparisons.append(
-                compare(observations.shapes, recording.parameters, model, alignment)
-            )
+            with Bar(f'steps of {model}') as bar:
+                shapes, values = observations.shapes, recording.parameters
+                comparisons.append(compare(shapes, values, model, alignment, bar.on_terminal))
         except (ConfigError, SolveError) as error:
             if model == models[-1] and not comparisons:
                 raise
@@ -71,11 +77,15 @@ def _run(options: argparse.Namespace) -> int:
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.compare_figures import draw
+        from octo_arm_model.experiment.csv_output import write_tables
 
         (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
         write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
-        pictures = draw(comparisons, out)
-        notes.append(f'compare.csv, compare.json and {len(pictures)} pictures are in {out}')
+        with Bar('pictures') as bar:
+            pictures = draw(comparisons, out, bar.on_terminal)
+        tables = write_tables(out, comparisons, config.arm.tendon_names)
+        files = ', '.join(['compare.csv', *tables, 'compare.json'])
+        notes.append(f'{files} and {len(pictures)} pictures are in {out}')
     print(json.dumps(result) if options.json else summary(comparisons, notes))
     return 0
 
@@ -115,7 +125,7 @@ def as_dict(
         'steps': rows(comparisons),
         'models': {
             one.model: {
-                'average_tip_error_percent': float(one.percent('tip').mean()),
+                'average_tip_error_percent': _average(one.percent('tip')),
                 'alignment_camera_to_base': one.alignment.as_dict(),
                 'refused': list(one.refused),
                 'notes': list(one.notes),
@@ -133,7 +143,9 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
     with path.open('w', encoding='utf-8', newline='') as file:
         writer = csv.writer(file)
         plain = [name for name in table[0] if not name.startswith('tensions')]
-        writer.writerow([*plain, *(f'{name} [N]' for name in tendons)])
+        units = {'start': ' [s]', 'stop': ' [s]', 'tension': ' [N]'}
+        heads = [name + units.get(name, '') for name in plain]
+        writer.writerow([*heads, *(f'{name} [N]' for name in tendons)])
         for row in table:
             writer.writerow([*(row[name] for name in plain), *row['tensions']])
 
@@ -155,10 +167,16 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
                 f'{step.number:>4} {step.shape.tension:>8.3f} {step.shape.frames:>7} '
                 f'{tip:>14} {mean:>6} {largest:>6} {hausdorff:>11} {noise:>18.2f}{left_out}'
             )
-        tip, mean, largest, hausdorff = (_cell(float(values.mean())) for values in columns)
+        tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
         lines.append(f'Average{"":14}{tip:>15} {mean:>6} {largest:>6} {hausdorff:>11}')
     return '\n'.join(lines)
 
 
-def _cell(value: float) -> str:
-    return '-' if math.isnan(value) else f'{value:.2f}'
+def _average(percent: FloatArray) -> float | None:
+    """Mean of the steps where it was measured; None where it never was."""
+    known = percent[np.isfinite(percent)]
+    return float(known.mean()) if known.size else None
+
+
+def _cell(value: float | None) -> str:
+    return '-' if value is None or math.isnan(value) else f'{value:.2f}'

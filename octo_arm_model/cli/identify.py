@@ -13,6 +13,8 @@ from octo_arm_model.cli.options import add_json, add_path, check_out, new_comman
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.experiment.compare import compare
+from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.identify import Identification, Misfit, identify
 from octo_arm_model.experiment.fitting.uncertainty import Estimate
 from octo_arm_model.experiment.fitting.unknowns import FITS
@@ -61,11 +63,14 @@ def add_command(commands: Any) -> None:
         help='what to fit (default: youngs_modulus)',
     )
     add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
+    text = 'folder for midlines.csv, stations.csv and tensions.csv of the fitted arm'
+    add_path(parser, '--csv', 'DIR', text)
     add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> int:
     check_out(options.out, folder=False)
+    check_out(options.csv, folder=True, name='--csv')
     recording, observations, models, alignment, notes = read_options(options)
     notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
@@ -84,10 +89,19 @@ def _run(options: argparse.Namespace) -> int:
             notes.append(f'{model} is not fitted: {error}')
     best = best_of(list(fitted.values()))
     if options.out is not None and best.is_trustworthy:
-        options.out.write_text(as_config(best, str(options.bag)), encoding='utf-8')
+        options.out.write_text(
+            as_config(best, str(options.bag or options.tension_csv)), encoding='utf-8'
+        )
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
+    if options.csv is not None and any(name.startswith('tension_') for name in best.estimates):
+        notes.append('no CSV files: compare does it, with the fitted file as --config, and --out')
+    elif options.csv is not None and best.is_trustworthy:
+        fitted_arm = compare(observations.shapes, best.parameters, best.model, best.alignment)
+        names = Config.from_parameters(best.parameters).arm.tendon_names
+        tables = write_tables(options.csv, [fitted_arm], names)
+        notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
     print(
         json.dumps(as_dict(best, list(fitted.values()), observations, notes))
         if options.json

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.core.arm.arm import Arm, check_size
 from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import not_negative, positive
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.arm.validation import finite, not_negative, positive
+from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.sensitivity.results import Uncertainty
 
 
@@ -37,6 +38,31 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
     if limits:
         check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
     return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
+
+
+def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
+    """Calibration of the load cells of ``arm``.
+
+    Raises:
+        ConfigError: if there are offsets or scales, but not as many as tendons.
+        ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
+    """
+    names = given['tension_names']
+    distinct = [name for name in names if name != '-']
+    if len(set(distinct)) < len(distinct) or '' in names:
+        raise ConfigError(f'tension_names is {shown(list(names))}, expected distinct names or -')
+    for name in ('tension_offset', 'tension_scale', 'tension_names'):
+        if given[name]:
+            check_length(name, given[name], len(arm.tendons), ', one per tendon')
+    return LoadCellCalibration(
+        not_negative('tension_deadband', given['tension_deadband'], 'tension', 'N'),
+        tuple(
+            finite('tension_offset', offset, 'a finite tension [N]')
+            for offset in given['tension_offset']
+        ),
+        tuple(positive('tension_scale', scale, '-') for scale in given['tension_scale']),
+        tuple(names),
+    )
 
 
 def build_uncertainty(given: Values) -> Uncertainty:

@@ -10,7 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.build import build_arm, build_limits, build_uncertainty
+from octo_arm_model.config.build import (
+    build_arm,
+    build_limits,
+    build_load_cells,
+    build_uncertainty,
+)
+from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
@@ -59,6 +65,7 @@ class Config:
         diagnostic_limits: thresholds of the node's diagnostics.
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
             the arm bears, see `simulation.limits`.
+        load_cells: how readings become tensions.
     """
 
     arm: Arm
@@ -74,6 +81,7 @@ class Config:
     markers_rate: float = 0.0
     diagnostic_limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
     tendon_limits: tuple[float, ...] = ()
+    load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -119,6 +127,7 @@ class Config:
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
             diagnostic_limits=_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
+            load_cells=build_load_cells(given, arm),
         )
 
     def solver(

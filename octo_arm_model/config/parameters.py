@@ -110,6 +110,20 @@ PARAMETERS = (
     Parameter('tendon_limits', float,
               'largest tension that may be commanded of each tendon [N], section by section from '
               'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
+    Parameter('tension_names', str,
+              'name of the tension of each tendon in the messages that come in, or its number '
+              'from 0 on where they have no names, section by section from the tip; - for a '
+              'tendon without a load cell, which is slack; empty for tendon_names', (),
+              is_array=True, range='distinct, but for -'),
+    Parameter('tension_deadband', float,
+              'tensions within this of zero are zero, as load cells of slack tendons read; those '
+              'further below are refused [N]', 0.0, range='>= 0'),
+    Parameter('tension_offset', float,
+              'what is added to the reading of each load cell, after tension_scale, section by '
+              'section from the tip [N]; empty for nothing', (), is_array=True),
+    Parameter('tension_scale', float,
+              'what the reading of each load cell is multiplied by, section by section from the '
+              'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     *LOAD_PARAMETERS,
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +13,15 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
+from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
     MidlineErrors,
     fraction_at_start,
+    marker_errors,
     midline_errors,
 )
 
@@ -63,7 +66,7 @@ class ModelComparison:
     notes: tuple[str, ...]
 
     def percent(self, name: str) -> FloatArray:
-        """Errors ``name`` of all steps in per cent of the length, NaN for those of tips alone."""
+        """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
         values = [getattr(step.errors, name) for step in self.steps]
         return np.array([np.nan if value is None else 100.0 * value / self.length
                          for value in values])  # fmt: skip
@@ -74,6 +77,7 @@ def compare(
     parameters: Mapping[str, Any],
     model: str,
     alignment: Alignment | None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ModelComparison:
     """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
@@ -90,6 +94,7 @@ def compare(
     answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
     for number, shape in enumerate(shapes, start=1):
+        progress(number - 1, len(shapes))
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
         try:
             answered.append((number, shape, solver.solve(tensions)))
@@ -107,8 +112,12 @@ def compare(
     steps = []
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
-        fraction_at_start(measured, backbone.position, check=True)
-        errors = midline_errors(measured, backbone.position)
+        if shape.s is None:
+            fraction_at_start(measured, backbone.position, check=True)
+            errors = midline_errors(measured, backbone.position)
+        else:
+            away = shape_residuals(shape, measured, backbone)
+            errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         steps.append(StepComparison(number, shape, measured, backbone, errors))
     return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)

@@ -5,7 +5,7 @@ Needs matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
+from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
 _MEASURED = '0.15'
@@ -23,8 +24,14 @@ _FLAT = 0.05
 _MOST_FRAMES = 30
 
 
-def draw(comparisons: Sequence[ModelComparison], folder: Path) -> list[Path]:
+def draw(
+    comparisons: Sequence[ModelComparison],
+    folder: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Path]:
     """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
+
+    ``progress`` is told how many pictures of how many are done.
 
     Raises:
         OSError: if a file cannot be written.
@@ -35,8 +42,9 @@ def draw(comparisons: Sequence[ModelComparison], folder: Path) -> list[Path]:
         for step in comparison.steps:
             steps.setdefault(step.number, []).append((comparison, step))
     limits = _limits(comparisons, axes)
-    paths = []
+    paths: list[Path] = []
     for number, shown in sorted(steps.items()):
+        progress(len(paths), len(steps) + 1)
         path = folder / f'step_{number:02}.png'
         _save(_draw_step(shown, axes, limits), path)
         paths.append(path)
@@ -114,9 +122,10 @@ def _draw_step(
             panel.set_axisbelow(True)
             if not column:
                 panel.set_ylabel(names[view])
-        percent = 100.0 * step.errors.tip / comparison.length
+        name = 'tip' if step.errors.tip is not None else 'mean'
+        percent = 100.0 * (getattr(step.errors, name) or 0.0) / comparison.length
         panels[0, column].set_title(
-            f'{comparison.model}, tip error {percent:.1f} % of L', fontsize='medium'
+            f'{comparison.model}, {name} error {percent:.1f} % of L', fontsize='medium'
         )
         panels[0, column].legend(loc='best', frameon=False)
         panels[-1, column].set_xlabel('along the base [mm]')
@@ -131,17 +140,24 @@ def _draw_view(
     lines = step.shape.lines
     for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
         flat = _flatten(comparison.alignment.to_base(line), plane, origin)
-        panel.plot(*flat.T, '.' if len(flat) == 1 else '-', color=_FRAME, linewidth=0.6, zorder=1)
+        is_dots = len(flat) == 1 or step.shape.s is not None
+        panel.plot(*flat.T, '.' if is_dots else '-', color=_FRAME, linewidth=0.6, zorder=1)
     model = _flatten(step.backbone.position, plane, origin)
     measured = _flatten(step.measured, plane, origin)
     colour = LINES[comparison.model]['color']
-    panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
+    if step.shape.s is None:
+        panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
+    else:
+        weights = marker_weights(step.shape.s, step.backbone.s)
+        for pair in zip(weights @ model, measured):
+            panel.plot(*np.stack(pair).T, ':', color=colour, zorder=2)
     panel.plot(
         *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
     )
     panel.plot(
-        *measured.T, color=_MEASURED, linewidth=1.6, linestyle=(0, (4, 2)), marker='s',
-        markersize=5, markevery=[-1], label='measured', zorder=5,
+        *measured.T, color=_MEASURED, linewidth=1.6, marker='s', markersize=5,
+        linestyle=(0, (4, 2)) if step.shape.s is None else '',
+        markevery=[-1] if step.shape.s is None else None, label='measured', zorder=5,
     )  # fmt: skip
 
 

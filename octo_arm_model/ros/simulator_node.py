@@ -40,6 +40,7 @@ from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.wire.tension_fields import NONE
 
 
 class SimulatorNode(CheckedNode):
@@ -139,7 +140,8 @@ class SimulatorNode(CheckedNode):
             self._played += config.speed * elapsed
         measured, effective = self._hardware.step(self._command, elapsed)
         stamp = now.to_msg()
-        self._effective.publish(self._message(effective, stamp))
+        read = config.hardware.calibration.readings(effective)  # by cells without errors
+        self._effective.publish(self._message(read, stamp))
         if measured is None:
             self._counts['lost'] += 1
         else:
@@ -148,7 +150,14 @@ class SimulatorNode(CheckedNode):
 
     def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
         assert self._config is not None
-        return tensions_message(tensions, self._config.arm, stamp, self._config.base_frame)
+        config = self._config
+        message = tensions_message(tensions, config.arm, stamp, config.base_frame)
+        if names := config.hardware.calibration.names:
+            # Under the names that the node expects, and of the tendons that have a load cell.
+            cells = [number for number, name in enumerate(names) if name != NONE]
+            message.name = [names[number] for number in cells]
+            message.tension = tensions.ravel()[cells].tolist()
+        return message
 
     def _report(self) -> None:
         """Publish diagnostics of the commands and readings since the last ones."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.load_cells import LoadCells, SimulatedLoadCells
 from octo_arm_model.simulation.relaxation import Relaxation, SimulatedRelaxation
@@ -19,11 +20,13 @@ class Hardware:
         winches: parameters of the winches, which pull the tendons.
         load_cells: parameters of the load cells, which measure their tensions.
         relaxation: parameters of the viscoelastic material.
+        calibration: what turns readings into tensions; the load cells read what it undoes.
     """
 
     winches: Winches = field(default_factory=Winches)
     load_cells: LoadCells = field(default_factory=LoadCells)
     relaxation: Relaxation = field(default_factory=Relaxation)
+    calibration: LoadCellCalibration = field(default_factory=LoadCellCalibration)
 
 
 class Moment(NamedTuple):
@@ -45,12 +48,14 @@ class SimulatedHardware:
     def __init__(self, hardware: Hardware, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""
         self._winches = SimulatedWinches(hardware.winches, tendons)
+        self._calibration = hardware.calibration
         self._load_cells = SimulatedLoadCells(hardware.load_cells, tendons)
         self._relaxation = SimulatedRelaxation(hardware.relaxation, tendons)
 
     def change(self, hardware: Hardware) -> None:
         """Replace the parameters; the tensions stay."""
         self._winches.winches = hardware.winches
+        self._calibration = hardware.calibration
         self._load_cells.change(hardware.load_cells)
         self._relaxation.relaxation = hardware.relaxation
 
@@ -58,4 +63,4 @@ class SimulatedHardware:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""
         tension = self._winches.step(command, dt)
         effective = self._relaxation.step(tension, dt)
-        return Moment(self._load_cells.read(tension), effective)
+        return Moment(self._load_cells.read(self._calibration.readings(tension)), effective)

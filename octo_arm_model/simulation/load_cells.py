@@ -19,8 +19,8 @@ class LoadCells:
 
     Attributes:
         gain_stddev: standard deviation of the gain of each cell, drawn once [-].
-        noise_stddev: standard deviation of the noise of each reading [N]. Readings
-            are not negative: a tendon bears no compression.
+        noise_stddev: standard deviation of the noise of each reading [N]; of slack tendons
+            every other reading is negative.
         resolution: readings are multiples of this [N]; 0 for all digits.
         drop_probability: probability that a message, the readings of all cells, is lost [-].
         seed: of gains, noise and losses; the same seed draws the same ones.
@@ -70,12 +70,12 @@ class SimulatedLoadCells:
         self._deviation = gains.standard_normal(self._tendons)
 
     def read(self, tension: FloatArray) -> FloatArray | None:
-        """Readings of ``tension`` (tendons,) [N], likewise; None where they are lost."""
+        """Readings of cells that would read ``tension`` (tendons,) [N]; None where lost."""
         own = self._own
         noise = self._noise.standard_normal(self._tendons)
         is_lost = self._losses.random() < own.drop_probability
         reading = (1.0 + own.gain_stddev * self._deviation) * tension
-        reading = np.maximum(reading + own.noise_stddev * noise, 0.0)
+        reading += own.noise_stddev * noise
         if own.resolution:
             reading = own.resolution * np.rint(reading / own.resolution)
         return None if is_lost else reading

@@ -41,8 +41,8 @@ PARAMETERS = (
               'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
               range='>= 0'),
     Parameter('load_cells.noise_stddev', float,
-              'standard deviation of the noise of each reading [N]; no reading falls below 0', 0.0,
-              range='>= 0'),
+              'standard deviation of the noise of each reading [N]; readings of slack tendons go '
+              'below 0', 0.0, range='>= 0'),
     Parameter('load_cells.resolution', float,
               'what readings are multiples of [N]; 0 for all digits', 0.0, range='>= 0'),
     Parameter('load_cells.drop_probability', float,
@@ -119,6 +119,7 @@ class SimulatorConfig:
                 Winches(**_group(own, 'winches')),
                 LoadCells(**_group(own, 'load_cells')),
                 Relaxation(**_group(own, 'relaxation')),
+                config.load_cells,
             ),
             profile=profile,
             speed=own['profile.speed'],

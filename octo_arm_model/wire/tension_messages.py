@@ -18,6 +18,7 @@ from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.wire.cdr_layout import Layout
+from octo_arm_model.wire.tension_fields import tensions_by_names
 
 _LISTED = 20
 
@@ -76,6 +77,16 @@ class TensionMessage:
     def has_stamp(self) -> bool:
         """Whether it has a stamp."""
         return 'header' in self.fields
+
+    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
+        """As `read`, of the values ``wanted``, see `tensions_by_names`; others may be there.
+
+        Raises:
+            TensionError: if a value is missing, or named more than once.
+        """
+        values = np.asarray(getattr(message, self.tensions), dtype=np.float64)
+        names = None if self.names is None else list(getattr(message, self.names))
+        return tensions_by_names(values, names, wanted, arm)
 
     def read(self, message: Any, arm: Arm) -> FloatArray:
         """Tensions [N], of `Arm.tension_shape`, of a ``message`` of this type.

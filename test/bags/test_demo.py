@@ -43,13 +43,13 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN, 0)) as writer:
         add_demo(writer, PROTOTYPE, CLEAN, 0)
     stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
-    solver = Config.from_parameters({**PROTOTYPE, **stiffer}).solver()
+    config = Config.from_parameters({**PROTOTYPE, **stiffer})
+    solver = config.solver()
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     seen = 0
     with BagReader(tmp_path / 'bag') as reader:
         tensions = {
-            one.stamp_ns: one.tensions
-            for one in read_tensions(reader, '/tendon_tensions', solver.arm)
+            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
         }
         highest = max(float(np.max(row)) for row in tensions.values())
         assert highest == max(PROTOTYPE_ERRORS)
@@ -84,7 +84,7 @@ def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
         midlines = reader.count(['/camera/midline'])
         assert 0.85 * 390 < midlines < 390
         assert all(not one.reason for one in read_tensions(reader, '/tendon_tensions', load_config(
-            preset_path('renda2012_prototype')).arm))  # fmt: skip
+            preset_path('renda2012_prototype'))))  # fmt: skip
 
 
 def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:

@@ -334,7 +334,7 @@ def test_what_cannot_be_answered_is_left_out_and_reported(
         (samples(ARM, np.ones((3, 12))), ('--topics', '/pulls'), 2, 'no topic /pulls for tens'),
         (samples(ARM, np.ones((3, 12))), ('--config', 'octopus'), 2, "no preset arm 'octopus'"),
         (samples(ARM, np.ones((3, 12))), ('--config', 'renda2012_prototype'), 2,
-         'could be answered, the first as unknown tendon tendon_2_1'),
+         'could be answered, 3 as unknown tendon tendon_2_1'),
         (samples(ARM, np.ones((3, 12))), ('--config', 'rao2021', '--model', 'renda2012'), 2,
          "model is 'renda2012', which does not cover"),
     ],

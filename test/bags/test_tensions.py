@@ -16,6 +16,7 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import (
     ARM,
     ARRAY,
+    CONFIG,
     JOINT_STATE,
     NAMES,
     START,
@@ -117,9 +118,9 @@ def test_messages_read_together_are_those_read_one_by_one(some: list[tuple[str, 
         (topic,) = (topic for topic, own in TOPICS.items() if own == kind)
         first = next(reader.messages([topic]))
         records = [first._replace(data=data, received_ns=i) for i, (_, data) in enumerate(some)]
-        topic_of_all = TensionTopic(reader, ARM)
+        topic_of_all = TensionTopic(reader, CONFIG)
         found = topic_of_all.read(records) + topic_of_all.read(records)
-        expected = [TensionTopic(reader, ARM).read([record])[0] for record in records]
+        expected = [TensionTopic(reader, CONFIG).read([record])[0] for record in records]
     for one, other in zip(found, expected * 2, strict=True):
         assert (one.stamp_ns, one.reason) == (other.stamp_ns, other.reason)
         np.testing.assert_array_equal(one.tensions, other.tensions)

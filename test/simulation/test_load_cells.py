@@ -23,10 +23,11 @@ def test_noise_has_its_standard_deviation_and_no_bias() -> None:
     assert abs(noise.std() - 0.1) < 4.0 * 0.1 / np.sqrt(2 * noise.size)
 
 
-def test_no_reading_is_negative_but_slack_ones_read_what_noise_makes_of_them() -> None:
+def test_slack_tendons_read_what_noise_makes_of_them_negative_ones_included() -> None:
     slack = readings(LoadCells(noise_stddev=0.1), 0.0, 1000)
-    assert (slack >= 0.0).all()
     assert 0.4 < (slack > 0.0).mean() < 0.6
+    assert 0.4 < (slack < 0.0).mean() < 0.6
+    assert slack.std() == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_gain_stays_what_it_was_drawn_and_is_in_proportion() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,10 +14,16 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
+from octo_arm_model.experiment.recording.markers import mean_markers
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule, steady_windows
+from octo_arm_model.experiment.recording.steady_windows import (
+    SteadyRule,
+    Window,
+    ramp_windows,
+    steady_windows,
+)
 
 
 @dataclass(frozen=True)
@@ -29,12 +36,16 @@ class Pairing:
             and lies at least that far inside its window [s].
         offset: added to the stamps of frames [s]; None to find it from the motion.
         base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
+        is_ramp: whether tensions change slowly, instead of in steps, see `ramp_windows`.
+        ramp_width: of the windows of a ramp [N]; None for the default.
     """
 
     steady: SteadyRule = field(default_factory=SteadyRule)
     tolerance: float = 0.1
     offset: float | None = None
     base_end: str | None = None
+    is_ramp: bool = False
+    ramp_width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,23 +76,35 @@ def observe(
     config = Config.from_parameters(recording.parameters)
     frames = _base_first(recording, pairing, config, known, notes)
     offset = _offset(recording, pairing, config, frames, notes)
-    windows = steady_windows(recording.tension_time, recording.tensions, pairing.steady)
+    time, sampled = recording.tension_time, recording.tensions
+    if pairing.is_ramp:
+        windows = ramp_windows(time, sampled, pairing.ramp_width)
+    else:
+        windows = steady_windows(time, sampled, pairing.steady)
     duration = pairing.steady.duration
     if not windows:
         raise SolveError(
             f'nothing to compare: no tension stays within '
-            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s'
+            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s; '
+            'where it changes slowly instead of in steps, say --ramp'
         )
     time = recording.frame_time + offset
     usable = _distance(time, recording.tension_time) <= pairing.tolerance
     shapes = []
+    margin = 0.0 if pairing.is_ramp else pairing.tolerance
     for window in windows:
-        begun = time >= window.start + pairing.tolerance
-        inside = usable & begun & (time <= window.stop - pairing.tolerance)
+        inside = usable & (time >= window.start + margin) & (time <= window.stop - margin)
         if inside.any():
-            shapes.append(mean_shape(window, list(itertools.compress(frames, inside))))
+            if pairing.is_ramp:
+                window = _at_frames(window, time[inside], recording)
+            shown = list(itertools.compress(frames, inside))
+            if recording.marker_s is None:
+                shapes.append(mean_shape(window, shown))
+            elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
+                shapes.append(markers)
     used = sum(shape.frames + shape.outliers for shape in shapes)
-    steady = f'{len(windows)} steady steps'
+    what = 'windows of a ramp' if pairing.is_ramp else 'steady steps'
+    steady = f'{len(windows)} {what}'
     if not shapes:
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {time[0]:.3f} to '
@@ -89,12 +112,8 @@ def observe(
             f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
-    if recording.skipped:
-        last = recording.skipped[-1]
-        notes.append(
-            f'{len(recording.skipped)} messages left out, the last on {last.topic} at '
-            f'{1e-9 * last.stamp_ns:.3f} s: {last.reason}'
-        )
+    notes += recording.refusals.lines()
+    notes += _unseen(recording)
     return Observations(tuple(shapes), offset, tuple(notes))
 
 
@@ -106,7 +125,7 @@ def _base_first(
     notes: list[str],
 ) -> Sequence[FloatArray]:
     """Midlines from base to tip."""
-    if recording.is_tips:
+    if recording.is_tips or recording.marker_s is not None:
         return recording.frames
     tip_first, why = pairing.base_end == 'last', 'as told'
     if pairing.base_end is None:
@@ -127,9 +146,13 @@ def _offset(
     if pairing.offset is not None:
         return pairing.offset
     tips = np.array([points[-1] for points in frames])
-    found = clock_offset(
-        config.arm, recording.tension_time, recording.tensions, recording.frame_time, tips
-    )
+    seen = np.isfinite(tips).all(axis=1)
+    found = None
+    if seen.any():
+        found = clock_offset(
+            config.arm, recording.tension_time, recording.tensions, recording.frame_time[seen],
+            tips[seen],
+        )  # fmt: skip
     if found is None:
         notes.append(
             f'clock offset taken as 0 s: the motion does not clearly tell one within {RANGE:g} s'
@@ -137,6 +160,24 @@ def _offset(
         return 0.0
     notes.append(f'clock offset {found:+.2f} s on the stamps of frames, found from the motion')
     return found
+
+
+def _at_frames(window: Window, times: FloatArray, recording: Recording) -> Window:
+    """The ``window`` of a ramp, with the mean tensions at the ``times`` of its frames [s]."""
+    columns = [np.interp(times, recording.tension_time, one) for one in recording.tensions.T]
+    return dataclasses.replace(window, tensions=np.stack(columns, axis=1).mean(axis=0))
+
+
+def _unseen(recording: Recording) -> list[str]:
+    """How often each marker was not seen, where one was not."""
+    if recording.marker_s is None:
+        return []
+    missing = np.isnan(np.array(recording.frames)).any(axis=2).sum(axis=0)
+    return [
+        f'the marker at {s:g} m is not seen in {count} of {len(recording.frames)} frames'
+        for s, count in zip(recording.marker_s, missing)
+        if count
+    ]
 
 
 def _distance(times: FloatArray, samples: FloatArray) -> FloatArray:

@@ -102,7 +102,10 @@ class ArmServer:
         """
         node = self._node
         self._inputs = [
-            TensionSubscription(node, topic, self._current_arm, self._answer) for topic in TOPICS
+            TensionSubscription(
+                node, topic, self._current_arm, self._answer, names=self._current_names
+            )
+            for topic in TOPICS
         ]
         self._diagnostics.publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._diagnostics.begin()
@@ -154,6 +157,9 @@ class ArmServer:
 
     # Messages -----------------------------------------------------------------------------------
 
+    def _current_names(self) -> tuple[str, ...]:
+        return self._prepared.config.load_cells.names if self._prepared is not None else ()
+
     def _current_arm(self) -> Arm:
         assert self._prepared is not None  # it subscribes only while configured
         return self._prepared.config.arm
@@ -173,7 +179,9 @@ class ArmServer:
             if self._diagnostics.received(given.topic, given.stamp):
                 self._last = None  # stamps start over: do not continue from the last shape
             began = time.perf_counter()
-            backbone = prepared.solver.follow(given.tensions, self._last, self._tip_wrench)
+            config = prepared.config
+            tensions = config.load_cells.tensions(config.arm, given.tensions)
+            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
             self._last = backbone
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -132,6 +132,7 @@ class TensionSubscription(LatestSubscription):
         arm: Callable[[], Arm],
         answer: Callable[[TensionInput], None],
         prefix: str = 'tendon_tensions',
+        names: Callable[[], Sequence[str]] = tuple,
     ) -> None:
         """Call ``answer`` with what the latest message says.
 
@@ -141,9 +142,10 @@ class TensionSubscription(LatestSubscription):
             arm: returns the arm that they are for.
             answer: what to call.
             prefix: replaces 'tendon_tensions' in the name that is subscribed to.
+            names: returns what the tendons are called there; empty for their own names.
         """
         self._message = TENSION_TOPICS[topic]
-        self._arm, self._hand_over = arm, answer
+        self._arm, self._hand_over, self._names = arm, answer, names
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
         super().__init__(node, message_class(self._message.type_name), name, self._read_latest)
@@ -163,14 +165,17 @@ class TensionSubscription(LatestSubscription):
             MessageError: if it is no message of the type.
             TensionError: if it is not one for ``arm``.
         """
-        layout = self._layout
-        if layout is not None and layout.arm is arm:
+        layout, wanted = self._layout, self._names()
+        if layout is not None and layout.arm is arm and not wanted:
             found = layout.read(data)
             if found is not None:
                 return found
         message = self.decode(data)
-        tensions = self._message.read(message, arm)
-        self._layout = TensionLayout(self._message, data, message, arm)
+        if wanted:
+            tensions = self._message.read_named(message, arm, wanted)
+        else:
+            tensions = self._message.read(message, arm)
+            self._layout = TensionLayout(self._message, data, message, arm)
         if not self._message.has_stamp:
             return tensions, None
         stamp = message.header.stamp
