@@ -31,8 +31,8 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 """
 
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Add the bag and how it is read."""
+def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
+    """Add the bag and how it is read; without --model it is the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
     add_path(parser, 'bag', 'BAG', bag)
     add_config_option(parser, None, 'the arm_description in the bag')
@@ -41,7 +41,7 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         choices=(*MODELS, ALL),
         metavar='MODEL',
-        help=f'models: {", ".join(MODELS)} or {ALL} (default: that of the config)',
+        help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
     )
     parser.add_argument(
         '--midlines',
@@ -89,9 +89,11 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def read_options(
-    options: argparse.Namespace,
+    options: argparse.Namespace, default_models: Sequence[str] = ()
 ) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
     """The recording of `add_recording`'s options, and how it is to be compared.
+
+    Without --model it is ``default_models``, or the config's if there are none.
 
     Returns:
         The recording, what it says, the models, the alignment (None for one to be fitted) and
@@ -131,10 +133,16 @@ def read_options(
         )
     pairing = Pairing(steady, tolerance, offset, options.base_end)
     observations = observe(recording, pairing, alignment)
-    return recording, observations, _models(options.model, config), alignment, notes
+    return (
+        recording,
+        observations,
+        _models(options.model or default_models, config),
+        alignment,
+        notes,
+    )
 
 
-def _models(given: Sequence[str] | None, config: Config) -> list[str]:
+def _models(given: Sequence[str], config: Config) -> list[str]:
     if not given:
         return [config.model]
     return list(MODELS) if ALL in given else list(dict.fromkeys(given))
