@@ -28,7 +28,8 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],
     extras_require={
-        'bags': ['rosbags'],
+        # Its storages are extended and bounded from within, see octo_arm_model/bags.
+        'bags': ['rosbags>=0.11.9,<0.12'],
         'cluster': ['distributed'],
         'compiled': ['numba'],
         'figures': ['matplotlib'],

@@ -43,7 +43,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
-from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
+from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -90,7 +90,7 @@ def answer_for_ever(kind: str) -> None:
     solver = CONFIG.solver()
 
     def solved(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
-        backbone = solver.solve(tensions_from_tendon_tensions(message, CONFIG.arm))
+        backbone = solver.solve(TENDON_TENSIONS.read(message, CONFIG.arm))
         return backbone_messages(backbone, message.header.stamp, CONFIG.base_frame)
 
     names, values = list(CONFIG.arm.tendon_names), np.ravel(FETCHING_IN_SPACE)

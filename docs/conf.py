@@ -23,7 +23,7 @@ extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 3
 exclude_patterns = ['_build', '_generated']
-# Sections of the README keep their level.
+# The changelog and the notes for contributors keep their levels.
 suppress_warnings = ['myst.header']
 html_theme = 'alabaster'
 html_static_path: list[str] = []

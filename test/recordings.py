@@ -10,14 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from octo_arm_model import Arm
+from octo_arm_model import Arm, load_config
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.tensions import Reading, read_tensions
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS, float32
 
 START = 1_700_000_000 * 10**9  # [ns]
 STEP = 10**6  # between messages [ns]
-TENDON_TENSIONS, ARRAY, JOINT_STATE = (kind for kind, _ in READERS.values())
+TOPICS = {f'/{topic}': kind.type_name for topic, kind in TENSION_TOPICS.items()}
+TENDON_TENSIONS, ARRAY, JOINT_STATE = (
+    TOPICS[f'/tendon_tensions{suffix}'] for suffix in ('', '/array', '/joint_state')
+)
 TYPES = known_types()
+CONFIG = load_config(preset_path('renda2012_table4'))
+ARM = CONFIG.arm
+NAMES = ARM.tendon_names
 
 
 class Sample(NamedTuple):
@@ -45,23 +54,17 @@ def tensions_data(
     type_name: str, names: Sequence[str], tensions: Any, stamp_ns: int, **changes: Any
 ) -> bytes:
     """Bytes of a message of tensions [N]."""
-    values = np.array(tensions, dtype=np.float64).ravel()
-    none = np.zeros(0)
-    fields: dict[str, dict[str, Any]] = {
-        TENDON_TENSIONS: {'header': header(stamp_ns), 'name': list(names), 'tension': values},
-        ARRAY: {
-            'layout': make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0),
-            'data': values,
-        },
-        JOINT_STATE: {
-            'header': header(stamp_ns),
-            'name': list(names),
-            'position': none,
-            'velocity': none,
-            'effort': values,
-        },
-    }
-    message = make(type_name, **{**fields[type_name], **changes})
+    (kind,) = (one for one in TENSION_TOPICS.values() if one.type_name == type_name)
+    number = np.float32 if kind.fields[kind.tensions] is float32 else np.float64
+    fields: dict[str, Any] = dict.fromkeys(kind.fields, np.zeros(0, number))
+    fields[kind.tensions] = np.array(tensions, dtype=number).ravel()
+    if kind.has_stamp:
+        fields['header'] = header(stamp_ns)
+    if kind.names is None:
+        fields['layout'] = make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0)
+    else:
+        fields[kind.names] = list(names)
+    message = make(type_name, **{**fields, **changes})
     return bytes(TYPES.serialize_cdr(message, type_name))
 
 
@@ -114,3 +117,9 @@ def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -
     rng = np.random.default_rng(seed)
     rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
     return rows * (rng.random(rows.shape) < 0.6)
+
+
+def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
+    """What the messages of a topic say of the arm of Table 4."""
+    with BagReader(path) as reader:
+        return list(read_tensions(reader, topic, CONFIG))

@@ -1,1 +1,4 @@
-"""Experiments recorded as bags: read, answered, compared with, made up. Needs rosbags, not ROS."""
+"""Experiments recorded as bags: read, replayed through the model, simulated.
+
+May import simulation, wire, analysis, config and core; needs rosbags, nothing of ROS.
+"""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -15,17 +14,23 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_batches import Bulk
-from octo_arm_model.wire.cdr_templates import BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'
-_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # of a backbone, that change
-_TRIED, _TRIED_STEP = 128, 9  # sets solved side by side to see how they come out, and alone
+_ARRAYS = (
+    'position',
+    'quaternion',
+    'tau',
+    'xi',
+    'k',
+    'q',
+)  # that depend on tensions
+_TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
 _TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
 
 
 class Answer(NamedTuple):
-    """What becomes of one message of tensions.
+    """The answer to one message of tensions.
 
     Attributes:
         messages: bytes of the message on each of the topics, in their order; none where there is
@@ -44,7 +49,7 @@ class Answers:
 
     Attributes:
         topics: what it answers on, of `ANSWERS`.
-        is_quick: whether sets are solved side by side, many times quicker than one by one.
+        is_quick: whether sets are solved in batches, many times quicker than one by one.
     """
 
     def __init__(self, config: Config, lengths: bool = False) -> None:
@@ -59,12 +64,11 @@ class Answers:
         self._last: Backbone | None = None
         self._newest: int | None = None
         grid = self._solver.grid
-        self._writer = BackboneWriter(
-            config.base_frame, config.model, grid.s, grid.section, config.arm.tendon_names
-        )
+        described = config.base_frame, config.model, grid.s, grid.section
+        self._writer = BackboneWriter(*described, config.arm.tendon_names)
+        self._batch_writer = BackboneBatchWriter(*described)
         is_plain = not (config.loads.any or lengths or config.uncertainty.is_any)
         self.is_quick = is_plain and self._is_alike()
-        self._bulk = self._learn() if self.is_quick else ()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
@@ -80,7 +84,7 @@ class Answers:
     def _answer_alone(self, reading: Reading) -> Answer:
         assert reading.tensions is not None
         if self._newest is not None and reading.stamp_ns < self._newest:
-            self._last = None  # A bag that begins anew: nothing follows from its end.
+            self._last = None  # stamps start over: do not continue from the last shape
         self._newest = reading.stamp_ns
         try:
             self._last = backbone = self._solver.follow(reading.tensions, self._last)
@@ -110,14 +114,8 @@ class Answers:
             if isinstance(result, SolveError):
                 answers.append(Answer((), str(result), is_failure=True))
                 continue
-            poses = result.position, result.quaternion
-            strains = np.stack([result.tau, result.xi, result.k, result.q], axis=1)
-            tip = (*(pose[:, -1:] for pose in poses), np.zeros((len(strains), 1, 6 * 6)))
-            columns = [
-                bulk.write(stamps[part], numbers, part.start)
-                for bulk, numbers in zip(self._bulk, (poses, poses, (strains,), tip))
-            ]
-            answers += map(Answer, zip(*columns))
+            messages = self._batch_writer.write(result, stamps[part], part.start)
+            answers += map(Answer, messages)
         return answers
 
     def _solve(
@@ -136,7 +134,7 @@ class Answers:
             yield from self._solve(tensions[half:], first + half)
 
     def _is_alike(self) -> bool:
-        """Whether shapes come out side by side as they do alone, to the last bit.
+        """Whether a batch gives the same shapes as single solutions, to the last bit.
 
         That is a matter of the model, of NumPy and of BLAS; where they do not, they are solved
         alone, as in the node. So it is tried.
@@ -157,19 +155,3 @@ class Answers:
         except SolveError:
             return False
         return True
-
-    def _learn(self) -> tuple[Bulk, ...]:
-        """Messages by the hundred, on each of the topics."""
-        rest = self._solver.solve(0.0 * self._solver.rest_lengths)
-        writer = self._writer
-
-        def filled(value: float) -> Backbone:
-            arrays = {name: np.full_like(getattr(rest, name), value) for name in _ARRAYS}
-            return dataclasses.replace(rest, **arrays)
-
-        def tip_pose(backbone: Backbone, sec: int, nanosec: int) -> bytes:
-            covariance = np.full((6, 6), backbone.position[0, 0])
-            return writer.tip_pose(backbone, covariance, sec, nanosec)
-
-        kinds = (writer.path, writer.poses, writer.strains, tip_pose)
-        return tuple(Bulk(kind, filled) for kind in kinds)

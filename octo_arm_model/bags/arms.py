@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import TYPES
+from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, names
 from octo_arm_model.config.config import parse_parameters
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 STRING = 'std_msgs/msg/String'
 
@@ -22,11 +23,13 @@ class RecordedArm(NamedTuple):
         prefix: namespace of its topics, with the slash.
         topics: those of its tensions.
         parameters: what it is, see `Config.from_parameters`.
+        fields: what holds the tensions, of topics where that is not the usual field.
     """
 
     prefix: str
     topics: tuple[str, ...]
     parameters: Mapping[str, Any]
+    fields: Mapping[str, str] = MappingProxyType({})
 
 
 def find_arms(
@@ -34,29 +37,37 @@ def find_arms(
     topics: Sequence[str] = (),
     parameters: Mapping[str, Any] | None = None,
     model: str | None = None,
+    tendons: Sequence[str] = (),
 ) -> list[RecordedArm]:
     """The arms in a bag, one for each namespace of tensions.
 
     Args:
         reader: the bag.
-        topics: those of the tensions; if none, all with the names that the node listens to, or
-            else the only one there is.
+        topics: those of the tensions, or TOPIC:FIELD; if none, all with the names that the node
+            listens to, or else the only one there is.
         parameters: of the arms; None for the arm_description in the bag.
         model: model instead of theirs.
+        tendons: what the tendons are called there, in place of tension_names.
 
     Raises:
         BagError: if there are no tensions.
         ConfigError: if there is no description.
     """
     if topics:
-        found = [reader.pick(topic, TYPES, 'tensions') for topic in topics]
+        picked = dict(pick_tensions(reader, topic) for topic in topics)
+        found = list(picked)
     else:
         found = [
             topic
             for topic, type_name in reader.topics.items()
-            if any(names(topic, usual) and type_name == READERS[usual][0] for usual in READERS)
+            if any(
+                names(topic, usual) and type_name == kind.type_name
+                for usual, kind in TENSION_TOPICS.items()
+            )
             and reader.count([topic])
-        ] or [reader.pick(None, TYPES, 'tensions')]
+        ]
+        picked = dict.fromkeys(found, '') or dict([pick_tensions(reader, None)])
+        found = list(picked)
     by_prefix: dict[str, list[str]] = {}
     for topic in dict.fromkeys(found):
         by_prefix.setdefault(_prefix(topic), []).append(topic)
@@ -65,13 +76,16 @@ def find_arms(
         values = dict(parameters if parameters is not None else describe(reader, prefix))
         if model is not None:
             values['model'] = model
-        arms.append(RecordedArm(prefix, tuple(own), values))
+        if tendons:
+            values['tension_names'] = list(tendons)
+        fields = {topic: picked[topic] for topic in own if picked[topic]}
+        arms.append(RecordedArm(prefix, tuple(own), values, fields))
     return arms
 
 
 def _prefix(topic: str) -> str:
     """Namespace of a ``topic`` of tensions, with the slash."""
-    for usual in READERS:
+    for usual in TENSION_TOPICS:
         if names(topic, usual):
             return topic.removesuffix(usual)
     return topic[: topic.rfind('/') + 1]

@@ -1,4 +1,4 @@
-"""An experiment that never was: tensions and the camera's midlines of an arm of another E."""
+"""A simulated experiment: tensions and camera midlines of an arm with another modulus E."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def add_demo(
 
     sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
     measured = np.interp(sampled, times, pulls)
-    # A slack tendon pulls at nothing, and a load cell that knows this says so.
+    # The load cell of a slack tendon reads zero, without noise.
     noise = experiment.tension_noise * rng.standard_normal(measured.size)
     measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
     for time, tension in zip(sampled, measured):
@@ -102,7 +102,7 @@ def add_demo(
     midlines += experiment.midline_noise * rng.standard_normal(midlines.shape)
     for time, midline in zip(seen, midlines):
         if rng.random() < experiment.outliers:
-            # From somewhere on the tracking follows a reflection.
+            # From a random point on the tracking is lost, as at a reflection.
             lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
             midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
         messages.add_midline(time, midline, experiment.clock_offset)
@@ -164,12 +164,12 @@ def _midlines(
         for axis in range(3):
             frame[:, axis] = np.interp(at, backbone.s, position[:, axis])
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
-    # Rows times the matrix are turned back by it: from base_frame to the camera's.
+    # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
     return (points - CAMERA_POSITION) @ rotation
 
 
 class _Messages:
-    """Messages in the making, to be written in order of receipt."""
+    """Collects messages and writes them in order of receipt."""
 
     def __init__(self, writer: BagWriter, config: Config) -> None:
         self._writer, self._config = writer, config
@@ -195,7 +195,7 @@ class _Messages:
     def add_midline(self, time: float, points: FloatArray, ahead: float) -> None:
         """Add ``points`` (n, 3) [m] seen at ``time`` [s], by a clock that is ``ahead`` [s]."""
         header = self._header(time + ahead, CAMERA_FRAME)
-        # A camera does not see how the cross sections are turned.
+        # A camera does not see the orientation of cross sections.
         level = self._make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
         poses = []
         for x, y, z in points.tolist():

@@ -17,14 +17,9 @@ import lz4.frame
 from rosbags.interfaces import Qos
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.rosbag2.metadata import parse_qos
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import (
-    AliasEvent,
-    CollectionEndEvent,
-    CollectionStartEvent,
-    ScalarEvent,
-)
+
+from octo_arm_model.config.yaml_files import load_yaml, reading
+from octo_arm_model.core.errors import BagError
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -33,15 +28,13 @@ else:
 
 LARGEST = 256 * 2**20  # bytes of a message, and of a chunk of messages
 LARGEST_OVERLAP = 4 * LARGEST  # bytes of the chunks that are open at one moment
-LARGEST_YAML = 2 * 2**20  # bytes
-_NODES, _DEPTH = 200_000, 32  # of YAML, each alias counted as what it stands for
 # A compressed file becomes so many times as large, and so much more.
 _FILE_RATIO, _FILE_MORE = 1000, 64 * 2**20
 _PART = 2**20  # bytes read at once
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no file, such as a pipe, at which reading would wait for ever.
+    """Refuse what is no regular file: reading a pipe would block.
 
     Raises:
         ValueError: if ``path`` is no regular file, or not there.
@@ -58,40 +51,14 @@ def check_file(path: Path) -> None:
         raise ValueError(f'{path.name} is {kind}, expected a file')
 
 
-def check_yaml(text: str, what: str) -> None:
-    """Refuse YAML that is large, or becomes so when its aliases are followed.
+def checked_yaml(text: str, what: str) -> Any:
+    """What a text in YAML says, see `load_yaml`.
 
     Raises:
-        ValueError: if ``text`` is too large or too deep, or no YAML.
+        BagError: if ``text`` is too large or too deep, aliases followed, or no YAML.
     """
-    if len(text) > LARGEST_YAML:
-        raise ValueError(f'{what} has {len(text)} characters, at most {LARGEST_YAML} are read')
-    sizes: dict[str, int] = {}  # of what aliases stand for
-    opened: list[tuple[str | None, int]] = []  # anchor, and how many nodes came before it
-    nodes = 0
-    try:
-        for event in YAML(typ='safe', pure=True).parse(text):
-            if isinstance(event, CollectionStartEvent):
-                opened.append((event.anchor, nodes))
-                nodes += 1
-            elif isinstance(event, CollectionEndEvent):
-                anchor, before = opened.pop()
-                if anchor:
-                    sizes[anchor] = nodes - before
-            elif isinstance(event, ScalarEvent):
-                nodes += 1
-                if event.anchor:
-                    sizes[event.anchor] = 1
-            elif isinstance(event, AliasEvent):
-                if any(anchor == event.anchor for anchor, _ in opened):
-                    raise ValueError(f'{what}: alias *{event.anchor} stands for itself')
-                nodes += sizes.get(event.anchor, 1)
-            if nodes > _NODES:
-                raise ValueError(f'{what} has more than {_NODES} entries, aliases followed')
-            if len(opened) > _DEPTH:
-                raise ValueError(f'{what} is nested more than {_DEPTH} deep')
-    except YAMLError as error:
-        raise ValueError(f'{what} is no YAML: {error}') from error
+    with reading(what, BagError):
+        return load_yaml(text)
 
 
 def check_compressed_file(path: Path) -> None:
@@ -153,7 +120,7 @@ def _chunk(expand: Callable[[BinaryIO], Any]) -> Callable[[bytes, int], bytes]:
 
 def _bounded_qos(profiles: object) -> list[Qos]:
     if isinstance(profiles, str):
-        check_yaml(profiles, 'offered_qos_profiles')
+        checked_yaml(profiles, 'offered_qos_profiles')
     return parse_qos(profiles)  # type: ignore[arg-type]
 
 

@@ -1,4 +1,4 @@
-"""The MCAP storage of rosbags, with what is done for every message done in one go.
+"""The MCAP storage of rosbags, with records packed and chunks written at once.
 
 rosbags packs number by number and copies a chunk three times on its way to the file. Otherwise
 it is the same, to the last byte of the file.
@@ -53,7 +53,7 @@ class QuickMcapWriter(McapWriter):
             self.close_chunk()
 
     def close_chunk(self) -> None:
-        """Write what has come together."""
+        """Write the chunk."""
         chunk, bio = self.chunk, self.bio
         times, size = (chunk.message_start_time, chunk.message_end_time), chunk.bio.tell()
         self.message_start_time = min(times[0], self.message_start_time)
@@ -73,7 +73,7 @@ class QuickMcapWriter(McapWriter):
         index.write(_INDEX.pack(*times, place, end - place, len(channels)))
         index.write(channels + _SIZES.pack(bio.tell() - end, 0, size, size))
         self.chunks.append(index)
-        # The next one goes into the same memory.
+        # The next chunk reuses the memory.
         chunk.bio.seek(0)
         chunk.msgs.clear()
         self.chunk = PendingChunk(2**63 - 1, 0, chunk.bio, chunk.msgs)

@@ -1,4 +1,4 @@
-"""What a bag says of itself in metadata.yaml, checked before anything is made of it."""
+"""The fields of metadata.yaml, checked before rosbags reads them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
-from ruamel.yaml import YAML
+import yaml
 
-from octo_arm_model.bags.limits import (
-    LARGEST_YAML,
-    check_compressed_file,
-    check_file,
-    check_yaml,
-)
+from octo_arm_model.bags.limits import check_compressed_file, check_file, checked_yaml
+from octo_arm_model.config.yaml_files import compose_yaml
+from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 NAME = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
@@ -29,17 +26,17 @@ def check_folder(folder: Path) -> dict[str, str]:
     """Check the metadata of the bag in ``folder`` and its files; returns its custom data.
 
     Raises:
+        BagError: if its metadata is no YAML, or too large.
         ValueError: if a field is missing, of another type or out of its range, or a file of the
-            bag is none.
+            bag is not a regular file.
         OSError: if a file cannot be read or is not there.
     """
     path = folder / NAME
     check_file(path)
-    if (size := path.stat().st_size) > LARGEST_YAML:
-        raise ValueError(f'{NAME} has {size} bytes, at most {LARGEST_YAML} are read')
+    if (size := path.stat().st_size) > MAX_YAML_BYTES:
+        raise ValueError(f'{NAME} has {size} bytes, at most {MAX_YAML_BYTES} are read')
     text = path.read_text(encoding='utf-8')
-    check_yaml(text, NAME)
-    whole = YAML(typ='safe').load(text)
+    whole = checked_yaml(text, NAME)
     if not isinstance(whole, dict):
         raise ValueError(f'{NAME} is {_shown(whole)}, expected {_ROOT} with the fields of a bag')
     about = _field(whole, _ROOT, dict)
@@ -47,7 +44,7 @@ def check_folder(folder: Path) -> dict[str, str]:
     _choice(about, 'storage_identifier', _STORAGES)
     files = _field(about, 'relative_file_paths', list)
     for number, file in enumerate(files):
-        # Whatever folder it names, rosbags looks beside the metadata.
+        # rosbags looks beside the metadata, whatever folder is named.
         check_file(folder / PurePath(_typed(file, f'relative_file_paths[{number}]', str)).name)
     for name, part in (('duration', 'nanoseconds'), ('starting_time', 'nanoseconds_since_epoch')):
         _field(_field(about, name, dict), part, int, f'{name}.', lowest=-(2**63))
@@ -81,8 +78,7 @@ def _check_topic(topic: object, where: str) -> None:
         _field(about, 'type_description_hash', str, f'{where}.')
     profiles = about.get('offered_qos_profiles') or []
     if isinstance(profiles, str):
-        check_yaml(profiles, f'{where}.offered_qos_profiles')
-        profiles = YAML(typ='safe').load(profiles) or []
+        profiles = checked_yaml(profiles, f'{where}.offered_qos_profiles') or []
     for number, profile in enumerate(_typed(profiles, f'{where}.offered_qos_profiles', list)):
         _check_qos(profile, f'{where}.offered_qos_profiles[{number}]')
 
@@ -108,12 +104,17 @@ def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
     """Custom data, each entry as it is written: the recorder puts no quotes around 007 or true."""
     if about.get('custom_data') is None:
         return {}
-    _field(about, 'custom_data', dict)
-    custom = YAML(typ='base').load(text)[_ROOT]['custom_data']
-    return {
-        _typed(key, 'a key of custom_data', str): _typed(value, f'custom_data.{key}', str)
-        for key, value in custom.items()
+    custom = _field(about, 'custom_data', dict)
+    node = compose_yaml(text)
+    for name in (_ROOT, 'custom_data'):
+        assert isinstance(node, yaml.MappingNode)  # as it was loaded
+        node = next(value for key, value in node.value if key.value == name)
+    assert isinstance(node, yaml.MappingNode)
+    written = {
+        key.value: value.value if isinstance(value, yaml.ScalarNode) else custom[key.value]
+        for key, value in node.value
     }
+    return {key: _typed(value, f'custom_data.{key}', str) for key, value in written.items()}
 
 
 def _field(

@@ -1,13 +1,13 @@
-"""Bags as they come: rosbag2 folders of any version, and single files of their storages."""
+"""Bags read: rosbag2 folders of any version, and single files of their storages."""
 
 from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.reader import DirectoryReader
@@ -15,58 +15,15 @@ from rosbags.typesys.store import Typestore
 
 from octo_arm_model.bags.limits import check_size, expand_message
 from octo_arm_model.bags.metadata import check_folder
+from octo_arm_model.bags.records import Key, Record, count_messages, counts_of
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.topics import is_answer, is_usual
-from octo_arm_model.bags.types import types_for
+from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.core.errors import BagError
-from octo_arm_model.wire.tension_template import Stamp
-
-
-class Record(NamedTuple):
-    """A message as it lies in a bag.
-
-    Attributes:
-        topic: where it was published.
-        type_name: its type, such as 'nav_msgs/msg/Path'.
-        received_ns: when the recorder received it [ns].
-        data: its bytes, as ROS 2 sends them.
-    """
-
-    topic: str
-    type_name: str
-    received_ns: int
-    data: bytes
-
-
-def stamp_of(message: Any, received_ns: int) -> Stamp:
-    """Stamp of a decoded message: that of its header, as the node takes it.
-
-    The time of receipt where it has no header, or an unset stamp.
-    """
-    header = getattr(message, 'header', None)
-    if header is not None and (header.stamp.sec or header.stamp.nanosec):
-        return Stamp(header.stamp.sec, header.stamp.nanosec)
-    return Stamp.from_ns(received_ns)
-
-
-Key = tuple[str, str]  # a topic and the type of messages on it
-
-
-def _counts(connections: Iterable[Connection]) -> Counter[Key]:
-    """How many messages there are of each type on each topic."""
-    counts = Counter[Key]()
-    for connection in connections:
-        counts[connection.topic, connection.msgtype] += connection.msgcount
-    return counts
-
-
-def _counts_of(counts: Counter[Key], connections: Iterable[Connection]) -> dict[Key, int]:
-    """Those of ``counts`` that are of ``connections``."""
-    return {key: counts[key] for key in {(one.topic, one.msgtype) for one in connections}}
 
 
 class BagReader:
-    """A bag open for reading, which stays as it is.
+    """A bag open for reading only.
 
     Attributes:
         path: where it is.
@@ -106,7 +63,7 @@ class BagReader:
             raise
 
     def _look(self) -> None:
-        """See what there is, and whether the bag and its files say the same of it.
+        """Collect topics and counts; the bag and its files must agree on them.
 
         Raises:
             ValueError: if they do not.
@@ -115,7 +72,7 @@ class BagReader:
         files = storage.storages if isinstance(storage, DirectoryReader) else [storage]
         self._is_each_compressed = storage.metadata.compression_mode == 'message'
         if self._is_each_compressed:
-            # They are expanded here, within bounds.
+            # `messages` expands them, within bounds.
             storage.metadata = storage.metadata._replace(compression_mode=None)
         self._stores: dict[str, Typestore] = {}
         self._connections = list(self._reader.connections)
@@ -123,8 +80,8 @@ class BagReader:
         for connection in self._connections:
             types.setdefault(connection.topic, set()).add(connection.msgtype)
         self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
-        said = _counts(self._connections)
-        self._counts = _counts(connection for file in files for connection in file.connections)
+        said = count_messages(self._connections)
+        self._counts = count_messages(one for file in files for one in file.connections)
         for key in said | self._counts:
             topic, found, expected = key[0], self._counts[key], said[key]
             if found < expected:
@@ -134,7 +91,10 @@ class BagReader:
             if found > expected:
                 self.notes.append(f'{topic}: {found} messages, more than the {expected} it says')
         for file in files:
-            found, expected = sum(_counts(file.connections).values()), file.metadata.message_count
+            found, expected = (
+                sum(count_messages(file.connections).values()),
+                file.metadata.message_count,
+            )
             if found != expected:
                 raise ValueError(f'{found} messages found of {expected} that it says it holds')
             if isinstance(file, CheckedSqlite3Reader) and file.missing:
@@ -144,11 +104,11 @@ class BagReader:
                 )
         count = sum(self._counts.values())
         self.start_ns = self._reader.start_time if count else 0
-        # rosbags counts the last nanosecond in.
+        # rosbags adds 1 ns.
         self.duration = 1e-9 * max(self._reader.duration - 1, 0)
 
     def __enter__(self) -> BagReader:
-        """Stay open."""
+        """Return this, which is open."""
         return self
 
     def __exit__(
@@ -167,7 +127,7 @@ class BagReader:
 
     @contextlib.contextmanager
     def _damage(self) -> Iterator[None]:
-        """Whatever parsers raise over bytes that make no sense, as one line."""
+        """Errors of any type that parsers raise for damaged bytes, as one line."""
         try:
             yield
         except PermissionError:
@@ -195,7 +155,7 @@ class BagReader:
         Raises:
             BagError: if there is no such topic.
         """
-        return sum(_counts_of(self._counts, self.connections(topics)).values())
+        return sum(counts_of(self._counts, self.connections(topics)).values())
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
         """Messages of ``topics``, of all if None, in the order in which they were received.
@@ -207,7 +167,7 @@ class BagReader:
         wanted = self.connections(topics)
         if not wanted:
             return
-        expected, found = _counts_of(self._counts, wanted), Counter[Key]()
+        expected, found = counts_of(self._counts, wanted), Counter[Key]()
         with self._damage():
             for connection, received_ns, data in self._reader.messages(wanted):
                 topic, type_name = key = connection.topic, connection.msgtype
@@ -235,7 +195,7 @@ class BagReader:
         try:
             return store.deserialize_cdr(record.data, record.type_name)
         except Exception as error:
-            # Whatever the generated code raises for bytes that are none of its own.
+            # The generated code raises errors of several types for bytes that are no message.
             raise BagError(
                 f'{record.topic}: {len(record.data)} bytes that are no {record.type_name}'
             ) from error
@@ -255,8 +215,17 @@ class BagReader:
                 raise BagError(f'{self.path}: {error}') from error
         return self._stores[type_name]
 
-    def pick(self, wanted: str | None, types: Sequence[str], what: str) -> str:
+    def numeric_fields(self, type_name: str) -> list[str]:
+        """Numeric fields of a type, such as 'wrench.force.x'; none where nothing defines it."""
+        try:
+            return numeric_fields(self.types_of(type_name), type_name)
+        except BagError:
+            return []
+
+    def pick(self, wanted: str | None, types: Sequence[str] | None, what: str) -> str:
         """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
+
+        ``types`` are None where ``wanted`` may be of any.
 
         What the model answers with is none unless wanted. Of several topics that with messages is
         taken, or with a usual name such as tendon_tensions, in whatever namespace.
@@ -264,12 +233,12 @@ class BagReader:
         Raises:
             BagError: if there is none, or several; the message lists what is there.
         """
-        expected = ' or '.join(types)
+        expected = ' or '.join(types or ())
         if wanted is not None:
             topic = wanted if wanted in self.topics else f'/{wanted}'
             if topic not in self.topics:
                 raise BagError(f'{self.path}: no topic {wanted} for {what}; {self._listing()}')
-            if self.topics[topic] not in types:
+            if types is not None and self.topics[topic] not in types:
                 raise BagError(
                     f'{self.path}: topic {topic} is of {self.topics[topic]}, expected {expected} '
                     f'for {what}'
@@ -279,7 +248,7 @@ class BagReader:
         found = [
             topic
             for topic, type_name in self.topics.items()
-            if type_name in types and not is_answer(topic)
+            if type_name in (types or ()) and not is_answer(topic)
         ]
         for narrower in (
             [topic for topic in found if self.count([topic])],

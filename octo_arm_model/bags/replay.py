@@ -1,4 +1,4 @@
-"""A bag of tensions made into one that also has the shapes that belong to them."""
+"""A bag of tensions replayed: the answers of the node added to it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import STRING, RecordedArm
-from octo_arm_model.bags.reader import BagReader, Record
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import Reading, TensionTopic
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.types import known_types
@@ -33,7 +34,7 @@ class Skip(NamedTuple):
 
 @dataclass
 class TopicReport:
-    """What became of the messages of one topic of tensions.
+    """How the messages of one topic of tensions were answered.
 
     Attributes:
         model: what answered them.
@@ -66,10 +67,10 @@ class TopicReport:
 
 @dataclass
 class Report:
-    """What a replay came to.
+    """The result of a replay.
 
     Attributes:
-        topics: what became of each topic of tensions.
+        topics: how the messages of each topic of tensions were answered.
         copied: how many messages were copied.
         not_copied: topics that were to be and were not, and why.
         notes: what else there is to know.
@@ -138,7 +139,7 @@ def replay(
 
 
 class _Output:
-    """Answers of one arm on their way into a bag.
+    """Writes the answers of one arm into a bag.
 
     Attributes:
         topics: those of its tensions.
@@ -152,7 +153,9 @@ class _Output:
     ) -> None:
         config = Config.from_parameters(arm.parameters)
         self.topics, self.model = arm.topics, config.model
-        self._tensions = {topic: TensionTopic(reader, config) for topic in arm.topics}
+        self._tensions = {
+            topic: TensionTopic(reader, config, arm.fields.get(topic, '')) for topic in arm.topics
+        }
         self._newest: dict[str, int] = {}
         self._answers = Answers(config, lengths)
         description = writer.add(arm.prefix + DESCRIPTION, STRING, latched=True)
@@ -200,7 +203,7 @@ def _open_copies(
 
 
 def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
-    """Messages in handfuls that hold some of ``topics`` and fit into memory."""
+    """Messages in batches that hold some of ``topics`` and fit into memory."""
     some: list[Record] = []
     count = size = 0
     for record in records:
@@ -215,7 +218,7 @@ def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterat
 
 
 def _check(reader: BagReader, report: Report) -> None:
-    """Refuse to call a bag without a single answer one.
+    """Refuse a replay without a single answer.
 
     Raises:
         SolveError: if the model had none.

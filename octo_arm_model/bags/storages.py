@@ -1,4 +1,4 @@
-"""The storages of rosbags, with what they do not look for: records that do not fit, lost rows."""
+"""The storages of rosbags, which also check for records that do not fit and for lost rows."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class CheckedSqlite3Reader(Sqlite3Reader):
         _bound(self.dbconn)
 
     def _check(self, data: apsw.Connection) -> None:
-        # Sound first: in damaged trees a query may go round for ever, which the check does not.
+        # First, as a query in a damaged tree may loop for ever, which this check does not.
         ((problem,),) = data.execute('PRAGMA integrity_check(1)')
         if problem != 'ok':
             raise ValueError(str(problem))

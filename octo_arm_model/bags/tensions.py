@@ -1,33 +1,29 @@
-"""Tensions out of a bag, message by message, refusals included."""
+"""Tensions read from a bag, message by message, refusals included."""
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
+import re
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from octo_arm_model.bags.reader import BagReader, Record, stamp_of
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.load_cells import LoadCellCalibration
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError, TensionError
+from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.wire.tension_messages import READERS
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
+from octo_arm_model.wire.tension_layout import TensionLayout
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-TYPES = tuple(type_name for type_name, _ in READERS.values())
-_READ = dict(READERS.values())
-# The numbers are the last field of every type of tensions.
-_NUMBERS = {
-    'octo_arm_msgs/msg/TendonTensions': 'tension',
-    'std_msgs/msg/Float64MultiArray': 'data',
-    'sensor_msgs/msg/JointState': 'effort',
-}
+TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
+_KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
+# Types that are read as by a field that is named.
+FIELDS = {'std_msgs/msg/Float32MultiArray': 'data'}
 _TOGETHER = 128  # messages read at once
+_LISTED = 20
 
 
 class Reading(NamedTuple):
@@ -49,124 +45,133 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def read_tensions(reader: BagReader, topic: str, config: Config) -> Iterator[Reading]:
+def read_tensions(
+    reader: BagReader, topic: str, config: Config, field: str = ''
+) -> Iterator[Reading]:
     """Every message of ``topic``, read as the node reads it.
 
     Raises:
         BagError: if there is no such topic, it is of none of `TYPES` or the bag is damaged.
     """
-    tensions = TensionTopic(reader, config)
-    records = reader.messages([reader.pick(topic, TYPES, 'tensions')])
+    if not field:
+        topic, field = pick_tensions(reader, topic)
+    tensions = TensionTopic(reader, config, field)
+    records = reader.messages([topic])
     while some := list(itertools.islice(records, _TOGETHER)):
         yield from tensions.read(some)
 
 
-class TensionTopic:
-    """Reads the messages of one topic, many at once.
+def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
+    """Topic of tensions and the field they are in, '' for the usual one of its type.
 
-    A recording repeats the names of the tendons in every message, so whatever is alike in all but
-    stamp and numbers is decoded once.
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is.
+
+    Raises:
+        BagError: if there is none; the message lists the numeric fields of other types.
     """
+    topic, colon, field = (wanted or '').partition(':')
+    if colon:
+        topic = reader.pick(topic, None, 'tensions')
+        fields = reader.numeric_fields(reader.topics[topic])
+        if re.sub(r'\[\d+\]', '', field) not in fields:
+            raise BagError(
+                f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+                f'it has {", ".join(fields) or "none"}'
+            )
+        return topic, field
+    try:
+        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+    except BagError as error:
+        others = [wanted] if wanted is not None else list(reader.topics)
+        others = [one if one in reader.topics else f'/{one}' for one in others]
+        raise BagError(f'{error}{_fields_of(reader, others)}') from None
+    return topic, FIELDS.get(reader.topics[topic], '')
 
-    def __init__(self, reader: BagReader, config: Config) -> None:
-        """Read from ``reader`` for the arm and the load cells of ``config``."""
+
+def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
+    """Numeric fields of the messages on ``topics`` whose types are none of `TYPES`, in words."""
+    found = []
+    for topic in topics[:_LISTED]:
+        type_name = reader.topics.get(topic, '')
+        if type_name and type_name not in (*TYPES, *FIELDS):
+            if fields := reader.numeric_fields(type_name):
+                found.append(f'{topic}:{{{",".join(fields)}}}')
+    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
+
+
+class TensionTopic:
+    """Reads the messages of one topic: those laid out like one before them many at once."""
+
+    def __init__(self, reader: BagReader, config: Config, field: str = '') -> None:
+        """Read from ``reader`` for the arm and the load cells of ``config``.
+
+        Tensions are in ``field``, if that is given.
+        """
+        self._field = field
         self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
-        self._pattern: _Pattern | None = None
+        self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
         """What each of ``records`` says."""
-        readings: dict[int, Reading] = {}
-        if self._pattern is not None:
-            readings = self._pattern.read(records, self._arm, self._load_cells)
+        readings = self._read_alike(records)
         return [
             _stampable(readings[number] if number in readings else self._read_alone(record))
             for number, record in enumerate(records)
         ]
 
+    def _read_alike(self, records: Sequence[Record]) -> dict[int, Reading]:
+        """Readings of those ``records`` that are of the layout, by their place."""
+        if self._layout is None:
+            return {}
+        places, tensions, given = self._layout.read_all([record.data for record in records])
+        stamps = [Stamp.from_ns(records[place].received_ns) for place in places]
+        if given is not None:
+            stamps = [one if any(one) else received for one, received in zip(given, stamps)]
+        try:
+            tensions = self._load_cells.tensions(self._arm, tensions)
+        except TensionError:
+            readings = [self._checked(*pair) for pair in zip(stamps, tensions)]
+        else:
+            readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, tensions)]
+        return dict(zip(places, readings))
+
     def _read_alone(self, record: Record) -> Reading:
-        if self._pattern is not None:
-            # After the first of its kind.
-            found = self._pattern.read([record], self._arm, self._load_cells)
-            if found:
-                return found[0]
-        stamp = Stamp.from_ns(record.received_ns)
+        # The layout may be that of another message of the same batch by now.
+        if found := self._read_alike([record]):
+            return found[0]
+        stamp, wanted = Stamp.from_ns(record.received_ns), self._load_cells.names
         try:
             message = self._reader.decode(record)
             stamp = stamp_of(message, record.received_ns)
-            tensions = _READ[record.type_name](message, self._arm)
-            self._pattern = _Pattern.of(self._reader, record, message, self._arm) or self._pattern
-            return Reading(stamp, self._load_cells.tensions(self._arm, tensions), '')
+            if self._field:
+                values = field_values(message, self._field)
+                names = names_of(message, len(values))
+                tensions = tensions_by_names(values, names, wanted, self._arm)
+                return self._checked(stamp, tensions)
+            kind = _KINDS[record.type_name]
+            if wanted:
+                return self._checked(stamp, kind.read_named(message, self._arm, wanted))
+            tensions = kind.read(message, self._arm)
         except OctoArmError as error:
             return Reading(stamp, None, str(error))
         except (AttributeError, TypeError, ValueError) as error:
-            # A type of the usual name that the bag defines otherwise.
+            # The bag defines the type otherwise: fields are missing or of other types.
             return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
+        if self._is_as_known(record.type_name):
+            layout = TensionLayout(kind, record.data, message, self._arm)
+            self._layout = layout if layout.read(record.data) else self._layout
+        return self._checked(stamp, tensions)
 
-
-class _Pattern(NamedTuple):
-    """What messages of one layout have in common.
-
-    Attributes:
-        data: bytes of one of them (length,).
-        is_constant: which of them are the same in all (length,).
-        has_stamp: whether they begin with a header.
-        order: for each tendon of the arm, which of the numbers at the end is its tension.
-    """
-
-    data: np.ndarray
-    is_constant: np.ndarray
-    has_stamp: bool
-    order: np.ndarray
-
-    @classmethod
-    def of(cls, reader: BagReader, record: Record, message: Any, arm: Arm) -> _Pattern | None:
-        """Pattern of a ``message``; None where it is not laid out as usual."""
-        name, known = record.type_name, known_types()
-        types = reader.types_of(name)
-        if types.fielddefs[name] != known.fielddefs[name]:
-            return None
-        # What changes is found by changing it, every bit of it.
-        low, high = (
-            bytes(types.serialize_cdr(_filled(message, bit), name, little_endian=True))
-            for bit in (0, 1)
-        )
-        if len(low) != len(record.data):
-            return None
-        data = np.frombuffer(record.data, np.uint8)
-        is_constant = np.frombuffer(low, np.uint8) == np.frombuffer(high, np.uint8)
-        if (data != np.frombuffer(low, np.uint8))[is_constant].any():
-            return None
-        numbers = np.arange(float(len(arm.tendons)))
-        numbered = dataclasses.replace(message, **{_NUMBERS[name]: numbers})
-        order = _READ[name](numbered, arm).ravel().astype(np.intp)
-        return cls(data, is_constant, hasattr(message, 'header'), order)
-
-    def read(
-        self, records: Sequence[Record], arm: Arm, load_cells: LoadCellCalibration
-    ) -> dict[int, Reading]:
-        """Readings of those ``records`` that are of this layout, by their place."""
-        size = self.data.size
-        places = [number for number, record in enumerate(records) if len(record.data) == size]
-        block = np.frombuffer(b''.join(records[number].data for number in places), np.uint8)
-        block = block.reshape(len(places), size)
-        is_same = (block[:, self.is_constant] == self.data[self.is_constant]).all(axis=1)
-        places = list(itertools.compress(places, is_same))
-        block = block[is_same]
-        stamps = [Stamp.from_ns(records[number].received_ns) for number in places]
-        if self.has_stamp:
-            sec = block[:, 4:8].copy().view('<i4')[:, 0].tolist()
-            nanosec = block[:, 8:12].copy().view('<u4')[:, 0].tolist()
-            given = map(Stamp, sec, nanosec)
-            stamps = [one if any(one) else received for one, received in zip(given, stamps)]
-        numbers = block[:, size - 8 * self.order.size :].copy().view('<f8')[:, self.order]
-        tensions = numbers.reshape(-1, *arm.tension_shape)
+    def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
         try:
-            found = load_cells.tensions(arm, tensions)
-        except TensionError:
-            readings = [_checked(arm, load_cells, *pair) for pair in zip(stamps, tensions)]
-        else:
-            readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, found)]
-        return dict(zip(places, readings))
+            return Reading(stamp, self._load_cells.tensions(self._arm, readings), '')
+        except TensionError as error:
+            return Reading(stamp, None, str(error))
+
+    def _is_as_known(self, type_name: str) -> bool:
+        """Whether the bag defines a type as it is known here, so that it has the known layout."""
+        types, known = self._reader.types_of(type_name), known_types()
+        return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
 
 
 def _stampable(reading: Reading) -> Reading:
@@ -175,25 +180,3 @@ def _stampable(reading: Reading) -> Reading:
         return reading
     reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
     return reading._replace(tensions=None, reason=reason)
-
-
-def _checked(
-    arm: Arm, load_cells: LoadCellCalibration, stamp: Stamp, readings: FloatArray
-) -> Reading:
-    try:
-        return Reading(stamp, load_cells.tensions(arm, readings), '')
-    except TensionError as error:
-        return Reading(stamp, None, str(error))
-
-
-def _filled(message: Any, bit: int) -> Any:
-    """The ``message`` with every bit of its stamp and numbers as ``bit``."""
-    changes: dict[str, Any] = {}
-    for field in dataclasses.fields(message):
-        value = getattr(message, field.name)
-        if isinstance(value, np.ndarray):
-            changes[field.name] = np.full(value.shape, -bit, np.int64).view(np.float64)
-    if hasattr(message, 'header'):
-        stamp = dataclasses.replace(message.header.stamp, sec=-bit, nanosec=bit * (2**32 - 1))
-        changes['header'] = dataclasses.replace(message.header, stamp=stamp)
-    return dataclasses.replace(message, **changes)

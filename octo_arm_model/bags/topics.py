@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from octo_arm_model.wire.tension_messages import READERS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {
@@ -14,7 +14,7 @@ ANSWERS: dict[str, str] = {
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
-_USUAL = (*READERS, MIDLINE)
+_USUAL = (*TENSION_TOPICS, MIDLINE)
 
 
 def names(topic: str, usual: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import Typesdict
@@ -15,6 +16,8 @@ from octo_arm_model.core.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
 _LONGEST = 2**20  # entries of an array of fixed length
+_MOST_FIELDS, _DEEPEST = 40, 5  # of a type that are listed
+_NO_TENSIONS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 _IDL_RULE = '=' * 80 + '\n'  # between the files of one IDL definition
 
 
@@ -68,7 +71,7 @@ def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Types
     except BagError:
         raise
     except Exception as error:
-        # Whatever parsers raise over text that is no definition.
+        # Parsers raise errors of several types for text that is no definition.
         raise BagError(f'the definition of {type_name} makes no sense') from error
     return store
 
@@ -85,3 +88,25 @@ def _bounded(types: Typesdict) -> Typesdict:
             if isinstance(length, int) and length > _LONGEST:
                 raise BagError(f'{name} has {length} of {field}, at most {_LONGEST} are read')
     return types
+
+
+def numeric_fields(types: Typestore, type_name: str) -> list[str]:
+    """Paths of the numeric fields of a type, of arrays of numbers as well; of many not all."""
+    found: list[str] = []
+
+    def walk(name: str, prefix: str, depth: int) -> None:
+        described: Any
+        for field, described in types.get_msgdef(name).fields:
+            kind, content = described
+            is_array = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            inner, what = content[0] if is_array else (kind, content)
+            if len(found) >= _MOST_FIELDS:
+                return
+            if inner == Nodetype.BASE and what[0] not in ('string', 'wstring', 'bool', 'octet'):
+                found.append(prefix + field)
+            elif inner == Nodetype.NAME and not is_array and depth < _DEEPEST:
+                if what not in _NO_TENSIONS:
+                    walk(str(what), f'{prefix}{field}.', depth + 1)
+
+    walk(type_name, '', 0)
+    return found

@@ -53,9 +53,9 @@ _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
 class _Numbered:
-    path: Path
+    """Names the file as the recorder does and `ros2 bag reindex` expects: the first of its bag."""
 
-    """Names the file as the recorder does, and `ros2 bag reindex` wants: the first of its bag."""
+    path: Path
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)  # type: ignore[call-arg]
@@ -105,10 +105,10 @@ class _Writer(Writer):
 
 
 class BagWriter:
-    """A bag in the making.
+    """A bag being written.
 
-    It grows in a hidden folder beside its place and takes it when it is complete; left by an
-    exception, of whatever kind, it vanishes.
+    It is written to a hidden folder beside its path and renamed when it is complete; after an
+    exception of any kind the folder is removed.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class BagWriter:
             raise
 
     def __enter__(self) -> BagWriter:
-        """Go on writing."""
+        """Return this, which is open."""
         return self
 
     def __exit__(
@@ -176,7 +176,7 @@ class BagWriter:
 
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:
-        """What a disk can do, as one line."""
+        """Errors of files and of SQLite, as one line."""
         try:
             yield
         except OSError as error:

@@ -10,10 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
 
@@ -118,7 +121,7 @@ def as_dict(
         'steps': rows(comparisons),
         'models': {
             one.model: {
-                'average_tip_error_percent': float(one.percent('tip').mean()),
+                'average_tip_error_percent': _average(one.percent('tip')),
                 'alignment_camera_to_base': one.alignment.as_dict(),
                 'refused': list(one.refused),
                 'notes': list(one.notes),
@@ -161,13 +164,19 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
                 f'{step.shape.frames:>7} {tip:>14} {_signed(bend):>8} {mean:>6} {largest:>6} '
                 f'{hausdorff:>11} {noise:>18.2f}{left_out}'
             )
-        tip, mean, largest, hausdorff = (_cell(float(values.mean())) for values in columns)
+        tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
         lines.append(f'Average{"":26}{tip:>15} {"":8} {mean:>6} {largest:>6} {hausdorff:>11}')
     return '\n'.join(lines)
 
 
-def _cell(value: float) -> str:
-    return '-' if math.isnan(value) else f'{value:.2f}'
+def _average(percent: FloatArray) -> float | None:
+    """Mean of the steps where it was measured; None where it never was."""
+    known = percent[np.isfinite(percent)]
+    return float(known.mean()) if known.size else None
+
+
+def _cell(value: float | None) -> str:
+    return '-' if value is None or math.isnan(value) else f'{value:.2f}'
 
 
 def _signed(value: float) -> str:

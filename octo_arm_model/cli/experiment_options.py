@@ -5,16 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
-from octo_arm_model.cli.options import add_config_option, add_number, add_path
+from octo_arm_model.cli.options import add_config_option, add_number, add_path, add_tendons
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.csv_table import read_columns
+from octo_arm_model.experiment.recording.measured_topics import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.recording import Recording, read_recording
+from octo_arm_model.experiment.recording.recording import CsvSources, Recording, read_recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
 ALL = 'all'
@@ -34,7 +37,7 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
     """Add the bag and how it is read; without --model it is the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    add_path(parser, 'bag', 'BAG', bag)
+    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG', help=bag)
     add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
         '--model',
@@ -45,19 +48,62 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     )
     parser.add_argument(
         '--midlines',
+        nargs='+',
+        default=[],
         metavar='TOPIC',
         help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
-        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped); by default the only ones there',
+        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
+        'by default the only ones there; with --marker-s perhaps one of each marker',
     )
     parser.add_argument(
-        '--tensions', metavar='TOPIC', help='tensions; by default the only ones there'
+        '--marker-s',
+        nargs='+',
+        type=float,
+        default=[],
+        metavar='S',
+        help='arc coordinates of markers [m], from the base on: what is measured are points at '
+        'these, NaN where a marker is hidden, and no midlines',
     )
+    parser.add_argument(
+        '--marker-frames',
+        nargs='+',
+        default=[],
+        metavar='FRAME',
+        help='their frames in /tf, or in the topic of --midlines, in the same order',
+    )
+    parser.add_argument(
+        '--length-unit',
+        choices=LENGTH_UNITS,
+        default='m',
+        help='of what was measured (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--tensions',
+        metavar='TOPIC[:FIELD]',
+        help='tensions, or any numeric field of any topic; by default the only ones there',
+    )
+    add_tendons(parser)
     parser.add_argument(
         '--align',
         nargs='+',
         metavar='A',
         help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
         "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+    )
+    tables = parser.add_argument_group(
+        'CSV files', 'in place of topics; with both of them there is no BAG'
+    )
+    text = 'tensions: time [s] and a column for each tendon [N]'
+    add_path(tables, '--tension-csv', 'CSV', text)
+    text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
+    add_path(tables, '--midline-csv', 'CSV', text)
+    tables.add_argument(
+        '--columns',
+        nargs='+',
+        default=[],
+        metavar='NAME=COLUMN',
+        help='columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file '
+        'of such; units are those in the header, such as "force [mN]"',
     )
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
@@ -110,12 +156,19 @@ def read_options(
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
         _alignment(options.align)  # Checked before the bag is read.
+    measured = Measured(
+        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
+        options.length_unit,
+    )  # fmt: skip
+    columns = read_columns(options.columns)
     with Bar('messages') as bar:
         recording = read_recording(
             options.bag,
             options.config,
             options.tensions,
-            options.midlines,
+            measured,
+            CsvSources(options.tension_csv, options.midline_csv, columns),
+            options.tendons,
             progress=bar if bar.is_terminal else lambda done, total: None,
         )
     config = Config.from_parameters(recording.parameters)

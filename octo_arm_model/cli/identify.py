@@ -113,7 +113,9 @@ def _run(options: argparse.Namespace) -> int:
         pictures = draw(list(fitted.values()), observations.shapes, options.pictures)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
-        options.out.write_text(as_config(best, str(options.bag)), encoding='utf-8')
+        options.out.write_text(
+            as_config(best, str(options.bag or options.tension_csv)), encoding='utf-8'
+        )
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')

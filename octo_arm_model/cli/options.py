@@ -58,7 +58,7 @@ def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
     parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
 
 
-def add_path(parser: argparse.ArgumentParser, name: str, metavar: str, text: str) -> None:
+def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
     """Add the option, or the argument, ``name`` for a file or folder."""
     parser.add_argument(name, type=Path, metavar=metavar, help=text)
 
@@ -82,6 +82,19 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
         ConfigError: if there is no such file or preset, or it cannot be read.
     """
     return None if options.config is None else load_parameters(find_path(options.config))
+
+
+def add_tendons(parser: argparse.ArgumentParser) -> None:
+    """Add ``--tendons``."""
+    parser.add_argument(
+        '--tendons',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='what each tendon of the arm, from the tip, is called in what is read: a name, or '
+        'a number from 0 on where there are none, or - for one that is slack (default: '
+        'tension_names of the arm)',
+    )
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from octo_arm_model.cli.options import (
     add_model,
     add_path,
     add_storage,
+    add_tendons,
     new_command,
     read_config_option,
     unwritten,
@@ -70,10 +71,11 @@ def add_command(commands: Any) -> None:
         '--topics',
         nargs='+',
         default=[],
-        metavar='TOPIC',
-        help='topics of tensions (default: all with the names that the node listens to, in '
-        'whatever namespace, or else the only one of such a type)',
+        metavar='TOPIC[:FIELD]',
+        help='topics of tensions, or any numeric field of any (default: all with the names that '
+        'the node listens to, in whatever namespace, or else the only one of such a type)',
     )
+    add_tendons(parser)
     parser.add_argument(
         '--lengths',
         action='store_true',
@@ -97,7 +99,7 @@ def _run(options: argparse.Namespace) -> None:
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
         if options.bag.resolve() in options.out.resolve().parents:
             raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
-        arms = find_arms(reader, options.topics, parameters, options.model)
+        arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         with BagWriter(options.out, options.storage, custom) as writer:
             report = replay(

@@ -14,7 +14,7 @@ from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.limits import MAX_POINT_LOADS
 from octo_arm_model.core.sensitivity.results import Uncertainty
 
@@ -73,7 +73,11 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
         ConfigError: if there are offsets or scales, but not as many as tendons.
         ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
     """
-    for name in ('tension_offset', 'tension_scale'):
+    names = given['tension_names']
+    distinct = [name for name in names if name != '-']
+    if len(set(distinct)) < len(distinct) or '' in names:
+        raise ConfigError(f'tension_names is {shown(list(names))}, expected distinct names or -')
+    for name in ('tension_offset', 'tension_scale', 'tension_names'):
         if given[name]:
             _check_length(name, given[name], len(arm.tendons), ', one per tendon')
     return LoadCellCalibration(
@@ -83,6 +87,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
             for offset in given['tension_offset']
         ),
         tuple(positive('tension_scale', scale, '-') for scale in given['tension_scale']),
+        tuple(names),
     )
 
 

@@ -26,11 +26,14 @@ class LoadCellCalibration:
         deadband: of every tension [N], >= 0.
         offset: of each tendon [N]; empty for none.
         scale: of each tendon [-], > 0; empty for 1.
+        names: what each tendon is called in what comes in, see `wire.tension_fields`; empty for
+            its own name.
     """
 
     deadband: float = 0.0
     offset: tuple[float, ...] = ()
     scale: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
 
     @property
     def is_identity(self) -> bool:

@@ -1,7 +1,7 @@
 """Every parameter of the arm and its node, declared once.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and a test holds
-the README to it, so a name, a unit or a default is written in one place only.
+The YAML loader reads this table, the node declares its ROS parameters from it and the manual
+prints it, so a name, a unit or a default is written in one place only.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from octo_arm_model.core.limits import (
     MAX_TABLE_POINTS,
     MAX_TENDONS,
 )
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)
@@ -191,6 +191,11 @@ PARAMETERS = (
     Parameter('tendon_limits', float,
               'largest tension that may be commanded of each tendon [N], section by section from '
               'the tip; empty for what the arm bears', (), is_array=True, range='> 0'),
+    Parameter('tension_names', str,
+              'name of the tension of each tendon in the messages that come in, or its number '
+              'from 0 on where they have no names, section by section from the tip; - for a '
+              'tendon without a load cell, which is slack; empty for tendon_names', (),
+              is_array=True, range='distinct, but for -'),
     Parameter('tension_deadband', float,
               'tensions within this of zero are zero, as load cells of slack tendons read; those '
               'further below are refused [N]', 0.0, range='>= 0'),

@@ -116,6 +116,26 @@ class ConvergenceError(SolveError):
         self.iterate = iterate
 
 
+class ContinuationError(ConvergenceError):
+    """Following equilibria from a known one would take more than the budget of the solve.
+
+    Attributes:
+        part: of the way that was gone.
+    """
+
+    def __init__(
+        self, budget: str, part: float, residual: float, iterations: int, iterate: object = None
+    ) -> None:
+        """Say which ``budget`` is spent and how far it got."""
+        super().__init__('continuation', residual, iterations, iterate)
+        self.args = (
+            f'continuation has spent its budget of {budget} at {100.0 * part:.3g} % of the way '
+            f'from the known equilibrium to the tensions and loads wanted, after {iterations} '
+            f'iterations (residual there {residual:.2e})',
+        )
+        self.part = part
+
+
 def in_short(error: Exception) -> str:
     """What an ``error`` says, without the middle where that is long, as names from outside are."""
     text = str(error)

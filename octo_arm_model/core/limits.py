@@ -23,6 +23,11 @@ MAX_PROCESSES = 1_000
 MAX_PROFILE_ROWS = 100_000
 MAX_PROFILE_BYTES = 64 * 2**20  # of a CSV file
 
+# Of a CSV file of a laboratory.
+MAX_CSV_BYTES = 256 * 2**20
+MAX_CSV_ROWS = 1_000_000
+MAX_CSV_COLUMNS = 4_000
+
 # Of a YAML file. Collections in collections are counted with aliases written out.
 MAX_YAML_BYTES = 2**20
 MAX_YAML_VALUES = 100_000

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,41 +13,32 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.errors import ConfigError, ConvergenceError, LoadError, SolveError, shown
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.equilibrium import Condition
+from octo_arm_model.core.errors import (
+    ConfigError,
+    ContinuationError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    shown,
+)
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.load_limits import LoadLimits
-from octo_arm_model.core.loaded.load_resultants import LoadTable
-from octo_arm_model.core.loaded.loaded_arm import LoadedArm
-from octo_arm_model.core.models.closed_form import ClosedForm
-from octo_arm_model.core.models.exact import Exact, to_scaled
-from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
+from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.core.rod.kinematics import Frame, Pose, node_frames
+from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.rod.quadrature import integration_weights
-from octo_arm_model.core.rod.solution import Statics
-from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS, Law
-from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.strain_measures import to_scaled
 from octo_arm_model.core.section.tendon_sums import check_tensions, largest_of
-from octo_arm_model.core.sensitivity.analytic import derivatives, papers_derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
-_PAPERS_MODELS: dict[str, Callable[[Arm, FloatArray, IntArray], Statics]] = {
-    'renda2012': Renda2012,
-    'closed_form': ClosedForm,
-}
-MODELS = (*_PAPERS_MODELS, 'exact')
-DEFAULT_MODEL = 'renda2012'
-# Arms are solved side by side: enough to hide the cost of a NumPy call, few enough to stay in
-# cache and for BLAS not to share a product among threads, which on a busy machine wait for each
-# other far longer than they work.
-_LARGEST_BATCH = 128
-_LARGEST_PRODUCT = 250_000  # multiplications
-_NO_LOADS = 'model is {!r}, which has no loads but the tendons: choose exact'
+__all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver', 'solve']
 
 
 class Solver:
@@ -76,6 +66,7 @@ class Solver:
         shear: bool = False,
         loads: Loads = Loads(),
         compiled: bool | None = False,
+        budget: Budget = Budget(),
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
@@ -83,7 +74,8 @@ class Solver:
         linear law alone) and ``loads`` act all the time; these three are for the model exact, and
         the law is ignored by the others, which are linear. Where the tendons allow it these in
         turn run in machine code if ``compiled``, or, if that is None, if numba is installed and
-        works; see `octo_arm_model.core.compiled.numba_build`.
+        works; see `octo_arm_model.core.compiled.numba_build`. ``budget`` is what following the
+        equilibrium of one loaded arm may take.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
@@ -93,54 +85,43 @@ class Solver:
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
                 whatever it raises.
         """
-        if model not in MODELS:
-            raise ConfigError(f'model is {model!r}, expected one of {", ".join(MODELS)}')
+        if model not in STATICS:
+            raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
         if material not in LAWS:
             raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
-        if shear and not (model == 'exact' and material == 'linear'):
+        self.arm, self.model, self.base, self.loads = arm, model, base, loads
+        self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
+        loads.check_inside(arm.length)
+        self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
+        setup = Setup(arm, self.grid, self._base, LAWS[material], shear, loads, budget)
+        self._statics: Statics = STATICS[model](setup)
+        self.law = self._statics.law
+        if shear and not (self._statics.strains == 6 and material == 'linear'):
             raise ConfigError(
                 f'material.shear goes with model exact and material.law linear, not with {model} '
                 f'and {material}'
             )
-        if loads.any and model != 'exact':
-            raise ConfigError(_NO_LOADS.format(model))
-        self.arm, self.model, self.base, self.loads = arm, model, base, loads
-        self.law: Law = LAWS[material if model == 'exact' else 'linear']
-        self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
-        loads.check_inside(arm.length)
-        self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
-        product = self.grid.nodes.size * len(arm.tendons)
-        self._batch = max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+        self._check_loads(loads.any)
+        self._batch = setup.batch
         stiffness = SectionStiffness.at(arm, self.grid.nodes)
         # The axial force is a difference of terms of this size; further up it is all rounding.
         self._largest_tension = 1e6 * float(stiffness.axial.min())
-        with np.errstate(over='ignore', invalid='ignore'):
-            self._load_table = LoadTable(arm, self.grid, loads)
         self._wrench = loads.tip_wrench
         self._limits = LoadLimits(stiffness)
-        self._limits.check_loads(loads, self._load_table)
-        self._is_loaded = not self._load_table.is_empty or bool(self._wrench.any())
-        nodes, section = self.grid.nodes, self.grid.node_section
-        self._statics: Statics
-        if model == 'exact':
-            self._statics = Exact(arm, nodes, section, self.law, shear)
-        else:
-            self._statics = _PAPERS_MODELS[model](arm, nodes, section)
         self._compiled: Compiled | None = None
-        if isinstance(self._statics, (ClosedForm, Renda2012)) and (
-            is_available() if compiled is None else compiled
-        ):
-            self._compiled = Compiled.of(self._statics, self.grid, self._base)
+        if Compiled.covers(self._statics) and (is_available() if compiled is None else compiled):
+            self._compiled = Compiled(self._statics, self.grid, self._base)
 
     @property
     def is_compiled(self) -> bool:
         """Whether it runs in machine code."""
         return self._compiled is not None
 
-    @functools.cached_property
-    def _loaded(self) -> LoadedArm:
-        assert isinstance(self._statics, Exact)
-        return LoadedArm(self._statics, self.grid, self._load_table, self._base)
+    def _check_loads(self, is_loaded: bool) -> None:
+        if is_loaded and not self._statics.takes_loads:
+            raise ConfigError(
+                f'model is {self.model!r}, which has no loads but the tendons: choose exact'
+            )
 
     def solve(
         self,
@@ -159,7 +140,8 @@ class Solver:
             LoadError: if the tip's wrench is not six finite numbers, or larger than
                 `LoadLimits` allow.
             ConfigError: if the model has no loads and there are some.
-            SolveError: if the model has no trustworthy answer; never a guess in its place.
+            SolveError: if the model has no trustworthy answer.
+            ContinuationError: if a loaded arm would take more than the budget.
         """
         checked = check_tensions(self.arm, tensions)
         if (largest := largest_of(checked)) > self._largest_tension:
@@ -168,44 +150,33 @@ class Solver:
                 'million times what would compress the thinnest cross section to nothing'
             )
         lead = checked.shape[: -len(self.arm.tension_shape)]
-        wrench, is_loaded = self._wrench, self._is_loaded
+        wrench = self._wrench
         if tip_wrench is not None:
             wrench = wrench + self.check_tip_wrench(tip_wrench)
-            is_loaded = not self._load_table.is_empty or bool(wrench.any())
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         checked = checked.copy()
         wrenches = np.broadcast_to(wrench, (*lead, 6)) if lead else wrench
-
         if start is not None:
             self._own_twist(start)
 
         batch = math.prod(lead)
         flat = checked.reshape(batch, len(self.arm.tendons))
+        flat_wrenches = wrenches.reshape(batch, 6)
         # One arm goes without the axis of a batch, which NumPy is much quicker with.
         results = Results(lead and (batch,), self.grid, self._base)
         if self._compiled is not None:
-            # The few that are too hard for the loops, or have no answer at all, go on to NumPy.
+            # NumPy solves the few that the kernels do not converge for, or reports them.
             parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results)]
         else:
-            size = 1 if is_loaded else self._batch
+            size = self._batch
             parts = [slice(arm, min(arm + size, batch)) for arm in range(0, batch, size)]
-            if batch > 1:
-                _keep_freed_memory()
         for part in parts:
-            wrench = wrenches.reshape(batch, 6)[part.start]
+            one = 0 if results.is_one else part
             try:
                 with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                    if is_loaded:
-                        solution = self._loaded.solve(flat[part], wrench, start)
-                    elif results.is_one and self.model != 'exact':
-                        solution = self._statics.solve(flat[0])
-                    else:
-                        solution = self._statics.solve(flat[part])
-                if results.is_one:
-                    results.add((), solution.one())
-                else:
-                    results.add(part, solution)
+                    solution = self._statics.solve(flat[one], flat_wrenches[one], start)
+                results.add(() if results.is_one else part, solution)
             except SolveError as error:
                 if batch > 1:
                     error.in_batch(part.start, part.stop - part.start)
@@ -220,8 +191,7 @@ class Solver:
             ConfigError: if it is not zero and the model has no loads.
         """
         wrench = _check_wrench(tip_wrench)
-        if wrench.any() and self.model != 'exact':
-            raise ConfigError(_NO_LOADS.format(self.model))
+        self._check_loads(bool(wrench.any()))
         self._limits.check_tip_wrench(wrench)
         return wrench
 
@@ -235,6 +205,8 @@ class Solver:
         """
         try:
             return self.solve(tensions, tip_wrench, last)
+        except ContinuationError:
+            raise  # Its budget is spent.
         except ConvergenceError:
             if last is None:
                 raise
@@ -246,16 +218,8 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        twist, tensions = self._own_twist(backbone), backbone.tensions.ravel()
-        if self.model == 'exact':
-            condition = Condition(tensions, backbone.tip_wrench, 1.0)
-            problem = self._loaded.equilibrium
-            state = problem.state(condition, twist)
-            return derivatives(self._sections, self.grid, problem, state, tensions)
-        _, frames = node_frames(twist[:, np.newaxis], self.grid, self._base)
-        return papers_derivatives(
-            self._statics, self._sections, self.grid, twist, frames, tensions, self._batch
-        )
+        self._own_twist(backbone)
+        return self._statics.sensitivity(backbone)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
@@ -268,13 +232,6 @@ class Solver:
         if not uncertainty.is_any:
             return np.zeros((6, 6))
         return self.sensitivity(backbone).tip_covariance(uncertainty)
-
-    @functools.cached_property
-    def _sections(self) -> SectionEnergy:
-        """Cross sections at the nodes; of the paper's models for the lengths of tendons alone."""
-        if isinstance(self._statics, Exact):
-            return self._statics.at_nodes
-        return SectionEnergy(self.arm, self.grid.nodes, self.grid.node_section, self.law)
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
         """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.
@@ -289,12 +246,12 @@ class Solver:
     @functools.cached_property
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
-        twist = np.zeros((self._sections.strains, self.grid.nodes.size))
+        twist = np.zeros((self._statics.strains, self.grid.nodes.size))
         twist[3] = 1.0
         return self._lengths(twist)
 
     def _lengths(self, twist: FloatArray) -> FloatArray:
-        sections = self._sections
+        sections = self._statics.sections
         stretches = sections.stretches(to_scaled(sections.law, twist[:, np.newaxis]))[:, 0]
         lengths = np.einsum('jn,jn->j', stretches, self._length_weights)
         return lengths.reshape(self.arm.tension_shape)
@@ -302,7 +259,7 @@ class Solver:
     @functools.cached_property
     def _length_weights(self) -> FloatArray:
         """What the stretch of every tendon counts at each node, (tendons, nodes) [m]."""
-        return self._sections.active[:, 0] * integration_weights(self.grid)
+        return self._statics.sections.active[:, 0] * integration_weights(self.grid)
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.
@@ -312,21 +269,10 @@ class Solver:
         """
         if backbone.twist is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
-        shape = self._sections.strains, self.grid.nodes.size
+        shape = self._statics.strains, self.grid.nodes.size
         if backbone.model != self.model or backbone.twist.shape != shape:
             raise ConfigError('the backbone was solved by another solver')
         return backbone.twist
-
-
-@functools.cache
-def _keep_freed_memory() -> None:
-    """Let the C library keep what is freed, once and for all.
-
-    Arrays of a batch are just large enough that glibc gives each of them back to the system, and
-    to get the next one page by page costs as much as the arithmetic. Having seen one larger
-    array freed, it keeps what is smaller.
-    """
-    np.empty(24 * 2**20, np.uint8)
 
 
 def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:

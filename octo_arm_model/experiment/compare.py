@@ -15,7 +15,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
 from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.model_error import noise_of
-from octo_arm_model.experiment.fitting.pairing import residuals
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
 from octo_arm_model.experiment.recording.branches import (
@@ -24,10 +24,12 @@ from octo_arm_model.experiment.recording.branches import (
     part_along,
     remarks,
 )
+from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
     MidlineErrors,
     fraction_at_start,
+    marker_errors,
     midline_errors,
 )
 
@@ -77,7 +79,7 @@ class ModelComparison:
     notes: tuple[str, ...]
 
     def percent(self, name: str) -> FloatArray:
-        """Errors ``name`` of all steps in per cent of the length, NaN for those of tips alone."""
+        """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
         values = [getattr(step.errors, name) for step in self.steps]
         return np.array([np.nan if value is None else 100.0 * value / self.length
                          for value in values])  # fmt: skip
@@ -122,20 +124,28 @@ def compare(
         notes.append(
             'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
-        away = [residuals(alignment.to_base(shape.points), backbone.position)
-                for _, shape, backbone in answered]  # fmt: skip
-        left = misfit_of(away, solver.arm.length).rms
+        left = misfit_of([
+            shape_residuals(shape, alignment.to_base(shape.points), backbone)
+            for _, shape, backbone in answered
+        ], solver.arm.length).rms  # fmt: skip
         notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), left)
     steps = []
     ways = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
-        fraction_at_start(measured, backbone.position, check=True)
-        errors = midline_errors(measured, backbone.position)
+        if shape.s is None:
+            fraction_at_start(measured, backbone.position, check=True)
+            errors = midline_errors(measured, backbone.position)
+        else:
+            away = shape_residuals(shape, measured, backbone)
+            errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         softer = -solver.sensitivity(backbone).by_youngs_modulus.tip[:3, 0]
         bend = part_along(measured[-1] - backbone.position[-1], softer, STILL * solver.arm.length)
-        way = ways[number - 1]
-        steps.append(StepComparison(number, shape, measured, backbone, errors, way, bend))
+        if errors.tip is None:
+            bend = float('nan')
+        steps.append(
+            StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
+        )
     notes += remarks(
         [step.shape.tension for step in steps], [step.bend for step in steps],
         [step.direction for step in steps], noise_of([step.shape for step in steps]) / 3.0**0.5,

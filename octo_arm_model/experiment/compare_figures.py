@@ -16,6 +16,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.error_figures import draw_errors
 from octo_arm_model.experiment.figure_files import new_figure, save
+from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
 _MEASURED = '0.15'
@@ -107,9 +108,10 @@ def _draw_step(
             panel.set_axisbelow(True)
             if not column:
                 panel.set_ylabel(names[view])
-        percent = 100.0 * step.errors.tip / comparison.length
+        name = 'tip' if step.errors.tip is not None else 'mean'
+        percent = 100.0 * (getattr(step.errors, name) or 0.0) / comparison.length
         panels[0, column].set_title(
-            f'{comparison.model}, tip error {percent:.1f} % of L', fontsize='medium'
+            f'{comparison.model}, {name} error {percent:.1f} % of L', fontsize='medium'
         )
         panels[0, column].legend(loc='best', frameon=False)
         panels[-1, column].set_xlabel('along the base [mm]')
@@ -124,17 +126,24 @@ def _draw_view(
     lines = step.shape.lines
     for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
         flat = _flatten(comparison.alignment.to_base(line), plane, origin)
-        panel.plot(*flat.T, '.' if len(flat) == 1 else '-', color=_FRAME, linewidth=0.6, zorder=1)
+        is_dots = len(flat) == 1 or step.shape.s is not None
+        panel.plot(*flat.T, '.' if is_dots else '-', color=_FRAME, linewidth=0.6, zorder=1)
     model = _flatten(step.backbone.position, plane, origin)
     measured = _flatten(step.measured, plane, origin)
     colour = LINES[comparison.model]['color']
-    panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
+    if step.shape.s is None:
+        panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
+    else:
+        weights = marker_weights(step.shape.s, step.backbone.s)
+        for pair in zip(weights @ model, measured):
+            panel.plot(*np.stack(pair).T, ':', color=colour, zorder=2)
     panel.plot(
         *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
     )
     panel.plot(
-        *measured.T, color=_MEASURED, linewidth=1.6, linestyle=(0, (4, 2)), marker='s',
-        markersize=5, markevery=[-1], label='measured', zorder=5,
+        *measured.T, color=_MEASURED, linewidth=1.6, marker='s', markersize=5,
+        linestyle=(0, (4, 2)) if step.shape.s is None else '',
+        markevery=[-1] if step.shape.s is None else None, label='measured', zorder=5,
     )  # fmt: skip
 
 
@@ -164,7 +173,8 @@ def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: 
                 panel.plot(*_flatten(step.backbone.position, plane, origin).T, color=colour)
                 measured = _flatten(step.measured, plane, origin)
                 panel.plot(
-                    *measured.T, 's' if len(measured) == 1 else '--', color=_MEASURED,
+                    *measured.T, '--' if step.shape.s is None and len(measured) > 1 else 's',
+                    color=_MEASURED,
                     linewidth=1.1,
                 )  # fmt: skip
             panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')

@@ -16,7 +16,7 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
 from octo_arm_model.experiment.figure_files import new_figure, save
 from octo_arm_model.experiment.fitting.identify import Identification
-from octo_arm_model.experiment.fitting.pairing import residuals
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.reproduce.plotting import LINES
@@ -101,10 +101,13 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
         comparison = compare(shapes, one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
-            s = 1e3 * comparison.length * np.linspace(0.0, 1.0, len(away))
+            s = step.shape.s
+            if s is None:
+                s = comparison.length * np.linspace(0.0, 1.0, len(away))
+            style = '-' if step.shape.s is None else 'o:'
             colour = colormaps['viridis'](scale(step.shape.tension))
             for row in range(3):
-                panels[row, column].plot(s, 1e3 * away[:, row], color=colour, linewidth=1.3)
+                panels[row, column].plot(1e3 * s, 1e3 * away[:, row], style, color=colour)
         for row, axis in enumerate(('t, along the base', 'n', 'b')):
             panels[row, column].axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
             panels[row, column].grid(alpha=0.3)
@@ -121,5 +124,5 @@ def _in_base(step: StepComparison, base: Pose) -> Any:
     """Residuals of a step (m, 3) [m] in the axes t, n and b of the base."""
     from scipy.spatial.transform import Rotation
 
-    away = residuals(step.measured, step.backbone.position)
+    away = shape_residuals(step.shape, step.measured, step.backbone)
     return Rotation.from_quat(base.quaternion).inv().apply(away)

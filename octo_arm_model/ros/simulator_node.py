@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
@@ -29,19 +30,24 @@ from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import run
-from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox
+from octo_arm_model.ros.node.tension_subscription import (
+    TOPICS,
+    TensionInput,
+    TensionSubscription,
+)
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.wire.tension_fields import NONE
 
 
 class SimulatorNode(CheckedNode):
-    """Publishes what load cells would read."""
+    """Publishes the tensions that load cells would measure."""
 
     def __init__(self, **options: Any) -> None:
-        """Read the parameters and start pulling.
+        """Read the parameters and start publishing.
 
         Raises:
             OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
@@ -63,14 +69,17 @@ class SimulatorNode(CheckedNode):
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
-        self._inboxes = [Inbox(self, topic, self._on_command, TOPIC) for topic in TOPICS]
+        self._inputs = [
+            TensionSubscription(self, topic, self._current_arm, self._on_command, TOPIC)
+            for topic in TOPICS
+        ]
         check_overrides(self)
-        # Time of ROS may stand still; how the node is doing is told all the same.
+        # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(diagnostics.PERIOD, partial(self._do, self._report), clock=clock)
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
-        """Go on with ``config``, of whose parameters ``names`` were set."""
+        """Use ``config`` from now on, of whose parameters ``names`` were set."""
         before, self._config = self._config, config
         tendons = config.arm.tendon_names
         if before is None or tendons != before.arm.tendon_names:
@@ -88,19 +97,23 @@ class SimulatorNode(CheckedNode):
                 self.destroy_timer(self._timer)
             self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
 
-    def _on_command(self, inbox: Inbox, data: bytes, older: int) -> None:
-        """Take a command; it ends the profile."""
+    def _current_arm(self) -> Arm:
+        assert self._config is not None  # it subscribes once configured
+        return self._config.arm
+
+    def _on_command(self, given: TensionInput) -> None:
+        """Follow a command from now on, and no longer the profile."""
         assert self._config is not None
-        arm = self._config.arm
-        self._counts['commands'] += 1 + older
+        self._counts['commands'] += 1 + given.older
         try:
-            tensions, _ = inbox.read(data, arm)
-            self._command = check_command(arm, tensions, self._config.limits)
+            if isinstance(given.tensions, OctoArmError):
+                raise given.tensions
+            self._command = check_command(self._config.arm, given.tensions, self._config.limits)
         except OctoArmError as error:
             self._counts['refused'] += 1
-            self._reason = f'{inbox.topic}: {in_short(error)}'
+            self._reason = f'{given.topic}: {in_short(error)}'
             self.get_logger().warning(
-                f'{inbox.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
+                f'{given.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._is_playing = False
@@ -109,17 +122,17 @@ class SimulatorNode(CheckedNode):
         try:
             what()
         except RuntimeError:
-            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
+            # A signal invalidates the context while a callback runs: not an error.
             if self.context.ok():
                 raise
 
     def _step(self) -> None:
-        """Pull until now, and measure."""
+        """Advance winches and load cells to the present time."""
         config = self._config
         assert config is not None
         now = self.get_clock().now()
-        # Time that is not set yet is 0. While it jumps back, as where a bag begins anew, the
-        # winches stand still.
+        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
+        # winches do not move.
         elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
         elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
         if self._is_playing and config.profile is not None:
@@ -137,10 +150,17 @@ class SimulatorNode(CheckedNode):
 
     def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
         assert self._config is not None
-        return tensions_message(tensions, self._config.arm, stamp, self._config.base_frame)
+        config = self._config
+        message = tensions_message(tensions, config.arm, stamp, config.base_frame)
+        if names := config.hardware.calibration.names:
+            # Under the names that the node expects, and of the tendons that have a load cell.
+            cells = [number for number, name in enumerate(names) if name != NONE]
+            message.name = [names[number] for number in cells]
+            message.tension = tensions.ravel()[cells]
+        return message
 
     def _report(self) -> None:
-        """Tell how commands and readings fared since the last time."""
+        """Publish diagnostics of the commands and readings since the last ones."""
         lately = {name: self._counts[name] - self._reported[name] for name in self._counts}
         self._reported = dict(self._counts)
         source = 'profile' if self._is_playing else 'commands'

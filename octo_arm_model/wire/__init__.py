@@ -1,1 +1,4 @@
-"""Messages as bytes and as tensions, without ROS. Imports analysis and core."""
+"""Messages as bytes and as tensions.
+
+May import analysis, config and core; nothing of ROS.
+"""

@@ -1,4 +1,4 @@
-"""What is drawn of an arm as messages: its markers and its frames, written into templates."""
+"""The markers and frames of an arm as messages."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from octo_arm_model.analysis.arm_mesh import Drawing, anchorage_stations, tensio
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_templates import Layout, Template, text_field
+from octo_arm_model.wire.cdr_layout import Layout, text_field
+from octo_arm_model.wire.cdr_templates import Template
 
 # Of visualization_msgs/Marker.
 _TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
 _ADD = 0
 
-BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # the tendons inside show through
+BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
 DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
 _ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
 
@@ -38,21 +39,21 @@ class MarkersWriter:
         layout = Layout()
         layout.count(1 + drawing.disc_count + len(drawing.tendon_points))
         _begin(layout, frame, b'body', 0, _TRIANGLE_LIST)
-        layout.fixed(_ORIGIN)
-        layout.fixed(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
-        layout.fixed(np.array(BODY_COLOUR, '<f4'))
+        layout.constants(_ORIGIN)
+        layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
+        layout.constants(np.array(BODY_COLOUR, '<f4'))
         _finish(layout, self._corners.size)
         for index in range(drawing.disc_count):
             _begin(layout, frame, b'anchorages', index + 1, _CYLINDER)
-            layout.poses(layout.room(8, 7), 1)
+            layout.poses(1)
             layout.numbers(2)
-            layout.fixed(np.array([drawing.disc_thickness], '<f8'))
-            layout.fixed(np.array(DISC_COLOUR, '<f4'))
+            layout.constants(np.array([drawing.disc_thickness], '<f8'))
+            layout.constants(np.array(DISC_COLOUR, '<f4'))
             _finish(layout, 0)
         for index, points in enumerate(drawing.tendon_points):
             _begin(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.fixed(_ORIGIN)
-            layout.fixed(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
+            layout.constants(_ORIGIN)
+            layout.constants(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
             _finish(layout, points)
         self._template = Template(layout)
@@ -113,7 +114,7 @@ class FramesWriter:
         for name in names:
             layout.header(parent)
             layout.string(text_field('frame_prefix', prefix + name))
-            layout.poses(layout.room(8, 7), 1)
+            layout.poses(1)
         self._template = Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
@@ -132,19 +133,19 @@ def _begin(layout: Layout, frame: bytes, namespace: bytes, number: int, kind: in
     """The first fields of a Marker: its pose, scale and colour follow."""
     layout.header(frame)
     layout.string(namespace)
-    layout.fixed(np.array([number, kind, _ADD], '<i4'))
+    layout.constants(np.array([number, kind, _ADD], '<i4'))
 
 
 def _finish(layout: Layout, points: int) -> None:
     """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
-    layout.room(4, 2)  # lifetime
-    layout.room(1, 1)  # frame_locked
+    layout.zeros(4, 2)  # lifetime
+    layout.zeros(1, 1)  # frame_locked
     layout.count(points)
     if points:
         layout.numbers(points, 3)
     layout.count(0)  # colors
     layout.string(b'')  # texture_resource
-    layout.room(4, 2)  # stamp of the texture, which is none
+    layout.zeros(4, 2)  # stamp of the texture, which is none
     layout.string(b'')  # its frame
     layout.string(b'')  # its format
     layout.count(0)  # its data
@@ -152,4 +153,4 @@ def _finish(layout: Layout, points: int) -> None:
     for _ in ('text', 'mesh_resource', 'mesh_file.filename'):
         layout.string(b'')
     layout.count(0)  # mesh_file.data
-    layout.room(1, 1)  # mesh_use_embedded_materials
+    layout.zeros(1, 1)  # mesh_use_embedded_materials

@@ -1,13 +1,15 @@
-"""Tensions as messages carry them, whichever library read the messages.
+"""Tensions as messages carry them: which messages those are, and how each is read in full.
 
-The node gets them from ROS and the bag tools from `rosbags`: other classes with the same fields.
+A message is an object of whichever library decoded it, ROS or `rosbags`: other classes with the
+same fields.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,50 +17,134 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
+from octo_arm_model.wire.cdr_layout import Layout
+from octo_arm_model.wire.tension_fields import tensions_by_names
 
 _LISTED = 20
 
+# Adds a field that has this value in one message to the layout of all that are like it.
+Field: TypeAlias = Callable[[Layout, Any], None]
 
-def tensions_from_tendon_tensions(message: Any, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, of octo_arm_msgs/TendonTensions, matched by name.
 
-    Raises:
-        TensionError: if names are unknown, repeated or missing, or lengths differ.
+def header(layout: Layout, value: Any) -> None:
+    """A std_msgs/Header, whose stamp varies."""
+    layout.header(_utf8(value.frame_id))
+
+
+def strings(layout: Layout, value: Sequence[str]) -> None:
+    """A sequence of strings."""
+    layout.strings([_utf8(text) for text in value])
+
+
+def float64(layout: Layout, value: Sequence[float]) -> None:
+    """A sequence of float64 that vary."""
+    layout.sequence(len(value))
+
+
+def float32(layout: Layout, value: Sequence[float]) -> None:
+    """A sequence of float32 that vary."""
+    layout.sequence(len(value), kind='<f4')
+
+
+def array_layout(layout: Layout, value: Any) -> None:
+    """A std_msgs/MultiArrayLayout."""
+    layout.count(len(value.dim))
+    for dimension in value.dim:
+        layout.string(_utf8(dimension.label))
+        layout.count(dimension.size)
+        layout.count(dimension.stride)
+    layout.count(value.data_offset)
+
+
+@dataclass(frozen=True)
+class TensionMessage:
+    """A type of message that carries the tensions of all tendons.
+
+    Attributes:
+        type_name: its name, such as 'sensor_msgs/msg/JointState'.
+        fields: all its fields in their order; with one called 'header' it has a stamp.
+        tensions: the field of the tensions [N].
+        names: the field of the tendons' names in their order; None where tensions are row-major
+            and the field 'layout' says of which shape.
     """
-    return _by_name(message.name, message.tension, 'tension', arm)
+
+    type_name: str
+    fields: Mapping[str, Field]
+    tensions: str
+    names: str | None = None
+
+    @property
+    def has_stamp(self) -> bool:
+        """Whether it has a stamp."""
+        return 'header' in self.fields
+
+    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
+        """As `read`, of the values ``wanted``, see `tensions_by_names`; others may be there.
+
+        Raises:
+            TensionError: if a value is missing, or named more than once.
+        """
+        values = np.asarray(getattr(message, self.tensions), dtype=np.float64)
+        names = None if self.names is None else list(getattr(message, self.names))
+        return tensions_by_names(values, names, wanted, arm)
+
+    def read(self, message: Any, arm: Arm) -> FloatArray:
+        """Tensions [N], of `Arm.tension_shape`, of a ``message`` of this type.
+
+        Raises:
+            TensionError: if names are unknown, repeated or missing, lengths differ, or the layout
+                is neither empty, flat nor that shape.
+        """
+        values = getattr(message, self.tensions)
+        if self.names is None:
+            return _row_major(values, message.layout, self.tensions, arm)
+        return _by_name(getattr(message, self.names), values, self.tensions, arm)
 
 
-def tensions_from_joint_state(message: Any, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, from the efforts, matched by name.
+TENDON_TENSIONS = TensionMessage(
+    'octo_arm_msgs/msg/TendonTensions',
+    {'header': header, 'name': strings, 'tension': float64},
+    tensions='tension',
+    names='name',
+)
+FLOAT64_ARRAY = TensionMessage(
+    'std_msgs/msg/Float64MultiArray', {'layout': array_layout, 'data': float64}, tensions='data'
+)
+JOINT_STATE = TensionMessage(
+    'sensor_msgs/msg/JointState',
+    {'header': header, 'name': strings, 'position': float64, 'velocity': float64,
+     'effort': float64},
+    tensions='effort',
+    names='name',
+)  # fmt: skip
 
-    Raises:
-        TensionError: if names are unknown, repeated or missing, or lengths differ.
-    """
-    return _by_name(message.name, message.effort, 'effort', arm)
+# Every topic of tensions, for the node, the simulator and the bag tools: one row adds one.
+TENSION_TOPICS: dict[str, TensionMessage] = {
+    'tendon_tensions': TENDON_TENSIONS,
+    'tendon_tensions/array': FLOAT64_ARRAY,
+    'tendon_tensions/joint_state': JOINT_STATE,
+}
 
 
-def tensions_from_array(message: Any, arm: Arm) -> FloatArray:
-    """Tensions [N], of `Arm.tension_shape`, from a row-major array.
+def _utf8(text: str) -> bytes:
+    # A text that was decoded with losses gives a layout that its own message does not have.
+    return text.encode('utf-8', 'replace')
 
-    The layout may be empty, flat or that shape.
 
-    Raises:
-        TensionError: if the length or the layout is another.
-    """
-    shape = arm.tension_shape
-    count = len(arm.tendons)
-    if len(message.data) != count:
+def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> FloatArray:
+    shape, count = arm.tension_shape, len(arm.tendons)
+    if len(values) != count:
         meaning = 'one for each tendon, section by section from the tip'
         if len(shape) == 2:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
-        raise TensionError(f'data has {len(message.data)} values, expected {count}: {meaning}')
-    layout = tuple(dimension.size for dimension in message.layout.dim)
-    if message.layout.data_offset != 0 or layout not in ((), (count,), shape):
+        raise TensionError(f'{field} has {len(values)} values, expected {count}: {meaning}')
+    sizes = tuple(dimension.size for dimension in layout.dim)
+    if layout.data_offset != 0 or sizes not in ((), (count,), shape):
         raise TensionError(
-            f'layout is {layout} with data_offset {message.layout.data_offset}, expected an '
-            f'empty one or {shape} with data_offset 0'
+            f'layout is {sizes} with data_offset {layout.data_offset}, expected an empty one or '
+            f'{shape} with data_offset 0'
         )
-    return np.array(message.data, dtype=np.float64).reshape(shape)
+    return np.array(values, dtype=np.float64).reshape(shape)
 
 
 def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
@@ -85,11 +171,3 @@ def _listed(names: Sequence[str]) -> str:
     """Names for a message, of many or long ones not all."""
     text = ', '.join(name[:MAX_NAME] for name in names[:_LISTED])
     return f'{text} and {len(names) - _LISTED} more' if len(names) > _LISTED else text
-
-
-# Topics of tensions, with the type of their messages and how these are read.
-READERS: dict[str, tuple[str, Callable[[Any, Arm], FloatArray]]] = {
-    'tendon_tensions': ('octo_arm_msgs/msg/TendonTensions', tensions_from_tendon_tensions),
-    'tendon_tensions/array': ('std_msgs/msg/Float64MultiArray', tensions_from_array),
-    'tendon_tensions/joint_state': ('sensor_msgs/msg/JointState', tensions_from_joint_state),
-}

@@ -49,8 +49,8 @@ from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import load_parameters, parameters_as_yaml, parse_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_templates import BackboneWriter
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.wire.stamp import Stamp
 
 TABLE_4 = load_parameters(preset_path('renda2012_table4'))
 ARM = Config.from_parameters(TABLE_4).arm

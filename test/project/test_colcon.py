@@ -32,8 +32,9 @@ def test_a_workspace_needs_the_line_that_the_readme_gives(tmp_path):
     source.mkdir()
     (source / 'octo_arm_model').symlink_to(ROOT)
     assert colcon_list(tmp_path, tmp_path) == ['octo_arm_model']
-    line = re.search(r'^ln -s (\S+) (src/\S+)$', (ROOT / 'README.md').read_text(), re.MULTILINE)
-    assert line, 'the README has lost its line for larger workspaces'
+    manual = (ROOT / 'docs' / 'installation.md').read_text()
+    line = re.search(r'^ln -s (\S+) (src/\S+)$', manual, re.MULTILINE)
+    assert line, 'the manual has lost its line for larger workspaces'
     (tmp_path / line[2]).symlink_to(line[1])
     assert colcon_list(tmp_path, tmp_path) == PACKAGES
 

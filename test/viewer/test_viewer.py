@@ -37,7 +37,7 @@ from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
 from octo_arm_model.viewer.page.target import Search
-from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
+from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 PRESETS = (
     'renda2012_fem',
@@ -173,7 +173,7 @@ def test_copied_tensions_are_the_message_they_stand_for(names):
     ]  # fmt: skip
     fields = yaml.safe_load(message)
     assert all(isinstance(tension, float) for tension in fields['tension'])
-    read = tensions_from_tendon_tensions(SimpleNamespace(**fields), arm)
+    read = TENDON_TENSIONS.read(SimpleNamespace(**fields), arm)
     np.testing.assert_array_equal(read.ravel(), tensions)
 
 

@@ -4,13 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from checkout import ROOT
 
 from octo_arm_model import TensionError, load_config
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.tension_messages import (
-    tensions_from_array,
-    tensions_from_joint_state,
-    tensions_from_tendon_tensions,
+    FLOAT64_ARRAY,
+    JOINT_STATE,
+    TENDON_TENSIONS,
+    TENSION_TOPICS,
 )
 
 ARM = load_config(preset_path('renda2012_table4')).arm
@@ -29,14 +31,14 @@ def test_names_decide_the_order_not_the_position_in_the_message():
     joint_state = SimpleNamespace(name=names, effort=VALUES[shuffled])
     tendon_tensions = SimpleNamespace(name=names, tension=VALUES[shuffled])
     expected = VALUES.reshape(3, 4)
-    np.testing.assert_array_equal(tensions_from_joint_state(joint_state, ARM), expected)
-    np.testing.assert_array_equal(tensions_from_tendon_tensions(tendon_tensions, ARM), expected)
+    np.testing.assert_array_equal(JOINT_STATE.read(joint_state, ARM), expected)
+    np.testing.assert_array_equal(TENDON_TENSIONS.read(tendon_tensions, ARM), expected)
 
 
 @pytest.mark.parametrize('sizes', [(), (12,), (3, 4)])
 def test_array_is_row_major_from_the_tip(sizes):
     message = array(VALUES, *sizes)
-    np.testing.assert_array_equal(tensions_from_array(message, ARM), VALUES.reshape(3, 4))
+    np.testing.assert_array_equal(FLOAT64_ARRAY.read(message, ARM), VALUES.reshape(3, 4))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,7 @@ def test_array_is_row_major_from_the_tip(sizes):
 def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
     message = array(np.zeros(count), *sizes, offset=offset)
     with pytest.raises(TensionError, match=complaint):
-        tensions_from_array(message, ARM)
+        FLOAT64_ARRAY.read(message, ARM)
 
 
 @pytest.mark.parametrize(
@@ -66,11 +68,18 @@ def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
 )
 def test_names_that_do_not_fit_are_refused(names, values, complaint):
     with pytest.raises(TensionError, match=complaint):
-        tensions_from_tendon_tensions(SimpleNamespace(name=names, tension=values), ARM)
+        TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=values), ARM)
 
 
 def test_a_refusal_does_not_grow_with_the_message():
     for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
         with pytest.raises(TensionError) as refusal:
-            tensions_from_tendon_tensions(SimpleNamespace(name=names, tension=names), ARM)
+            TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), ARM)
         assert len(str(refusal.value)) < 1000
+
+
+@pytest.mark.parametrize('topic', TENSION_TOPICS)
+def test_every_topic_is_documented(topic):
+    pages = [ROOT / 'README.md', *ROOT.glob('docs/*.md')]
+    row = f'| `{topic}` | `{TENSION_TOPICS[topic].type_name}` |'
+    assert any(row in page.read_text(encoding='utf-8') for page in pages)

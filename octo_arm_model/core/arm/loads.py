@@ -1,11 +1,13 @@
-"""What pulls and pushes on the arm from outside.
+"""Loads on the arm besides its tendons.
 
-All loads are dead: fixed in base_frame, whatever the shape.
+Weight, the wrench on the tip, point loads and distributed loads are dead: fixed in base_frame,
+whatever the shape. A `Load` of another kind states its resultants and how they change.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,6 +19,73 @@ from octo_arm_model.core.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 _AT_MOST_POINTS = f'at most {MAX_TABLE_POINTS}'
+
+
+class Resultants(NamedTuple):
+    """What acts beyond each point of a rod, in base_frame.
+
+    Attributes:
+        force: (3, points) [N].
+        moment: sum of free moments, without those of the forces, (3, points) [N m].
+    """
+
+    force: FloatArray
+    moment: FloatArray
+
+
+class Tangent(NamedTuple):
+    """How the resultants of a load change with the rotation of one cross section.
+
+    By its rotation vector in base_frame.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: change of the force beyond each point, (3, 3, points) [N].
+        moment: change of the free moments, (3, 3, points) [N m].
+    """
+
+    s: float
+    force: FloatArray
+    moment: FloatArray
+
+
+class DeformedRod(Protocol):
+    """What a `Load` may ask of the rod it acts on."""
+
+    @property
+    def s(self) -> FloatArray:
+        """Arc coordinates of the points [m], (points,); none lies at a break of a load."""
+
+    def rotation_at(self, s: float) -> FloatArray:
+        """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
+
+    def integrate_from_tip(self, values: FloatArray) -> FloatArray:
+        """Integral along s of ``values`` (..., points) from each point to the tip."""
+
+
+class Load(Protocol):
+    """A load of a kind of its own, given as ``Loads(others=...)``."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Where it begins, ends or sits [m]."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Where it is less than smooth in between [m]."""
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """What it puts on every cross section of ``rod``.
+
+        The moments of forces follow from m' = n x u'. At most `LoadLimits` on a straight rod.
+        """
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
+        """How the resultants change with the shape: () where they are fixed in base_frame.
+
+        None if that is not known: then there are shapes under small loads, found by plain
+        iteration, but no derivatives and no stability.
+        """
 
 
 @dataclass(frozen=True)
@@ -91,6 +160,7 @@ class Loads:
         tip_moment: moment on the tip, in base_frame [N m].
         points: loads on cross sections.
         distributed: loads along the arm.
+        others: loads of other kinds, see `Load`.
 
     Raises:
         ArmDefinitionError: if a value is not finite or outside its range.
@@ -102,6 +172,7 @@ class Loads:
     tip_moment: Vector = ZERO
     points: tuple[PointLoad, ...] = ()
     distributed: tuple[DistributedLoad, ...] = ()
+    others: tuple[Load, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -109,7 +180,7 @@ class Loads:
             object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
         density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
         object.__setattr__(self, 'fluid_density', density)
-        for name in ('points', 'distributed'):
+        for name in ('points', 'distributed', 'others'):
             given = tuple(getattr(self, name))
             if len(given) > MAX_POINT_LOADS:
                 expected = f'at most {MAX_POINT_LOADS}'
@@ -120,7 +191,7 @@ class Loads:
     def any(self) -> bool:
         """Whether there is anything that could load an arm."""
         vectors = (self.gravity, self.tip_force, self.tip_moment)
-        return bool(np.any(vectors) or self.points or self.distributed)
+        return bool(np.any(vectors) or self.points or self.distributed or self.others)
 
     @property
     def tip_wrench(self) -> FloatArray:
@@ -144,9 +215,12 @@ class Loads:
         found = [load.s for load in self.points]
         for load in self.distributed:
             found += [load.s[0], load.s[-1]]
+        for other in self.others:
+            found += other.breaks
         return tuple(found)
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where a distributed load is less than smooth [m]."""
-        return tuple(s for load in self.distributed for s in load.s[1:-1])
+        """Where a load is less than smooth [m]."""
+        found = [s for load in self.distributed for s in load.s[1:-1]]
+        return (*found, *(s for other in self.others for s in other.knots))

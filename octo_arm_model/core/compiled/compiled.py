@@ -1,6 +1,6 @@
-"""The paper's models in machine code, many times as quick for one arm; see `machine_code`.
+"""The paper's models in machine code, many times as quick for one arm; see `numba_build`.
 
-Shapes are those of NumPy to rounding, which is not to the last bit.
+Shapes are those of NumPy to rounding.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from octo_arm_model.core.compiled.numba_build import find_shapes
 from octo_arm_model.core.compiled.tables import Tables, march_tables, no_march, packed
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.closed_form import ClosedForm
+from octo_arm_model.core.models.papers_model import PapersModel
 from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.models.statics import Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -22,19 +24,22 @@ from octo_arm_model.core.rod.kinematics import Frame
 class Compiled:
     """Shapes of one arm by a model of the paper."""
 
-    def __init__(self, statics: ClosedForm | Renda2012, grid: StationGrid, base: Frame) -> None:
+    def __init__(self, statics: Statics, grid: StationGrid, base: Frame) -> None:
         """Tabulate the arm of ``statics`` on ``grid``, standing on ``base``.
 
         Raises:
             ModuleNotFoundError: if numba is not installed.
             Exception: whatever a numba that does not work raises.
         """
+        assert isinstance(statics, PapersModel)
         self._find_shapes = find_shapes()
-        march = march_tables(statics.march) if isinstance(statics, Renda2012) else no_march()
+        equations = statics.equations
+        assert isinstance(equations, ClosedForm | Renda2012)
+        march = march_tables(equations.march) if isinstance(equations, Renda2012) else no_march()
         a, b = (complex(part) for part in base.rotation)
         tables = Tables(
-            weights=packed(statics.weights.matrices),
-            stiffness=np.array(statics.stiffness),
+            weights=packed(equations.weights.matrices),
+            stiffness=np.array(equations.stiffness),
             march=march,
             step=grid.step,
             station_node=grid.station_node,
@@ -42,20 +47,17 @@ class Compiled:
         )
         self._tables: Tables = _own(tables)
 
-    @classmethod
-    def of(
-        cls, statics: ClosedForm | Renda2012, grid: StationGrid, base: Frame
-    ) -> Compiled | None:
-        """`Compiled`, if the loops cover the arm.
+    @staticmethod
+    def covers(statics: Statics) -> bool:
+        """Whether the kernels cover the model and the arm.
 
         They do where tendons make neither mixed second moment nor routing torque, see
         `TendonSums`; the paper's make neither.
-
-        Raises:
-            ModuleNotFoundError: if numba is not installed.
-            Exception: whatever a numba that does not work raises.
         """
-        return cls(statics, grid, base) if statics.weights.is_plain else None
+        if not isinstance(statics, PapersModel):
+            return False
+        equations = statics.equations
+        return isinstance(equations, ClosedForm | Renda2012) and equations.weights.is_plain
 
     def solve(self, tensions: FloatArray, results: Results) -> list[int]:
         """Solve for ``tensions`` (batch, tendons) [N] and fill in ``results``.

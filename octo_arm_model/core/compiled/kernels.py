@@ -1,8 +1,8 @@
-"""The paper's models from node to node: what `machine_code` compiles.
+"""The paper's models node by node: what `numba_build` compiles.
 
-Here are the loops alone. All formulas are those that NumPy evaluates for whole arrays, imported
-from where they stand, so that nothing is said twice. As plain Python these functions run as well,
-and take a thousand times as long.
+These are loops alone. All formulas are those that NumPy evaluates for whole arrays, imported from
+their modules, so that each is written once. The functions run as plain Python as well, a thousand
+times as slowly.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
     """The largest of |p - previous|, or infinity where some are not within ``limit``."""
     beyond, total = 0, 0.0
-    # Counting is vectorised, which a largest is not; most looks end here.
+    # Counting is vectorised, a maximum is not; most checks end here.
     for k in range(3):
         for i in range(p.shape[1]):
             beyond += abs(p[k, i] - previous[k, i]) > limit
@@ -82,13 +82,13 @@ def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
     return largest if np.isfinite(total) else np.inf
 
 
-def settle(
+def converge(
     p: FloatArray, constant: FloatArray, integrate: FloatArray, moment: float
 ) -> tuple[float, int]:
     """Sweep p (3, points), constant at first, with its `slope_coefficients` (7, points).
 
     Returns:
-        Last change relative to ``moment`` and number of sweeps; 0 where it does not settle.
+        Last change relative to ``moment`` and number of sweeps; 0 where it does not converge.
     """
     points = p.shape[1]
     start, slope, previous = p[:, 0].copy(), np.empty((2, points)), np.empty_like(p)
@@ -119,8 +119,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
     """Fill in p (3, nodes), zero at first, where it is not zero; as `renda2012` does.
 
     Returns:
-        Last relative change and number of sweeps, of the piece that took most; -1 where one does
-        not settle.
+        Last relative change and number of sweeps, of the element that took most; -1 where one
+        does not converge.
     """
     sums = sums_of(tables.weights, tensions)
     torsion, bending = tables.stiffness
@@ -143,8 +143,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
     residual, sweeps, run, done = 0.0, 0, 0, 0
     points = tables.integrate.shape[1]
     here = np.empty((3, points))
-    for number in range(len(tables.pieces)):
-        section, is_anchorage, first = tables.pieces[number]
+    for number in range(len(tables.elements)):
+        section, is_anchorage, first = tables.elements[number]
         if is_anchorage:
             at = section - 1
             xi += added_curvature(jump[0, 0, at], jump[0, 1, at], tables.jump_bending[at])
@@ -157,7 +157,7 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
             here[k] = start[k]
         last = first + points - 1
         own = np.ascontiguousarray(constant[:, first : last + 1])
-        change, count = settle(here, own, tables.integrate[number], largest)
+        change, count = converge(here, own, tables.integrate[number], largest)
         if count == 0:
             return change, -1
         residual, sweeps = max(residual, change), max(sweeps, count)
@@ -178,7 +178,7 @@ def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple
     """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
-    if len(tables.march.pieces):
+    if len(tables.march.elements):
         residual, sweeps = find_imbalance(tables.march, tensions, twist[:3])
     sums = sums_of(tables.weights, tensions)
     axial, torsion, bending = tables.stiffness

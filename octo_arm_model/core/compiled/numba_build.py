@@ -1,4 +1,4 @@
-"""The loops of `loops` as machine code, where numba is installed and works.
+"""The loops of `kernels` as machine code, where numba is installed and works.
 
 Compiling takes some ten seconds, once: numba keeps the result beside this package or, where
 nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled import kernels as loops
+from octo_arm_model.core.compiled import kernels
 from octo_arm_model.core.compiled.tables import no_arm
 
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
@@ -53,7 +53,7 @@ def fault() -> str | None:
 
 @functools.cache
 def find_shapes() -> Callable[..., int]:
-    """`loops.find_shapes`, compiled.
+    """`kernels.find_shapes`, compiled.
 
     Raises:
         ModuleNotFoundError: if numba is not installed.
@@ -80,16 +80,18 @@ def find_shapes() -> Callable[..., int]:
 
 
 def _entry(numba: Any) -> types.FunctionType:
-    """`loops.find_shapes` with all it calls compiled, named after everything it is made from."""
+    """`kernels.find_shapes` with all it calls compiled, named after everything it is made from."""
     functions = {
-        name: value for name, value in vars(loops).items() if isinstance(value, types.FunctionType)
+        name: value
+        for name, value in vars(kernels).items()
+        if isinstance(value, types.FunctionType)
     }
-    # Each sees the others compiled, under the names they have in `loops`.
-    scope = dict(vars(loops))
+    # Each sees the others compiled, under the names they have in `kernels`.
+    scope = dict(vars(kernels))
     for name, function in functions.items():
         plain = types.FunctionType(function.__code__, scope, name)
         scope[name] = numba.njit(plain, **_OPTIONS)
-    entry = types.FunctionType(loops.find_shapes.__code__, scope, 'find_shapes')
+    entry = types.FunctionType(kernels.find_shapes.__code__, scope, 'find_shapes')
     # Numba would look for changes in one file alone.
     digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
     for file in sources():
@@ -101,7 +103,7 @@ def _entry(numba: Any) -> types.FunctionType:
 def sources() -> list[str]:
     """Files of all functions and classes that the machine code is made from."""
     parts = [
-        value for value in vars(loops).values() if isinstance(value, types.FunctionType | type)
+        value for value in vars(kernels).values() if isinstance(value, types.FunctionType | type)
     ]
     own = [part for part in parts if part.__module__.startswith('octo_arm_model.')]
     return sorted({__file__, *map(inspect.getfile, own)})

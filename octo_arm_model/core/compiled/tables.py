@@ -1,4 +1,4 @@
-"""An arm as the loops of compiled code want it: arrays alone, all of it tabulated before."""
+"""An arm tabulated for the compiled kernels: arrays alone."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Weights(NamedTuple):
 
 
 class MarchTables(NamedTuple):
-    """What `renda2012` integrates along: pieces between anchorages and points in these.
+    """What `renda2012` integrates along: elements between anchorages and points in these.
 
     The first two points stand for the panel that begins at the first anchorage, its ends; nothing
     has to be integrated there.
@@ -38,17 +38,17 @@ class MarchTables(NamedTuple):
         jump_weights: of the tensions in the first moments that bend about n and about b at every
             anchorage, and in their second moments, (2, 2, tendons, sections).
         jump_bending: bending stiffness there [N m^2], (sections,).
-        pieces: section, whether it begins at its anchorage, and first point, (pieces, 3).
-        integrate: matrices from slopes to values less the initial one, (pieces, each, each).
-        runs: piece, first node and number of nodes of runs of nodes within pieces, (runs, 3).
-        to_nodes: matrices (each, nodes) from the points of a piece to these, one after the other.
+        elements: section, whether it begins at its anchorage, and first point, (elements, 3).
+        integrate: matrices from slopes to values less the initial one, (elements, each, each).
+        runs: element, first node and number of nodes of runs of nodes within elements, (runs, 3).
+        to_nodes: matrices (each, nodes) from the points of elements to these, one after another.
     """
 
     weights: Weights
     stiffness: FloatArray
     jump_weights: FloatArray
     jump_bending: FloatArray
-    pieces: IntArray
+    elements: IntArray
     integrate: FloatArray
     runs: IntArray
     to_nodes: FloatArray
@@ -60,7 +60,7 @@ class Tables(NamedTuple):
     Attributes:
         weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
         stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
-        march: of the model renda2012; without pieces for closed_form.
+        march: of the model renda2012; without elements for closed_form.
         step: length of each interval [m], (intervals,).
         station_node: node of each station, (stations,).
         base: position of the base [m] and its orientation w, x, y, z, (7,).
@@ -78,20 +78,21 @@ def march_tables(march: March) -> MarchTables:
     """What ``march`` integrates along."""
     runs = [
         (number, run.start, run.stop - run.start)
-        for number, piece in enumerate(march.pieces)
-        for run, _ in piece.to_nodes
+        for number, element in enumerate(march.elements)
+        for run, _ in element.to_nodes
     ]
-    matrices = [matrix for piece in march.pieces for _, matrix in piece.to_nodes]
+    matrices = [matrix for element in march.elements for _, matrix in element.to_nodes]
     at_anchorages = march.at_anchorages.reshape(len(march.at_anchorages), 2, 2, -1)
     return MarchTables(
         weights=packed(march.weights.matrices[1:]),
         stiffness=np.array(march.stiffness[1:]),
         jump_weights=at_anchorages.transpose(2, 1, 0, 3),
         jump_bending=march.bending,
-        pieces=np.array(
-            [(piece.section, piece.jump, piece.points.start) for piece in march.pieces], np.int64
+        elements=np.array(
+            [(element.section, element.jump, element.points.start) for element in march.elements],
+            np.int64,
         ).reshape(-1, 3),
-        integrate=np.array([piece.integrate for piece in march.pieces]).reshape(
+        integrate=np.array([element.integrate for element in march.elements]).reshape(
             -1, COLLOCATION_POINTS, COLLOCATION_POINTS
         ),
         runs=np.array(runs, np.int64).reshape(-1, 3),
@@ -106,7 +107,7 @@ def no_march() -> MarchTables:
         stiffness=np.zeros((2, 0)),
         jump_weights=np.zeros((2, 2, 0, 0)),
         jump_bending=np.zeros(0),
-        pieces=np.zeros((0, 3), np.int64),
+        elements=np.zeros((0, 3), np.int64),
         integrate=np.zeros((0, 0, 0)),
         runs=np.zeros((0, 3), np.int64),
         to_nodes=np.zeros(0),

@@ -1,1 +1,1 @@
-"""The model `exact` under loads: resultants, equilibrium, continuation. Imports models."""
+"""A rod under loads: resultants, equilibrium, continuation. Imports section and what is below."""

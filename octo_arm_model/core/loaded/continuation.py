@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State, System
+from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
-MAX_ITERATIONS = 1000
+# A system serves for another step where the one before left this residual and part of it.
+_ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
+_NEAR, _QUICK = 1e-5, 0.02
 _PER_STEP = 10  # iterations in one step of the condition
+# Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
+_PER_LINEAR_STEP, _LINEAR_PROGRESS = 200, 0.99
 _PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
 # A branch bends where Newton's method turns the arm further than this from where its first step
 # led [rad]: then smaller steps make sure that it is still the same one.
 _STRAY = 0.25
+_WELCOME = 0.1  # what steps are chosen to stray [rad]
 _PER_DESCENT = 200
 _BEYOND = 0.05  # part of the way by which a fall begins beyond the end of a branch
 _NUDGE = 0.02  # turn of the arm that makes it fall off an unstable balance [rad]
@@ -21,91 +29,114 @@ _HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness
 
 
 def follow(
-    problem: Equilibrium, known: Condition, twist: FloatArray, wanted: Condition
-) -> tuple[State, int]:
-    """From the balanced ``twist`` (n, nodes) in ``known`` to balance in ``wanted``.
+    problem: Equilibrium, known: Condition, shape: Shape, wanted: Condition, spending: Spending
+) -> State:
+    """From the balanced ``shape`` in ``known`` to balance in ``wanted``.
 
     In one step where that converges, in as many as it takes where it does not. Where the branch
     ends on the way, or its balance is no longer stable (the arm buckles), the arm goes where it
-    would fall. Returns the balanced, stable state and the number of iterations.
+    would fall. Returns the balanced, stable state.
 
     Raises:
         ConvergenceError: if no balance was found; it carries the last iterate.
+        ContinuationError: if it would take more than there is to spend.
     """
-    done, step, iterations = 0.0, 1.0, 0
-    last: tuple[FloatArray, float] | None = None
+    done, step = 0.0, 1.0
+    last: tuple[Shape, float] | None = None
     sign = 1
     while True:
         target = min(1.0, done + step)
         condition = wanted if target == 1.0 else known.towards(wanted, target)
-        guess = twist
+        tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
+        guess = shape
         if last is not None:
-            guess = twist + (twist - last[0]) * ((target - done) / last[1])
-        state, used, strayed = _newton(problem, condition, guess)
-        iterations += used
+            before, length = last
+            guess = problem.extrapolate(before, shape, (target - done) / length)
+        state, used, strayed, system = _newton(problem, condition, guess, tolerance)
+        spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
-        if state.residual <= TOLERANCE and (strayed <= _STRAY or step <= _SMALLEST_STEP):
+        if problem.loads.without_tangent:
+            # Nothing tells stable from unstable, nor where the arm would fall.
+            is_found = state.residual <= tolerance and strayed <= _STRAY
+            if not is_found and step <= _SMALLEST_STEP:
+                raise _unbalanced(state, spending.iterations)
+        elif state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may jump to one on which no arm stays.
-            stability = problem.stability(state)
+            stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)
             if stability.is_stable is None:
                 is_found = stability.sign == sign or step <= _SMALLEST_STEP
                 sign = stability.sign if is_found else sign
         if is_found:
-            last = twist, target - done
-            step = last[1] * (2.0 if used <= 5 else 1.0)
+            last = shape, target - done
+            step = last[1] * (_growth(strayed) if used <= 5 else 1.0)
         elif step <= _SMALLEST_STEP:
             # The branch goes no further, or no arm follows it. Just beyond its end hardly anything
             # pushes the arm on, and the fall would take long.
             target = min(1.0, done + _BEYOND)
             condition = wanted if target == 1.0 else known.towards(wanted, target)
-            state, used = _levenberg_marquardt(problem, condition, twist)
-            iterations += used
+            state = _levenberg_marquardt(problem, condition, shape, spending, done)
             last, step, is_found = None, _BEYOND, True
         if is_found:
             if target == 1.0:
-                return state, iterations
-            done, twist = target, state.twist
+                return state
+            done, shape = target, state.shape
         else:
-            step = max(0.25 * (target - done), _SMALLEST_STEP)
-        if iterations > MAX_ITERATIONS:
-            raise _lost(state, iterations)
+            # Of a step that led astray it is known by how much; of another that it is too long.
+            shorter = 0.25 if state.residual > tolerance else min(_growth(strayed), 0.7)
+            step = max(shorter * (target - done), _SMALLEST_STEP)
 
 
-def _lost(state: State, iterations: int) -> ConvergenceError:
-    return ConvergenceError('the balance under load', state.residual, iterations, state.twist)
+def _growth(strayed: float) -> float:
+    """How many times as long a step should be after one that ``strayed`` so far [rad].
+
+    What is strayed grows with the square of the step.
+    """
+    return float(np.clip(np.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1, 2.5))
+
+
+def _unbalanced(state: State, iterations: int) -> ConvergenceError:
+    return ConvergenceError(
+        'the balance under load', state.residual, iterations, state.shape.twist
+    )
 
 
 def _newton(
-    problem: Equilibrium, condition: Condition, twist: FloatArray
-) -> tuple[State, int, float]:
+    problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float
+) -> tuple[State, int, float, System | None]:
     """Newton's method for as long as it makes progress; balanced or not.
 
-    Returns the state, the number of iterations, and how far all of them but the first, which goes
-    along the branch, have turned the arm [rad].
+    Returns the state, the number of iterations, how far all of them but the first, which goes
+    along the branch, have turned the arm [rad], and the system last solved.
     """
-    state = problem.state(condition, twist)
-    strayed = 0.0
-    for iteration in range(_PER_STEP):
-        if state.residual <= TOLERANCE:
-            return state, iteration, strayed
+    state = problem.state(condition, shape)
+    strayed, system, is_near = 0.0, None, False
+    most, progress = _PER_STEP, _PROGRESS
+    if problem.loads.without_tangent:
+        most, progress = _PER_LINEAR_STEP, _LINEAR_PROGRESS
+    for iteration in range(most):
+        if state.residual <= tolerance:
+            return state, iteration, strayed, system
         try:
-            step = problem.step(state)
+            # Near the solution the last system serves once more.
+            system = system if system and is_near else problem.linearised(state)
         except ConvergenceError:
-            return state, iteration, strayed
-        new = problem.state(condition, state.twist + step)
+            return state, iteration, strayed, None
+        step = system.solve(state.imbalance[:, np.newaxis])
+        new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN. The first step may lead uphill: it is the one that follows the condition.
-        if not new.residual <= (_PROGRESS if iteration else 3.0) * state.residual:
-            return state, iteration + 1, strayed
+        if not new.residual <= (progress if iteration else 3.0) * state.residual:
+            return state, iteration + 1, strayed, None
+        is_near = new.residual <= _NEAR and new.residual <= _QUICK * state.residual
         state = new
         if iteration:
             strayed += problem.turn(step)
-    return state, _PER_STEP, strayed
+    return state, most, strayed, system
 
 
 def _levenberg_marquardt(
-    problem: Equilibrium, condition: Condition, twist: FloatArray
-) -> tuple[State, int]:
+    problem: Equilibrium, condition: Condition, shape: Shape, spending: Spending, part: float
+) -> State:
     """Down the slope of the energy to a stable balance (Levenberg and Marquardt).
 
     Steps as if the cross sections were stiffer, by as much as it takes for a step to lead down
@@ -113,22 +144,24 @@ def _levenberg_marquardt(
 
     Raises:
         ConvergenceError: if there is none.
+        ContinuationError: if it would take more than there is to spend.
     """
-    state = problem.state(condition, twist)
+    state = problem.state(condition, shape)
     damping = _HEAVY
-    for iteration in range(_PER_DESCENT):
+    for _ in range(_PER_DESCENT):
+        spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
             stability = problem.stability(state)
             if stability.is_stable is not False:
-                return state, iteration
+                return state
             # Unstable equilibrium: perturb along the softest mode, in either direction.
-            nudged = state.twist + _NUDGE * stability.softest_mode
+            nudged = problem.moved(state.shape, stability.softest_mode, _NUDGE)
             state, damping = problem.state(condition, nudged), _HEAVY
         if damping > _HEAVIEST:
             break
         heavier = max(_HEAVY * damping, _LIGHT)
         try:
-            step = problem.step(state, damping)
+            step = problem.linearised(state, damping).solve(state.imbalance[:, np.newaxis])
         except ConvergenceError:
             damping = heavier
             continue
@@ -136,7 +169,7 @@ def _levenberg_marquardt(
         if not down > 0.0:
             damping = heavier
             continue
-        new = problem.state(condition, state.twist + step)
+        new = problem.state(condition, problem.moved(state.shape, step))
         left = problem.work(new, step)
         if not left > -0.5 * down:  # nor NaN
             damping = heavier
@@ -145,4 +178,4 @@ def _levenberg_marquardt(
         damping *= 0.25 if left > 0.25 * down else 0.5
         damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new
-    raise _lost(state, _PER_DESCENT)
+    raise _unbalanced(state, _PER_DESCENT)

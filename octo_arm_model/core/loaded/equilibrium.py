@@ -1,60 +1,36 @@
-"""Balance of a loaded arm: a boundary value problem, solved by Newton's method.
+"""Balance of a loaded arm: a boundary value problem, collocated and solved by Newton's method.
 
-The unknowns are the twists at all nodes. Given them, the shape follows, and from it the wrench
-that the loads put on every cross section; what each cross section answers with is the gradient of
-its energy. A step takes how both change, with the shape, into account at once: the rotation phi
-of the cross sections and the moment mu added to them, in their own axes, obey
-
-    phi' = -w x phi + d kappa    mu' = -w x mu + n x (d v - v x phi)
-
-for a change (d kappa, d v) = C (residual + (mu + m x phi, n x phi)) of the twist (w, v), where
-(m, n) is the wrench and C the compliance of the cross section.
+The unknowns are twists and orientations at the points of a `Collocation`. From these follows the
+wrench that the loads put on every cross section, m' = n x u' from the tip; what each cross section
+answers with is the gradient of its energy.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Tangent
+from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.linearised import Linearised, Response
 from octo_arm_model.core.loaded.load_resultants import LoadTable
-from octo_arm_model.core.models.exact import to_scaled
-from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
-from octo_arm_model.core.numerics.boundary_value import TwoPointProblem
+from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.numerics.vectors import skew
-from octo_arm_model.core.rod.grid import StationGrid
-from octo_arm_model.core.rod.kinematics import Frame, node_frames
-from octo_arm_model.core.rod.quadrature import integration_weights
+from octo_arm_model.core.numerics.vectors import cross, skew
+from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import unscale
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
 # A compliance this many times the others is that of something that moves freely.
 _FREE = 1e6
 
 
-class State(NamedTuple):
-    """A loaded arm, in balance or not, at every node.
-
-    Attributes:
-        twist: (n, nodes).
-        position: from the base, in base_frame, (3, nodes) [m].
-        rotation: orientation of the cross sections, (1, nodes).
-        wrench: moment and force of what lies beyond, in the axes of the cross section, (6, nodes).
-        imbalance: the part of it that the cross section does not answer, (n, nodes).
-        hessian: of the energy by the twist, (n, n, nodes).
-        residual: largest imbalance over its scale.
-    """
-
-    twist: FloatArray
-    position: FloatArray
-    rotation: Quaternions
-    wrench: FloatArray
-    imbalance: FloatArray
-    hessian: FloatArray
-    residual: float
+System: TypeAlias = Linearised | WithTangents
 
 
 class Condition(NamedTuple):
@@ -79,6 +55,35 @@ class Condition(NamedTuple):
         )
 
 
+class State(NamedTuple):
+    """A loaded arm, in balance or not.
+
+    Attributes:
+        condition: what acts on it.
+        shape: twists and orientations.
+        local_tensions: of every tendon at every point [N], (tendons, 1, points).
+        rotation: orientation at the points as matrices, (3, 3, points).
+        tangent: u', the derivative of the position by s, (3, points) [-].
+        moment: of what lies beyond, in base_frame, (3, points) [N m].
+        force: likewise [N].
+        imbalance: the part of both, in the axes of the cross section, that it does not answer,
+            (n, points).
+        hessian: of the energy by the twist, (n, n, points).
+        residual: largest imbalance over its scale.
+    """
+
+    condition: Condition
+    shape: Shape
+    local_tensions: FloatArray
+    rotation: FloatArray
+    tangent: FloatArray
+    moment: FloatArray
+    force: FloatArray
+    imbalance: FloatArray
+    hessian: FloatArray
+    residual: float
+
+
 class Stability(NamedTuple):
     """Stability of an equilibrium.
 
@@ -86,36 +91,59 @@ class Stability(NamedTuple):
         is_stable: whether it would come back; None under moments, where that is not known.
         sign: of the determinant of its equations, over that without loads, 1 or -1; where it
             changes, one branch has been left for another.
-        softest_mode: change of twist (n, nodes) of least, or most negative, stiffness, scaled to
-            turn the arm by about one radian.
+        softest_mode: change of least, or most negative, stiffness, scaled to turn the arm by
+            about one radian.
     """
 
     is_stable: bool | None
     sign: int
-    softest_mode: FloatArray
+    softest_mode: Response
 
 
 class Equilibrium:
-    """The equations of one arm under loads."""
+    """The equations of one arm under loads.
+
+    Attributes:
+        energy: of the cross sections at the points.
+        collocation: the points.
+        loads: at the points.
+    """
 
     def __init__(
-        self, energy: SectionEnergy, grid: StationGrid, loads: LoadTable, base: Frame
+        self, energy: SectionEnergy, collocation: Collocation, loads: LoadTable, base: Quaternions
     ) -> None:
-        """Prepare for the cross sections ``energy`` at the nodes of ``grid``."""
-        self._energy, self._grid, self._loads = energy, grid, loads
-        # Only differences of positions matter here: from the base they keep their digits.
-        self._base = Frame(np.zeros(3), base.rotation)
-        self._problem = TwoPointProblem(grid.step)
-        self._weights = integration_weights(grid)
+        """Prepare for the cross sections ``energy`` at the points of ``collocation``."""
+        self.energy, self.collocation = energy, collocation
+        self.loads, self._base = loads, base
         # Moments are measured in this, so that both halves of the system are of one size.
-        self._unit = float(energy.stiffness.bending.mean()) / float(grid.s[-1])
+        self._unit = float(energy.stiffness.bending.mean()) / collocation.length
         # Without loads every balance is stable.
-        nothing = np.zeros((6, 6, grid.nodes.size))
-        _, self._sign = self._problem.solve(nothing, nothing[:, :1])
+        count = collocation.s.size
+        nothing = np.zeros((3, count))
+        unloaded = np.broadcast_to(
+            np.eye(energy.strains)[..., np.newaxis], (energy.strains, energy.strains, count)
+        )
+        rotation = np.broadcast_to(np.eye(3)[..., np.newaxis], (3, 3, count))
+        self._sign = Linearised(
+            collocation, unloaded, rotation, nothing, nothing, nothing, 1.0
+        ).sign
 
-    def state(self, condition: Condition, twist: FloatArray) -> State:
-        """Evaluate the balance of ``twist`` (n, nodes)."""
-        energy = self._energy
+    def shape(self, twist: FloatArray) -> Shape:
+        """The shape of a rod of ``twist`` (n, points)."""
+        return Shape(twist, frames(twist[:3], self.collocation, self._base))
+
+    def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
+        """``shape`` after ``part`` of a ``change`` of one column."""
+        return self.shape(shape.twist + part * change.twist[:, 0])
+
+    def extrapolate(self, before: Shape, now: Shape, part: float) -> Shape:
+        """The shape after ``now`` by ``part`` of the change from ``before``."""
+        return self.shape(now.twist + part * (now.twist - before.twist))
+
+    def state(self, condition: Condition, shape: Shape) -> State:
+        """Evaluate the balance of ``shape``."""
+        energy, (twist, orientation) = self.energy, shape
+        count = twist.shape[1]
         local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
         strain = to_scaled(energy.law, twist[:, np.newaxis])
         gradient, hessian = energy.material(strain)
@@ -124,112 +152,116 @@ class Equilibrium:
         hessian += across
         gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
 
-        position, rotation = node_frames(twist[:, np.newaxis], self._grid, self._base)
-        position = position[0].T
-        force = condition.factor * self._loads.force + condition.tip_wrench[:3, np.newaxis]
-        moment = self._loads.moment(position, force, condition.tip_wrench, condition.factor)
-        wrench = np.concatenate([into_section(rotation, moment), into_section(rotation, force)])
-        imbalance = wrench[: len(twist)] - gradient[:, 0]
+        rotation = orientation.part(slice(0, count)).matrix()
+        tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
+        loads = self.loads.resultants(RodPoints(self.collocation, orientation))
+        force = condition.factor * loads.force + condition.tip_wrench[:3, np.newaxis]
+        moment = self.collocation.integrate_from_tip(cross(tangent, force))
+        moment += condition.factor * loads.moment + condition.tip_wrench[3:, np.newaxis]
+        wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
+        wrench = wrench.reshape(6, count)[: len(twist)]
+        imbalance = wrench - gradient[:, 0]
         scale = force_scale(energy, local_tensions)[:, 0]
-        outside = np.abs(wrench[: len(twist)]).max(axis=1, keepdims=True)
+        outside = np.abs(wrench).max(axis=1, keepdims=True)
+        # NaN where a section cannot be.
         residual = float((np.abs(imbalance) / (scale + outside)).max())
-        return State(twist, position, rotation, wrench, imbalance, hessian[:, :, 0], residual)
+        return State(
+            condition, shape, local_tensions, rotation, tangent, moment, force, imbalance,
+            hessian[:, :, 0], residual,
+        )  # fmt: skip
 
-    def compliance(self, state: State) -> FloatArray:
-        """Change of the whole twist per change of wrench at every cross section, (6, 6, nodes)."""
-        count = len(state.twist)
-        small = invert(factorise(state.hessian))
-        compliance = np.zeros((6, 6, state.twist.shape[1]))
-        compliance[:count, :count] = small
-        return compliance
+    def linearised(self, state: State, damping: float = 0.0) -> System:
+        """The linear system about ``state``, for cross sections stiffer by ``damping``."""
+        linear = Linearised(
+            self.collocation, state.hessian * (1.0 + damping), state.rotation, state.tangent,
+            state.moment, state.force, self._unit,
+        )  # fmt: skip
+        factor = state.condition.factor
+        if not self.loads.others or not factor:
+            return linear
+        found = self.loads.tangents(RodPoints(self.collocation, state.shape.orientation))
+        tangents = tuple(Tangent(one.s, factor * one.force, factor * one.moment) for one in found)
+        if not tangents:
+            return linear
+        return WithTangents(
+            linear, self.collocation, state.rotation, state.tangent, tangents, len(state.hessian)
+        )
 
-    def respond(self, state: State, compliance: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Change of twist (6, columns, nodes) under small ``wrench`` (6, columns, nodes) more.
+    def require_tangents(self, what: str) -> None:
+        """Refuse ``what`` needs the tangent stiffness of every load.
 
-        It acts on the cross sections, in their axes; what moving loads add is taken into account.
+        Raises:
+            LoadError: if a load states none.
         """
-        return self._respond(state, compliance, wrench)[0]
+        if self.loads.without_tangent:
+            raise LoadError(
+                f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
+            )
 
-    def _respond(
-        self, state: State, compliance: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, int]:
-        """`respond`, and the sign of the determinant of what it solves."""
-        direct = np.einsum('ijn,jcn->icn', compliance, wrench)
-        moment, force = state.wrench[:3], state.wrench[3:]
-        if not (np.count_nonzero(moment) or np.count_nonzero(force)):
-            return direct, self._sign  # No external wrench: no geometric stiffness.
-        angular = state.twist[:3]
-        linear = np.zeros_like(angular)
-        linear[: len(state.twist) - 3] = state.twist[3:]
-        turn, carry = skew(angular), skew(force)
-        unit = self._unit
-        # How the wrench in the axes of a cross section changes with its rotation phi and with mu.
-        by_phi = np.concatenate([skew(moment), carry])
-        kappa_by_phi = np.einsum('ijn,jkn->ikn', compliance, by_phi)
-        kappa_by_mu = compliance[:, :3] * unit
-        a = np.empty((6, 6, angular.shape[1]))
-        a[:3, :3] = kappa_by_phi[:3] - turn
-        a[:3, 3:] = kappa_by_mu[:3]
-        over = carry / unit
-        a[3:, :3] = np.einsum('ijn,jkn->ikn', over, kappa_by_phi[3:] - skew(linear))
-        a[3:, 3:] = np.einsum('ijn,jkn->ikn', over, kappa_by_mu[3:]) - turn
-        f = np.concatenate([direct[:3], np.einsum('ijn,jcn->icn', over, direct[3:])])
-        y, sign = self._problem.solve(a, f)
-        changes = np.concatenate([kappa_by_phi, kappa_by_mu], axis=1)
-        return direct + np.einsum('ijn,jcn->icn', changes, y), sign
-
-    def step(self, state: State, damping: float = 0.0) -> FloatArray:
-        """Newton's step of the twist, (n, nodes), for cross sections stiffer by ``damping``."""
-        count = len(state.twist)
-        residual = np.zeros((6, 1, state.twist.shape[1]))
-        residual[:count, 0] = state.imbalance
-        return self.respond(state, self.compliance(state) / (1.0 + damping), residual)[:count, 0]
-
-    def stability(self, state: State) -> Stability:
+    def stability(
+        self, state: State, system: Linearised | WithTangents | None = None
+    ) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
         the determinant of its equations has the sign it has without loads: of one mode of
-        buckling it is the other one, of two at once the compliance tells.
+        buckling it is the other one, of two at once the compliance tells. ``system`` is one that
+        is linearised about nearly the same state, if there is.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
         """
-        rotation = Quaternions(state.rotation.a[0], state.rotation.b[0]).matrix()
-        lever = state.position[:, self._grid.step.size, np.newaxis] - state.position
-        # Unit forces and moments (over a length, so that they compare) in the axes of each.
-        wrench = np.zeros((6, 6, lever.shape[1]))
-        wrench[3:, :3] = rotation.transpose(1, 0, 2)
-        wrench[:3, :3] = np.einsum('jin,jkn->ikn', rotation, skew(lever))
-        wrench[:3, 3:] = rotation.transpose(1, 0, 2) * float(self._grid.s[-1])
-        changes, sign = self._respond(state, self.compliance(state), wrench)
-        compliance = np.tensordot(wrench * self._weights, changes, axes=([0, 2], [0, 2]))
+        self.require_tangents('the stability check')
+        system = system or self.linearised(state)
+        wrench = self.tip_wrenches(state)
+        # Moments over a length, so that they compare.
+        wrench[:, 3:] *= self.collocation.length
+        response = system.solve(wrench[: len(state.imbalance)])
+        work = wrench[: len(state.imbalance)] * self.collocation.weights
+        compliance = np.tensordot(work, response.twist, axes=([0, 2], [0, 2]))
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
         worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        softest_mode = np.einsum('icn,c->in', changes, vectors[:, worst])[: len(state.twist)]
-        softest_mode /= self.turn(softest_mode)
+        softest_mode = Response(
+            *(np.einsum('icn,c->in', part, vectors[:, worst])[:, np.newaxis] for part in response)
+        )
+        size = self.turn(softest_mode)
+        softest_mode = Response(*(part / size for part in softest_mode))
         # What yields without end in one direction is neither: an arm that may turn about the
         # vertical, say. Rounding gives that any sign.
         is_free = np.abs(values) > _FREE * np.median(np.abs(values))
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
-        if not is_free.any() and sign != self._sign:
+        sign = system.sign * self._sign
+        if not is_free.any() and sign < 0:
             is_stable = False
         # A moment that keeps its direction has no energy, and nothing follows from compliance.
-        if self._loads.has_moments or np.abs(state.wrench[:3, self._grid.step.size]).any():
+        if self.loads.has_moments or state.condition.tip_wrench[3:].any():
             is_stable = None
-        return Stability(is_stable, sign * self._sign, softest_mode)
+        return Stability(is_stable, sign, softest_mode)
 
-    def turn(self, step: FloatArray) -> float:
-        """How far a small ``step`` of the twist turns the arm, all its bends added up [rad]."""
-        return float(np.sqrt(np.add.reduce(step[:3] * step[:3])) @ self._weights)
+    def tip_wrenches(self, state: State) -> FloatArray:
+        """What unit forces and moments on the tip do to all cross sections, (6, 6, points).
 
-    def work(self, state: State, step: FloatArray) -> float:
-        """What the imbalance of ``state`` does on a small ``step`` of the twist [J].
-
-        The rate at which the step takes energy from the arm and its loads.
+        Moment and force in the axes of each; columns are the forces and the moments on the tip,
+        in base_frame.
         """
-        return float(np.add.reduce(state.imbalance * step) @ self._weights)
+        own = self.collocation
+        to_tip = own.integrate_from_tip(state.tangent)
+        inverse = state.rotation.transpose(1, 0, 2)
+        wrench = np.zeros((6, 6, own.s.size))
+        wrench[3:, :3] = inverse
+        wrench[:3, :3] = np.einsum('jin,jkn->ikn', state.rotation, skew(to_tip))
+        wrench[:3, 3:] = inverse
+        return wrench
 
+    def turn(self, change: Response) -> float:
+        """How far a small ``change`` turns the arm, all its bends added up [rad]."""
+        angular = change.twist[:3, 0]
+        return float(np.sqrt(np.add.reduce(angular * angular)) @ self.collocation.weights)
 
-def into_section(rotation: Quaternions, vector: FloatArray) -> FloatArray:
-    """Turn ``vector`` (3, nodes) from base_frame into the axes of the cross sections."""
-    inverse = Quaternions(rotation.a.conj(), -rotation.b)
-    turned = inverse.rotate(Quaternions.from_vector(*vector[:, np.newaxis]))
-    return np.stack([turned.a.imag[0], turned.b.real[0], turned.b.imag[0]])
+    def work(self, state: State, change: Response) -> float:
+        """What the imbalance of ``state`` does on a small ``change`` [J].
+
+        The rate at which the change takes energy from the arm and its loads.
+        """
+        power = np.add.reduce(state.imbalance * change.twist[:, 0])
+        return float(power @ self.collocation.weights)

@@ -10,10 +10,9 @@ import math
 
 import numpy as np
 
-from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.loads import Loads, Resultants
 from octo_arm_model.core.errors import ArmDefinitionError, LoadError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 
 LARGEST_STRAIN = 100.0  # of the weakest cross section, if it were linear [-]
@@ -50,8 +49,8 @@ class LoadLimits:
         if (largest := _largest(wrench[..., 3:])) > self.moment:
             raise LoadError(f'moment on the tip is {largest:.4g} N m, expected {self._moment}')
 
-    def check_loads(self, loads: Loads, table: LoadTable) -> None:
-        """Check ``loads``, tabulated in ``table``.
+    def check_loads(self, loads: Loads, resultants: Resultants) -> None:
+        """Check ``loads`` and what they put on the cross sections of a straight rod.
 
         Raises:
             ArmDefinitionError: if one is too large, or all together are.
@@ -63,8 +62,10 @@ class LoadLimits:
         for point in loads.points:
             if _largest(point.moment) > self.moment:
                 raise ArmDefinitionError('loads.point.moment', point.moment, self._moment)
-        if (largest := _largest(table.force.T)) > self.force:
+        if (largest := _largest(resultants.force.T)) > self.force:
             raise ArmDefinitionError('force of all loads along the arm', largest, self._force)
+        if (largest := _largest(resultants.moment.T)) > self.moment:
+            raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
 
 
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:

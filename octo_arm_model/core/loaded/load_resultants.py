@@ -1,29 +1,36 @@
-"""Loads tabulated at the nodes of a grid, and the wrench they put on every cross section."""
+"""The wrench that loads put on every cross section, at collocation points."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.loads import DeformedRod, Loads, Resultants, Tangent
 from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import cross
-from octo_arm_model.core.rod.grid import StationGrid
-from octo_arm_model.core.rod.quadrature import integrate_from_tip
+from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.load_tangents import RodPoints
+from octo_arm_model.core.numerics.quaternion import Quaternions
 
 
 class LoadTable:
-    """The loads on an arm at the nodes of a grid.
+    """The loads on an arm at the points of a `Collocation`.
+
+    Dead loads are tabulated once. The moment m of a force n follows m' = n x u'.
 
     Attributes:
-        force: resultant of everything beyond each node but the tip's wrench [N], (3, nodes).
+        dead: resultants of all loads that are fixed in base_frame, but the wrench on the tip.
+        others: loads of other kinds.
         is_empty: whether there is nothing.
-        has_moments: whether a point load has a moment.
+        has_moments: whether a point load has a moment, or a load of another kind may have one.
+        straight: resultants on the straight rod.
+        without_tangent: name of a load that states no tangent stiffness, or ''.
     """
 
-    def __init__(self, arm: Arm, grid: StationGrid, loads: Loads) -> None:
-        """Tabulate ``loads``.
+    def __init__(
+        self, arm: Arm, collocation: Collocation, base: Quaternions, loads: Loads
+    ) -> None:
+        """Tabulate ``loads`` on a rod whose base has the orientation ``base``.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
@@ -32,41 +39,41 @@ class LoadTable:
             raise ArmDefinitionError(
                 'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
             )
-        self._grid = grid
-        start = np.array([panel.start for panel in grid.panels])[grid.node_panel]
-        stop = np.array([panel.stop for panel in grid.panels])[grid.node_panel]
-        area = np.pi * arm.body.radius(grid.nodes) ** 2
+        s = collocation.s
+        area = np.pi * arm.body.radius(s) ** 2
         weight = (arm.material.density - loads.fluid_density) * area
-        self._density = np.array(loads.gravity)[:, np.newaxis] * weight
+        density = np.array(loads.gravity)[:, np.newaxis] * weight
         for load in loads.distributed:
-            inside = (start >= load.s[0]) & (stop <= load.s[-1])
-            self._density[:, inside] += load.at(grid.nodes[inside])
-        self.force = integrate_from_tip(self._density, grid)
-        ends = grid.nodes[: grid.step.size + 1]
-        self._points = []
+            inside = (s >= load.s[0]) & (s <= load.s[-1])
+            density[:, inside] += load.at(s[inside])
+        force = collocation.integrate_from_tip(density)
+        moment = np.zeros_like(force)
         for point in loads.points:
-            # On the side of the base; a load at the base itself is felt by nothing.
-            beyond = stop <= point.s if point.s > 0.0 else np.zeros(stop.size, bool)
-            self.force[:, beyond] += np.array(point.force)[:, np.newaxis]
-            node = int(np.abs(ends - point.s).argmin())
-            self._points.append((node, beyond, np.array(point.force), np.array(point.moment)))
-        self.has_moments = any(any(point.moment) for point in loads.points)
-        self.is_empty = not (self._density.any() or loads.points)
+            # No point of an element lies at a load; one at the base is felt by nothing.
+            beyond = s < point.s
+            force[:, beyond] += np.array(point.force)[:, np.newaxis]
+            moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
+        self.dead, self.others = Resultants(force, moment), loads.others
+        self.has_moments = any(any(point.moment) for point in loads.points) or bool(self.others)
+        self.is_empty = not (
+            density.any() or any(point.s > 0.0 for point in loads.points) or self.others
+        )
 
-    def moment(
-        self, position: FloatArray, force: FloatArray, tip_wrench: FloatArray, factor: float
-    ) -> FloatArray:
-        """Moment of everything beyond each node about it [N m], (3, nodes).
+        rod = RodPoints(collocation, frames(np.zeros((3, s.size)), collocation, base))
+        self.straight = self.resultants(rod)
+        self.without_tangent = next(
+            (type(load).__name__ for load in self.others if load.tangents(rod) is None), ''
+        )
 
-        For nodes at ``position`` (3, nodes), ``force`` (3, nodes) beyond them, the tip's wrench
-        and ``factor`` times the other loads. Written with the moment about the origin, which
-        point forces carry exactly.
-        """
-        tip = position[:, self._grid.step.size]
-        about_origin = integrate_from_tip(cross(position, self._density), self._grid)
-        for node, beyond, point_force, point_moment in self._points:
-            moment = np.cross(position[:, node], point_force) + point_moment
-            about_origin[:, beyond] += moment[:, np.newaxis]
-        about_origin *= factor
-        about_origin += (np.cross(tip, tip_wrench[:3]) + tip_wrench[3:])[:, np.newaxis]
-        return about_origin - cross(position, force)
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """Resultants of all loads on ``rod`` but the wrench on its tip."""
+        force, moment = self.dead
+        for load in self.others:
+            more = load.resultants(rod)
+            force, moment = force + more.force, moment + more.moment
+        return Resultants(force, moment)
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
+        """How they change with the shape, where that is known; see ``without_tangent``."""
+        found = (load.tangents(rod) for load in self.others)
+        return tuple(tangent for tangents in found for tangent in tangents or ())

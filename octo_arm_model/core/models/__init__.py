@@ -1,1 +1,1 @@
-"""The models of the statics without loads. Imports section and what is below it."""
+"""Models of the statics, by name in `catalogue`. Imports sensitivity and what is below it."""

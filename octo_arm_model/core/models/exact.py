@@ -1,8 +1,9 @@
-"""Beyond the paper: no small-stretch approximation, and a choice of elastic laws.
+"""Beyond the paper: no small-stretch approximation, loads, and a choice of elastic laws.
 
-Without loads the steady state minimises the energy of every cross section by itself (`sectional`).
+Without loads the steady state minimises the energy of every cross section by itself (`energy`).
 Strains are smooth between anchorages, so they are found at Chebyshev points and interpolated to
 the nodes; where that does not resolve them (a tabulated profile, say) they are found at all nodes.
+Under loads that is where continuation begins.
 """
 
 from __future__ import annotations
@@ -11,57 +12,151 @@ import functools
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.continuation import follow
+from octo_arm_model.core.loaded.equilibrium import Condition
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,
     chebyshev_integration,
     tail_matrix,
 )
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
+from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
+from octo_arm_model.core.sensitivity.analytic import derivatives
+from octo_arm_model.core.sensitivity.results import Sensitivity
 
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
-SHORTEST_FIBRE = 0.02  # of its reference length
+# Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
+CUTS = (1, 2, 4, 8)
 
 
 class Exact:
-    """Strains from tensions, cross section by cross section."""
+    """Strains from tensions and loads.
 
-    def __init__(
-        self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
-    ) -> None:
-        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
-        self._make = functools.partial(SectionEnergy, arm, law=law, shear=shear)
-        self._nodes, self._section = nodes, section
+    Attributes:
+        takes_loads: always.
+        law: elastic law.
+        strains: 4, or 6 with shear.
+    """
+
+    takes_loads = True
+
+    def __init__(self, setup: Setup) -> None:
+        """Tabulate the arm and its loads.
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+        """
+        self._setup = setup
+        self.law, self.strains = setup.law, 6 if setup.shear else 4
+        arm, grid, base, law, shear, loads, _ = setup
+        self._rod = functools.lru_cache(
+            lambda level: LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
+        )
+        self._rod(0)
+        nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
-        s, numbers, self._spans = [], [], []
-        for panel in panels_of(arm):
-            # Where no tendon acts nothing happens.
+        s, numbers, self._panels = [], [], []
+        for panel in panels_of(setup.arm):
+            # Where no tendon acts the section stays as it is.
             if panel.section > 0:
                 inside = (
                     (section == panel.section) & (nodes >= panel.start) & (nodes <= panel.stop)
                 )
                 at_nodes = np.flatnonzero(inside)
                 targets = (nodes[at_nodes] - panel.start) / panel.length
-                self._spans.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
+                self._panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self._at_points = self._make(np.concatenate(s), np.array(numbers))
+        self._at_points = SectionEnergy(
+            setup.arm, np.concatenate(s), np.array(numbers), setup.law, setup.shear
+        )
         self._tail = tail_matrix(POINTS)
 
     @functools.cached_property
-    def at_nodes(self) -> SectionEnergy:
+    def sections(self) -> SectionEnergy:
         """Cross sections at the nodes."""
-        return self._make(self._nodes, self._section)
+        grid = self._setup.grid
+        return self._sections_at(grid.nodes, grid.node_section)
 
-    def solve(self, tensions: FloatArray) -> Solution:
+    def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
+        return SectionEnergy(self._setup.arm, s, section, self.law, self._setup.shear)
+
+    @property
+    def _is_loaded(self) -> bool:
+        return not self._rod(0).equilibrium.loads.is_empty
+
+    def solve(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+    ) -> Solution:
+        """Twist at every node under ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6).
+
+        A loaded arm is followed from ``start``, or from the unloaded shape.
+
+        Raises:
+            SolveError: if there is no trustworthy answer; its number is that in the batch.
+        """
+        rows = np.atleast_2d(tensions)
+        if not self._is_loaded and not tip_wrench.any():
+            solution = self._solve_unloaded(rows)
+        else:
+            wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
+            found = []
+            for number, (row, wrench) in enumerate(zip(rows, wrenches)):
+                try:
+                    found.append(self._solve_loaded(row, wrench, start))
+                except SolveError as error:
+                    error.number = number
+                    raise
+            twist, residual, iterations, shapes = zip(*found)
+            solution = Solution(
+                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1]
+            )
+        return solution if tensions.ndim > 1 else solution.one()
+
+    def _solve_loaded(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+    ) -> Solution:
+        """`solve` for one arm."""
+        level = 0
+        if start is None:
+            known = Condition(tensions, np.zeros(6), 0.0)
+        else:
+            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
+        if start is None or start.shape is None:
+            shape = self._rod(0).unloaded(known.tensions)
+        else:
+            shape, level = start.shape, self._level_of(start.shape)
+        wanted = Condition(tensions, tip_wrench, 1.0)
+        rod = self._rod(level)
+        spending = Spending(self._setup.budget)
+        state = follow(rod.equilibrium, known, shape, wanted, spending)
+        while not rod.resolves(state.shape) and level + 1 < len(CUTS):
+            level, coarser = level + 1, rod
+            rod = self._rod(level)
+            shape = rod.from_coarser(coarser, state.shape)
+            state = follow(rod.equilibrium, wanted, shape, wanted, spending)
+        energy = rod.equilibrium.energy
+        check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
+        twist = rod.twist_at_nodes(state.shape)
+        return Solution(twist, state.residual, spending.iterations, state.shape)
+
+    def _level_of(self, shape: Shape) -> int:
+        """Number of the rod that a ``shape`` is one of."""
+        points = shape.twist.shape[1]
+        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
+
+    def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].
 
         Raises:
@@ -74,13 +169,13 @@ class Exact:
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
-        twist = np.zeros((energy.strains, len(tensions), self._nodes.size))
+        twist = np.zeros((energy.strains, len(tensions), self._setup.grid.nodes.size))
         by_panel = coarse.reshape(*coarse.shape[:2], -1, POINTS)
         tail = np.abs(by_panel @ self._tail).max(axis=(1, 2, 3))
         size = np.abs(coarse).max(axis=(1, 2))
         angular = size[:3].max()
         size[:3] = angular
-        for panel, (at_nodes, to_nodes) in enumerate(self._spans):
+        for panel, (at_nodes, to_nodes) in enumerate(self._panels):
             twist[..., at_nodes] = by_panel[:, :, panel] @ to_nodes
         twist[3] += 1.0
         if (tail > RESOLVED * size).any():
@@ -89,7 +184,7 @@ class Exact:
 
     def _refine(self, tensions: FloatArray, twist: FloatArray, coarse: Minimum) -> Solution:
         """From nearly right strains at the nodes to right ones."""
-        energy = self.at_nodes
+        energy = self.sections
         local_tensions = energy.local_tensions(tensions)
         start = to_scaled(energy.law, twist)
         # Where the strain has a peak between the points, what is interpolated can turn a section
@@ -103,41 +198,17 @@ class Exact:
             to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)
         )
 
-
-def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
-    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing.
-
-    The elastic laws that widen resist that without end, which no material does.
-
-    Raises:
-        SolveError: if it does; the message says where.
-    """
-    if not energy.law.widens:
-        return
-    bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
-    shortest = strain[3] - energy.radius * bend
-    if not shortest.min(initial=1.0) > SHORTEST_FIBRE:
-        number, node = np.unravel_index(np.argmin(shortest), shortest.shape)
-        raise SolveError(
-            f'tensions compress a fibre of the arm to nothing at s = {energy.s[node]:.4g} m (to '
-            f'{shortest[number, node]:.2g} of its length, must be > {SHORTEST_FIBRE})',
-            int(number),
-        )
-
-
-def to_twist(law: Law, strain: FloatArray) -> FloatArray:
-    """Twist of the frame (n, batch, nodes) from the scaled strain; see `sectional`."""
-    if not law.widens:
-        return strain
-    twist = strain.copy()
-    twist[:3] /= law.widening(strain[3])[0]
-    return twist
-
-
-def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
-    """Scaled strain (n, batch, nodes) from the twist of the frame."""
-    if not law.widens:
-        return twist
-    strain = twist.copy()
-    strain[:3] *= law.widening(twist[3])[0]
-    return strain
+    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+        """First derivatives of ``backbone``, by all there is."""
+        tensions = backbone.tensions.ravel()
+        condition = Condition(tensions, backbone.tip_wrench, 1.0)
+        shape, level = backbone.shape, 0
+        if shape is None:
+            shape = self._rod(0).unloaded(tensions)
+            while not self._rod(level).resolves(shape) and level + 1 < len(CUTS):
+                level += 1
+                shape = self._rod(level).unloaded(tensions)
+        else:
+            level = self._level_of(shape)
+        rod = self._rod(level)
+        return derivatives(rod, rod.equilibrium.state(condition, shape))

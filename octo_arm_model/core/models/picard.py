@@ -13,8 +13,8 @@ from octo_arm_model.core.section.tendon_sums import TendonSums
 
 COLLOCATION_POINTS = 20
 # Sweeps stop when p changes by less than this part of the largest moment in the arm, which
-# leaves an error ten times smaller as each sweep gains more than one digit by then. Looking
-# costs as much as sweeping, so it is done after every few sweeps.
+# leaves an error ten times smaller as each sweep gains more than one digit by then. A check
+# costs as much as a sweep, so it is made after every few.
 TOLERANCE = 5e-8
 DERIVATIVE_TOLERANCE = 1e-13
 MAX_SWEEPS = 60
@@ -22,15 +22,15 @@ SWEEPS_BETWEEN_CHECKS = 2
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Part of a panel, collocated at points of its own.
+class Element:
+    """Part of a panel, between two anchorages or loads, with collocation points of its own.
 
     Attributes:
         section: number of its section from the tip.
         jump: whether it begins at the anchorage of that section.
-        points: where its points stand among those of all pieces.
+        points: range of its points among those of all elements.
         integrate: matrix from slopes to values less the initial one, (points, points).
-        to_nodes: runs of nodes that lie in it, each with the matrix from its points to those.
+        to_nodes: ranges of nodes that lie in it, each with the matrix from its points to those.
     """
 
     section: int
@@ -66,7 +66,7 @@ def slope_aside(p_t: Number, other: Number, linear: Number, product: Number) -> 
 
 
 class Sweeps:
-    """Solves for p, piece by piece."""
+    """Solves for p, element by element."""
 
     def __init__(self, sums: TendonSums, stiffness: SectionStiffness) -> None:
         """Prepare for ``sums`` (..., points) and ``stiffness`` (points,) at all points."""
@@ -78,20 +78,22 @@ class Sweeps:
         )
         moment = np.maximum(np.abs(n), np.abs(b)).max(axis=-1, keepdims=True)
         self._per_moment = 1.0 / np.maximum(moment, 1e-300)
-        # Small enough to see that derivatives, which are imaginary parts, have settled as well.
+        # Small enough that derivatives, which are imaginary parts, have converged as well.
         self._tolerance = DERIVATIVE_TOLERANCE if np.iscomplexobj(n) else TOLERANCE
 
-    def sweep(self, piece: Piece, start: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return p (3, ..., points) in ``piece``, ``start`` (3, ...) at its tip end.
+    def sweep(
+        self, element: Element, start: FloatArray
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return p (3, ..., points) in ``element``, ``start`` (3, ...) at its tip end.
 
         Also, for each arm, its last change over the largest moment in it and the number of its
         sweeps. Each sweep takes the newest components (Gauss-Seidel), which halves their number.
 
         Raises:
-            ConvergenceError: if an arm does not settle.
+            ConvergenceError: if an arm does not converge.
         """
         xi_0, k_0, product_t, linear_n, linear_b, product_n, product_b = np.ascontiguousarray(
-            self._coefficients[..., piece.points]
+            self._coefficients[..., element.points]
         )
         arms = start.shape[1:]
         start = np.repeat(start[..., np.newaxis], COLLOCATION_POINTS, axis=-1)
@@ -101,7 +103,7 @@ class Sweeps:
         # As `times` does, each product into its place; for one arm `dot` is quicker.
         product, row = (np.dot, ()) if p.ndim == 2 else (np.matmul, np.s_[..., np.newaxis, :])
         to_t, to_n, to_b = p[row]
-        integrate = piece.integrate
+        integrate = element.integrate
         found: tuple[FloatArray, FloatArray, IntArray] | None = None
         sweeps = 0
         while True:
@@ -123,18 +125,19 @@ class Sweeps:
             if now.all() and found is None:
                 return p, change, np.full(arms, sweeps)
             if now.any():
-                # An arm that has settled stays as it is, and so comes out the same whatever the
-                # others take.
+                # A converged arm is not swept further, so that it does not depend on the others.
                 if found is None:
                     found = p.copy(), change.copy(), np.full(arms, sweeps)
-                    settled = np.zeros(arms, np.bool_)
-                now &= ~settled
+                    converged = np.zeros(arms, np.bool_)
+                now &= ~converged
                 np.copyto(found[0], p, where=now[..., np.newaxis])
                 np.copyto(found[1], change, where=now)
                 np.copyto(found[2], sweeps, where=now)
-                settled |= now
-                if settled.all():
+                converged |= now
+                if converged.all():
                     return found
             if sweeps >= MAX_SWEEPS:
                 worst = float(change.max())
-                raise ConvergenceError(f'equation (10) in section {piece.section}', worst, sweeps)
+                raise ConvergenceError(
+                    f'equation (10) in section {element.section}', worst, sweeps
+                )

@@ -16,7 +16,7 @@ cancels, and what is left is
 
 So p stays zero from the tip to the first anchorage where the jump makes it otherwise. It is
 smooth between anchorages, so each panel is collocated at Chebyshev points and swept until it
-settles, all points at once (Picard iteration with spectral quadrature, Clenshaw and Norton
+converges, all points at once (Picard iteration with spectral quadrature, Clenshaw and Norton
 1963), instead of marching in small steps.
 """
 
@@ -33,7 +33,7 @@ from octo_arm_model.core.arm.profile import Profile
 from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.core.errors import ConfigError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.models.picard import COLLOCATION_POINTS, Piece, Sweeps
+from octo_arm_model.core.models.picard import COLLOCATION_POINTS, Element, Sweeps
 from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
 from octo_arm_model.core.numerics.vectors import runs_of, times
 from octo_arm_model.core.rod.grid import panels_of
@@ -45,14 +45,14 @@ from octo_arm_model.core.section.paper_balance import (
     imbalance_of,
     twist_of,
 )
-from octo_arm_model.core.section.tendon_sums import TendonWeights
+from octo_arm_model.core.section.tendon_sums import TendonWeights, transmission
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
 # How tendons 1 to 4 of a section bend it about n and about b.
 _BENDS = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])
-# Sweeping a whole panel at once is quickest, but where the arm turns far within one it diverges.
-# Then each panel is cut into more pieces, one after the other.
-PIECES = (1, 4, 16)
+# A whole panel in one element is quickest, but where the arm turns far within it sweeps diverge.
+# Then each panel is cut into more elements, one after the other.
+ELEMENTS = (1, 4, 16)
 
 
 def papers_sections(arm: Arm) -> tuple[Section, ...]:
@@ -97,8 +97,8 @@ class Renda2012:
         papers_sections(arm)
         self.weights = TendonWeights(arm, nodes, section)
         self.stiffness = SectionStiffness.at(arm, nodes)
-        self._march = functools.lru_cache(lambda pieces: March(arm, nodes, section, pieces))
-        self._march(PIECES[0])
+        self._march = functools.lru_cache(lambda elements: March(arm, nodes, section, elements))
+        self._march(ELEMENTS[0])
 
     def solve(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N].
@@ -117,7 +117,7 @@ class Renda2012:
     @property
     def march(self) -> March:
         """The integration over whole panels, which nearly all arms take."""
-        return self._march(PIECES[0])
+        return self._march(ELEMENTS[0])
 
     def _imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -125,17 +125,17 @@ class Renda2012:
         """Fill in p (3, ..., nodes), zero at first, where it is not zero.
 
         Returns:
-            Last relative change and number of sweeps, of the piece that took most.
+            Last relative change and number of sweeps, of the element that took most.
         """
-        for pieces in PIECES[:-1]:
+        for elements in ELEMENTS[:-1]:
             try:
-                return self._march(pieces).imbalance(tensions, imbalance)
+                return self._march(elements).imbalance(tensions, imbalance)
             except ConvergenceError:
                 if tensions.ndim == 1:
                     continue
-                # No arm comes out differently because another one is hard.
+                # Finer elements for those arms alone that need them.
                 return self._one_by_one(tensions, imbalance)
-        return self._march(PIECES[-1]).imbalance(tensions, imbalance)
+        return self._march(ELEMENTS[-1]).imbalance(tensions, imbalance)
 
     def _one_by_one(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -156,10 +156,10 @@ class Renda2012:
 
 
 class March:
-    """Goes from the tip to the base, piece by piece.
+    """Goes from the tip to the base, element by element.
 
     Attributes:
-        pieces: from the tip; the panel that begins at the first anchorage is none of them.
+        elements: from the tip; the panel that begins at the first anchorage is none of them.
         weights: of the tensions at all points.
         stiffness: there.
         at_anchorages: from tensions to first and second moments at every anchorage,
@@ -167,16 +167,16 @@ class March:
         bending: bending stiffness there [N m^2], (sections,).
     """
 
-    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, pieces: int) -> None:
-        """Cut every panel into ``pieces`` and tabulate them."""
+    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, count: int) -> None:
+        """Cut every panel into ``count`` elements and tabulate them."""
         # From the tip; where no tendon acts there is no moment and nothing to integrate.
         panels = [panel for panel in reversed(panels_of(arm)) if panel.section > 0]
         first_panel, *others = panels
         s = [np.array([first_panel.stop, first_panel.start])]
         numbers = [1, 1]
-        self.pieces = []
+        self.elements = []
         for panel in others:
-            edges = np.linspace(panel.stop, panel.start, pieces + 1)
+            edges = np.linspace(panel.stop, panel.start, count + 1)
             for stop, start in itertools.pairwise(edges):
                 length = stop - start
                 is_base = start == panel.start
@@ -189,21 +189,25 @@ class March:
                 integrate = -length * _INTEGRALS  # towards the base, against s
                 points = slice(len(numbers), len(numbers) + COLLOCATION_POINTS)
                 is_anchorage = stop == panel.stop
-                self.pieces.append(Piece(panel.section, is_anchorage, points, integrate, to_nodes))
+                self.elements.append(
+                    Element(panel.section, is_anchorage, points, integrate, to_nodes)
+                )
                 s.append(stop - length * _POINTS)
                 numbers += [panel.section] * COLLOCATION_POINTS
         self.weights = TendonWeights(arm, np.concatenate(s), np.array(numbers))
         self.stiffness = SectionStiffness.at(arm, np.concatenate(s))
         # From tensions to b (T4 - T2) and b (T1 - T3), b^2 (T4 + T2) and b^2 (T1 + T3) by section.
-        count = len(arm.sections)
-        at_anchorages = np.zeros((count, 4, 2, 2, count))
+        sections = len(arm.sections)
+        at_anchorages = np.zeros((sections, 4, 2, 2, sections))
+        anchorages = np.array([part.anchorage for part in arm.sections])
+        arrives = transmission(arm, anchorages, np.arange(1, sections + 1))
+        arrives = arrives.reshape(sections, 4, sections)
         for i, part in enumerate(papers_sections(arm)):
             levers = part.offset_anchorage * _BENDS
-            at_anchorages[i, :, 0, :, i], at_anchorages[i, :, 1, :, i] = levers, levers**2
-        self.at_anchorages = at_anchorages.reshape(4 * count, -1)
-        self.bending = SectionStiffness.at(
-            arm, np.array([part.anchorage for part in arm.sections])
-        ).bending
+            at_anchorages[i, :, 0, :, i] = arrives[i, :, i, np.newaxis] * levers
+            at_anchorages[i, :, 1, :, i] = arrives[i, :, i, np.newaxis] * levers**2
+        self.at_anchorages = at_anchorages.reshape(4 * sections, -1)
+        self.bending = SectionStiffness.at(arm, anchorages).bending
 
     def imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -211,10 +215,10 @@ class March:
         """Fill in p (3, ..., nodes) below the first anchorage.
 
         Returns:
-            Last relative change and number of sweeps, of the piece that took most.
+            Last relative change and number of sweeps, of the element that took most.
 
         Raises:
-            ConvergenceError: if the sweeps of a piece do not settle.
+            ConvergenceError: if the sweeps of an element do not converge.
         """
         sums = self.weights.sums(tensions)
         sweeps_of = Sweeps(sums, self.stiffness)
@@ -225,14 +229,14 @@ class March:
         # Nothing lies beyond the first anchorage: there (11) is the closed form, and p is zero.
         tau, xi, k = curvatures(0.0, 0.0, 0.0, *(values[1] for values in at_points))
         residual, sweeps = np.zeros(xi.shape), np.zeros(xi.shape, np.int64)
-        for piece in self.pieces:
-            first, last = piece.points.start, piece.points.stop - 1
-            if piece.jump:
-                xi, k = (xi, k) + added[piece.section - 1]
+        for element in self.elements:
+            first, last = element.points.start, element.points.stop - 1
+            if element.jump:
+                xi, k = (xi, k) + added[element.section - 1]
             start = imbalance_of(tau, xi, k, *(values[first] for values in at_points))
-            p, change, count = sweeps_of.sweep(piece, np.array(start))
+            p, change, count = sweeps_of.sweep(element, np.array(start))
             residual, sweeps = np.maximum(residual, change), np.maximum(sweeps, count)
-            for run, matrix in piece.to_nodes:
+            for run, matrix in element.to_nodes:
                 imbalance[..., run] = times(p, matrix)
             tau, xi, k = curvatures(*p[..., -1], *(values[last] for values in at_points))
         return residual, sweeps

@@ -28,8 +28,8 @@ def skew(v: FloatArray) -> FloatArray:
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
 
-    BLAS gets one row at a time, since several come out with other last digits than one: so an
-    arm is the same, to the last bit, whatever stands beside it.
+    BLAS gets one row at a time, as it rounds several together differently: replay, which solves
+    batches, must write the bytes of the node, which solves one arm at a time.
     """
     product: FloatArray = rows[..., np.newaxis, :] @ matrix
     return product[..., 0, :]

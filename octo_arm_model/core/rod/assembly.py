@@ -6,10 +6,11 @@ import numpy as np
 
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.memory import keep_freed_memory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.rod.solution import Shape, Solution
 
 
 class Results:
@@ -30,12 +31,15 @@ class Results:
         ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
         """
         self._grid, self._base = grid, base
+        if lead and lead[0] > 1:
+            keep_freed_memory()
         count = grid.s.size
         self.position = np.empty((*lead, count, 3))
         self.quaternion = np.empty((*lead, count, 4))
         self.strains = np.empty((4, *lead, count))
         self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
         self.twist = np.empty((4, grid.nodes.size))
+        self._shape: Shape | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray | IntArray, ...]:
@@ -64,7 +68,7 @@ class Results:
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
-        self.twist = twist
+        self.twist, self._shape = twist, solution.shape
 
     def _check(self, stretch: FloatArray) -> None:
         # NaN fails too.
@@ -113,4 +117,5 @@ class Results:
             residual=residual,
             iterations=iterations,
             twist=twist,
+            shape=self._shape if lead == () else None,
         )

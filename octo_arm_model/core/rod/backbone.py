@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.rod.solution import Shape
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Backbone:
         residual: what is left of the model's equations, relative [-], (...).
         iterations: steps of the solver, (...).
         twist: motion of the frame per reference length at every node of the solver's grid,
-            (4 or 6, nodes), see `statics.Solution`; None for a batch.
+            (4 or 6, nodes), see `solution.Solution`; None for a batch.
+        shape: of one loaded arm, what `Solver.solve` follows it from.
     """
 
     model: str
@@ -48,6 +50,7 @@ class Backbone:
     residual: FloatArray
     iterations: IntArray
     twist: FloatArray | None
+    shape: Shape | None = None
 
     @property
     def tip(self) -> FloatArray:

@@ -1,12 +1,25 @@
-"""What every model of the statics takes and gives."""
+"""What every model of the statics gives."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.quaternion import Quaternions
+
+
+class Shape(NamedTuple):
+    """What a loaded rod is followed from: strains and orientations at the points of the model.
+
+    Attributes:
+        twist: see `Solution`, (4 or 6, points).
+        orientation: of the cross sections at the points, (points,).
+    """
+
+    twist: FloatArray
+    orientation: Quaternions
 
 
 class Solution(NamedTuple):
@@ -18,30 +31,21 @@ class Solution(NamedTuple):
             (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
         residual: what is left of the model's equations, relative, (batch,), or one for all.
         iterations: steps it took, likewise.
+        shape: of one loaded arm, what to follow it from.
     """
 
     twist: FloatArray
     residual: FloatArray | float
     iterations: IntArray | int
+    shape: Shape | None = None
 
     def one(self) -> Solution:
         """The only arm of a batch, without its axis."""
         if self.twist.ndim == 2:
             return self
         return Solution(
-            self.twist[:, 0], float(np.max(self.residual)), int(np.max(self.iterations))
+            self.twist[:, 0],
+            float(np.max(self.residual)),
+            int(np.max(self.iterations)),
+            self.shape,
         )
-
-
-class Statics(Protocol):
-    """A model of the arm's statics, prepared for certain nodes."""
-
-    def solve(self, tensions: FloatArray) -> Solution:
-        """Solve for ``tensions`` (batch, tendons) [N].
-
-        The paper's models take (tendons,) too, for one arm, which NumPy is quicker with than with
-        a batch of one, and complex tensions: their derivatives are the imaginary part.
-
-        Raises:
-            ConvergenceError: if the model's equations were not solved.
-        """

@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, Number
 
 
 class Density(NamedTuple):
@@ -45,16 +45,50 @@ class Law(Protocol):
         """Radius over reference radius at lambda = ``stretch``, and its two derivatives."""
 
 
-class Linear:
+def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Number, Number, Number]:
+    """`Density` of the law linear, of numbers or arrays."""
+    zero = 0.0 * (stretch + bend)
+    return stretch - 1.0, zero + 0.125, zero + 1.0, zero, zero
+
+
+def neo_hookean_density(
+    stretch: Number, bend: Number
+) -> tuple[Number, Number, Number, Number, Number]:
+    """`Density` of the law neo_hookean, of numbers or arrays."""
+    fibre = np.sqrt(bend)
+    # The root of lambda^2 - z; NaN where a fibre is turned inside out.
+    w = np.sqrt(stretch - fibre) * np.sqrt(stretch + fibre)
+    total = stretch + w
+    over, over_w = 1.0 / total, 1.0 / w
+    both = over_w * over
+    cube = over_w * over_w * over_w * (1.0 / 6.0)
+    mixed = cube * over * over
+    twice = total + w
+    return (
+        stretch * (1.0 / 3.0) - (2.0 / 3.0) * both,
+        1.0 / 24.0 + both * over * (1.0 / 3.0),
+        1.0 / 3.0 + 4.0 * cube,
+        -2.0 * twice * mixed,
+        (twice + w) * over * mixed,
+    )
+
+
+def incompressible_widening(stretch: Number) -> tuple[Number, Number, Number]:
+    """The reciprocal root of lambda and its two derivatives, of numbers or arrays."""
+    over = 1.0 / stretch
+    width = np.sqrt(over)
+    slope = -0.5 * width * over
+    return width, slope, -1.5 * slope * over
+
+
+class LinearElastic:
     """Linear elasticity, the paper's (3): 1/2 E A q^2 + 1/2 E J kappa^2, nothing widens."""
 
     widens = False
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``; J = A R^2 / 4."""
-        q = stretch - 1.0
-        one, zero = np.ones_like(stretch), np.zeros_like(stretch)
-        return Density(q, 0.125 * one, one, zero, zero)
+        return Density(*linear_density(stretch, bend))
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One, whatever the stretch."""
@@ -73,35 +107,12 @@ class NeoHookean:
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
-        w = stretch * stretch
-        w -= bend
-        # A fibre turned inside out: the root is NaN, and everything from it.
-        np.copyto(w, np.nan, where=stretch <= 0.0)
-        np.sqrt(w, out=w)
-        total = stretch + w
-        over = 1.0 / total
-        over_w = 1.0 / w
-        over_square = over * over
-        both = over_w * over
-        cube = over_w * over_w * over_w
-        cube /= 6.0
-        mixed = cube * over_square
-        twice = total + w
-        return Density(
-            stretch / 3.0 - (2.0 / 3.0) * both,
-            1.0 / 24.0 + (both * over) / 3.0,
-            1.0 / 3.0 + 4.0 * cube,
-            -2.0 * twice * mixed,
-            (twice + w) * over * mixed,
-        )
+        return Density(*neo_hookean_density(stretch, bend))
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The reciprocal root of lambda."""
-        over = 1.0 / stretch
-        width = np.sqrt(over)
-        slope = -0.5 * width * over
-        return width, slope, -1.5 * slope * over
+        return incompressible_widening(stretch)
 
 
-LAWS: dict[str, Law] = {'neo_hookean': NeoHookean(), 'linear': Linear()}
+LAWS: dict[str, Law] = {'neo_hookean': NeoHookean(), 'linear': LinearElastic()}
 DEFAULT_LAW = 'neo_hookean'

@@ -6,8 +6,8 @@ Per reference length a cross section stores
 
 as a frictionless tendon of tension T is stretched by |u|. kappa is the rotation of the frame per
 reference length, r the offset of the tendon, both in the axes t, n, b; psi_material comes from
-`laws`. A section that widens by w(lambda) carries its tendons along, so that their offset is w r.
-In terms of the *scaled* strain
+`elastic_laws`. A section that widens by w(lambda) carries its tendons along, so that their offset
+is w r. In terms of the *scaled* strain
 
     (w kappa_t, w kappa_n, w kappa_b, lambda[, v_n, v_b])
 
@@ -23,6 +23,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendon_sums import transmission
 
 
 class SectionEnergy:
@@ -39,7 +40,14 @@ class SectionEnergy:
         radius: reference radius at each node [m].
         lever_max: that, or the distance of the outermost tendon from the midline if it is larger
             [m].
-        active: 1 where a tendon acts and 0 beyond its anchorage, (tendons, 1, nodes).
+        active: 1 where a tendon passes and 0 beyond its anchorage, (tendons, 1, nodes).
+        transmission: part of its tension that each tendon has there, likewise.
+        x: offset of each tendon along n where it passes, else zero [m], likewise.
+        y: along b.
+        dx: slope of ``x`` [-].
+        dy: slope of ``y`` [-].
+        shear_stiffness: G A [N], (nodes,).
+        poisson: Poisson's ratio [-], (nodes,).
     """
 
     def __init__(
@@ -53,7 +61,8 @@ class SectionEnergy:
         self.active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
             :, np.newaxis
         ]
-        self._poisson = arm.material.poisson_ratio_at(nodes)
+        self.transmission = transmission(arm, nodes, section)[:, np.newaxis]
+        self.poisson = arm.material.poisson_ratio_at(nodes)
         self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
         # Offsets along n and b and their slopes, zero where the tendon does not act.
         self.x, self.y, self.dx, self.dy = (
@@ -67,11 +76,6 @@ class SectionEnergy:
         routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
-        # How they change where a tendon runs farther out.
-        self._out = tuple(
-            np.ascontiguousarray(table[:, np.newaxis]) * self.active
-            for table in (*arm.tendon_outwards(nodes), *arm.tendon_outward_slopes(nodes))
-        )
         self._slope_squared = self.dx**2 + self.dy**2
         self._twice = 2.0 * self.stiffness.axial * self.radius**2
         self._squared = self.radius**2
@@ -79,7 +83,7 @@ class SectionEnergy:
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
-        return tensions.T[:, :, np.newaxis] * self.active
+        return tensions.T[:, :, np.newaxis] * self.transmission
 
     def resultants(self, local_tensions: FloatArray) -> FloatArray:
         """Moments about n and b and axial force (3, batch, nodes) of ``local_tensions``.
@@ -141,7 +145,7 @@ class SectionEnergy:
             u_b += strain[5]
         return u_n, u_b
 
-    def _stretching(
+    def stretching(
         self, strain: FloatArray, width: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Components of u along t, n and b, and the stretch |u| of every tendon."""
@@ -155,12 +159,12 @@ class SectionEnergy:
     def stretches(self, strain: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon, (tendons, batch, nodes)."""
         width = self.law.widening(strain[3])[0] if self.law.widens else None
-        return self._stretching(strain, width)[3]
+        return self.stretching(strain, width)[3]
 
     def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
         width, slope = self.law.widening(strain[3])[:2] if self.law.widens else (None, None)
-        u_t, u_n, u_b, length = self._stretching(strain, width)
+        u_t, u_n, u_b, length = self.stretching(strain, width)
         u_t, u_n, u_b = u_t / length, u_n / length, u_b / length
         gradient = np.empty((self.strains, *length.shape))
         gradient[0] = self.x * u_b - self.y * u_n
@@ -173,60 +177,6 @@ class SectionEnergy:
             gradient[4], gradient[5] = u_n, u_b
         return length, gradient * self.active
 
-    def gradient_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of `tendon_gradient` with each tendon's distance from the midline.
-
-        Returns:
-            (n, tendons, batch, nodes).
-        """
-        torsion, about_n, about_b, stretch = strain[:4]
-        width, slope = self.law.widening(stretch)[:2] if self.law.widens else (None, None)
-        u_t, u_n, u_b, length = self._stretching(strain, width)
-        over = 1.0 / length
-        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-        x, y, dx, dy = self._out
-        wide = 1.0 if width is None else width
-        c_t = about_n * y - about_b * x
-        c_n, c_b = wide * dx - torsion * y, wide * dy + torsion * x
-        along = u_t * c_t + u_n * c_n + u_b * c_b
-        # The change of the direction of u.
-        c_t, c_n, c_b = (
-            (change - unit * along) * over for change, unit in ((c_t, u_t), (c_n, u_n), (c_b, u_b))
-        )
-        change = np.empty((self.strains, *u_t.shape))
-        change[0] = self.x * c_b - self.y * c_n + x * u_b - y * u_n
-        change[1] = self.y * c_t + y * u_t
-        change[2] = -self.x * c_t - x * u_t
-        change[3] = c_t
-        if slope is not None:
-            change[3] += slope * (self.dx * c_n + self.dy * c_b + dx * u_n + dy * u_b)
-        if self.strains == 6:
-            change[4], change[5] = c_n, c_b
-        return change * local_tensions
-
-    def length_by_offset(self, strain: FloatArray) -> FloatArray:
-        """Derivative of every tendon's stretch with its distance from the midline, of one arm.
-
-        Returns:
-            (tendons, nodes).
-        """
-        torsion, about_n, about_b, stretch = strain[:4]
-        width = self.law.widening(stretch)[0] if self.law.widens else None
-        u_t, u_n, u_b, length = self._stretching(strain, width)
-        x, y, dx, dy = self._out
-        wide = 1.0 if width is None else width
-        along = u_t * (about_n * y - about_b * x)
-        along += u_n * (wide * dx - torsion * y) + u_b * (wide * dy + torsion * x)
-        return (along / length)[:, 0]
-
-    def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
-        """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
-        change = np.zeros_like(strain)
-        change[0] = -self.stiffness.torsion / (1.0 + self._poisson) * strain[0]
-        if self.strains == 6:
-            change[4:] = -self.shear_stiffness / (1.0 + self._poisson) * strain[4:]
-        return change
-
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -236,12 +186,9 @@ class SectionEnergy:
         weight = local_tensions / length
         x, y, dx, dy = self.x, self.y, self.dx, self.dy
         count = self.strains
-        hessian = np.zeros((count, *strain.shape))
+        hessian = np.empty((count, *strain.shape))
         # What of each change of u is across u: all of it less what is along.
-        scaled = weight * towards
-        for i in range(count):
-            for j in range(i + 1):
-                hessian[i, j] = -np.einsum('jbn,jbn->bn', scaled[i], towards[j])
+        np.einsum('ijbn,kjbn->ikbn', -weight * towards, towards, out=hessian)
         weight_x, weight_y = weight * x, weight * y
         moment_x, moment_y = np.add.reduce(weight_x), np.add.reduce(weight_y)
         xx, yy = np.add.reduce(weight_x * x), np.add.reduce(weight_y * y)

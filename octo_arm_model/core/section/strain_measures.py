@@ -1,11 +1,33 @@
-"""Derivatives of the energy by the twist of the frame instead of the scaled strain."""
+"""The twist of the frame and the scaled strain of the `energy`: one from the other."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
+
+SHORTEST_FIBRE = 0.02  # of its reference length
+
+
+def to_twist(law: Law, strain: FloatArray) -> FloatArray:
+    """Twist of the frame (n, batch, nodes) from the scaled strain."""
+    if not law.widens:
+        return strain
+    twist = strain.copy()
+    twist[:3] /= law.widening(strain[3])[0]
+    return twist
+
+
+def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
+    """Scaled strain (n, batch, nodes) from the twist of the frame."""
+    if not law.widens:
+        return twist
+    strain = twist.copy()
+    strain[:3] *= law.widening(twist[3])[0]
+    return strain
 
 
 def unscale(
@@ -53,3 +75,24 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
     unscaled[:3] *= width
     unscaled[3] += slope * np.add.reduce(kappa * gradient[:3])
     return unscaled
+
+
+def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
+    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing.
+
+    The elastic laws that widen resist that without end, which no material does.
+
+    Raises:
+        SolveError: if it does; the message says where.
+    """
+    if not energy.law.widens:
+        return
+    bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
+    shortest = strain[3] - energy.radius * bend
+    if not shortest.min(initial=1.0) > SHORTEST_FIBRE:
+        number, node = np.unravel_index(np.argmin(shortest), shortest.shape)
+        raise SolveError(
+            f'tensions compress a fibre of the arm to nothing at s = {energy.s[node]:.4g} m (to '
+            f'{shortest[number, node]:.2g} of its length, must be > {SHORTEST_FIBRE})',
+            int(number),
+        )

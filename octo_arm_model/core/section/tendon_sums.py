@@ -50,6 +50,15 @@ class TendonSums(NamedTuple):
     routing_torque: FloatArray | None
 
 
+def transmission(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
+    """Part of its tension that each tendon has at ``s`` (n,), each in its ``section`` (n,).
+
+    1 up to the anchorage of a frictionless tendon and 0 beyond, (tendons, n). All models and
+    derivatives take tensions along the arm from here alone.
+    """
+    return (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
+
+
 class TendonWeights:
     """The matrices that turn tensions into `TendonSums` at given nodes.
 
@@ -64,10 +73,10 @@ class TendonWeights:
         """
         n, b = arm.tendon_offsets(nodes)
         slope_n, slope_b = arm.tendon_slopes(nodes)
-        active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
-        sums = [active, active * n, active * b, active * n**2, active * b**2]
+        part = transmission(arm, nodes, section)
+        sums = [part, part * n, part * b, part * n**2, part * b**2]
         scale = max(float(np.max(np.hypot(n, b))), 1e-300)
-        mixed, routing_torque = active * n * b, active * (n * slope_b - b * slope_n)
+        mixed, routing_torque = part * n * b, part * (n * slope_b - b * slope_n)
         # The paper's tendons have neither: then they cost nothing.
         self._is_mixed = bool(np.any(np.abs(mixed) > 1e-14 * scale**2))
         self._has_routing_torque = bool(np.any(np.abs(routing_torque) > 1e-14 * scale))

@@ -8,56 +8,56 @@ change of twist (`Equilibrium.respond`), which turns and moves everything beyond
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import Equilibrium, State, into_section
-from octo_arm_model.core.models.exact import to_scaled
+from octo_arm_model.core.loaded.equilibrium import State
+from octo_arm_model.core.loaded.linearised import Response
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
-from octo_arm_model.core.rod.solution import Statics
+from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import unscale_gradient
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
-def derivatives(
-    energy: SectionEnergy,
-    grid: StationGrid,
-    problem: Equilibrium,
-    state: State,
-    tensions: FloatArray,
-) -> Sensitivity:
-    """Of the balanced ``state`` of the model exact under ``tensions`` (tendons,) [N]."""
-    count, tendons = len(state.twist), tensions.size
-    twist = state.twist[:, np.newaxis]
-    strain = to_scaled(energy.law, twist)
-    local_tensions = energy.local_tensions(tensions[np.newaxis])
+def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
+    """Of the balanced ``state`` of a loaded ``rod``.
+
+    Raises:
+        LoadError: if a load states no tangent stiffness.
+    """
+    problem, parameters = rod.equilibrium, rod.parameters
+    problem.require_tangents('sensitivity')
+    energy, twist = problem.energy, state.shape.twist
+    count, tendons = len(twist), len(state.local_tensions)
+    strain = to_scaled(energy.law, twist[:, np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
-    columns = np.zeros((6, 2 * tendons + 8, state.twist.shape[1]))
+    columns = np.zeros((6, 2 * tendons + 8, twist.shape[1]))
     elastic, _ = energy.material(strain)
     lengthening = energy.lengthening(strain)[1]
     for part, gradient in (
-        (slice(0, tendons), lengthening),
+        (slice(0, tendons), lengthening * energy.transmission),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
-        (slice(tendons + 7, tendons + 8), energy.gradient_by_poisson(strain)[:, np.newaxis]),
-        (slice(tendons + 8, None), energy.gradient_by_offset(strain, local_tensions)),
+        (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
+        (
+            slice(tendons + 8, None),
+            parameters.gradient_by_offset(strain, state.local_tensions),
+        ),
     ):
-        columns[:count, part] = -unscale_gradient(energy, twist, gradient)[:, :, 0]
-    arm_to_tip = state.position[:, grid.step.size, np.newaxis] - state.position
-    for axis, unit in enumerate(np.eye(3)[:, :, np.newaxis]):
-        local = into_section(state.rotation, np.broadcast_to(unit, state.position.shape))
-        columns[:3, tendons + 3 + axis] = local
-        columns[3:, tendons + axis] = local
-        moment = cross(arm_to_tip, np.broadcast_to(unit, arm_to_tip.shape))
-        columns[:3, tendons + axis] = into_section(state.rotation, moment)
-    changes = problem.respond(state, problem.compliance(state), columns)
-    pose, strains = _integrate(state.twist, state.rotation, grid, changes)
-    by_twist = unscale_gradient(energy, twist, lengthening)[:, :, 0]
-    length = _lengths(by_twist, changes, grid)
-    direct = energy.length_by_offset(strain) @ integration_weights(grid)
+        columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
+    columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
+    response = problem.linearised(state).solve(columns[:count])
+    pose, strains = _read_out(rod, state, response)
+    by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
+    weights = problem.collocation.weights
+    length = _lengths(by_twist * weights, response.twist)
+    direct = parameters.length_by_offset(strain) @ weights
     length[:, tendons + 8 :] += np.diag(direct)
     edges = np.cumsum([tendons, 6, 1, 1])
     tension, wrench, young, poisson, offset = (
@@ -69,8 +69,29 @@ def derivatives(
     return Sensitivity(tension, young, wrench, poisson, offset)
 
 
+def _read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
+    """Pose (stations, 6, columns) and strain (stations, 4, columns) from a ``response``."""
+    twist, stations = state.shape.twist, rod.stations
+    angular = np.einsum('ijn,jcn->icn', state.rotation, response.twist[:3])
+    axes = state.rotation[:, : len(twist) - 3]
+    moved = np.einsum('ikn,kcn->icn', axes, response.twist[3:])
+    turn = response.turn
+    moved += cross(turn, np.broadcast_to(state.tangent[:, np.newaxis], turn.shape))
+    pose = stations.integrate_from_base(np.concatenate([moved, angular]))
+    change, at = stations.interpolate(response.twist[:4]), stations.interpolate(twist[:4])
+    return pose.transpose(2, 0, 1), _strains(at, change).transpose(2, 0, 1)
+
+
+def _strains(twist: FloatArray, change: FloatArray) -> FloatArray:
+    """Change of tau, xi, k and q (4, columns, n) from ``change`` of the ``twist`` (4, n)."""
+    strain = change.copy()
+    omega = (twist[:3] / twist[3])[:, np.newaxis]
+    strain[:3] = (strain[:3] - omega * strain[3]) / twist[3]
+    return strain
+
+
 def papers_derivatives(
-    statics: Statics,
+    solve: Callable[[FloatArray], Solution],
     energy: SectionEnergy,
     grid: StationGrid,
     twist: FloatArray,
@@ -78,7 +99,7 @@ def papers_derivatives(
     tensions: FloatArray,
     batch: int,
 ) -> Sensitivity:
-    """Of ``twist`` (4, nodes) and ``frames``, a solution of one of the paper's models.
+    """Of ``twist`` (4, nodes) and ``frames``, a solution of the paper's model ``solve``.
 
     ``batch`` of them are solved at once.
 
@@ -90,23 +111,25 @@ def papers_derivatives(
     step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
     moved = tensions + 1j * step * np.eye(tensions.size)
     parts = [moved[first : first + batch] for first in range(0, len(moved), batch)]
-    twists = [statics.solve(part).twist.imag for part in parts]
-    by_tension = np.concatenate(twists, axis=1) / step
-    changes = np.zeros((6, tensions.size + 1, twist.shape[1]))
-    changes[:4, :-1] = by_tension
-    changes[:4, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
+    by_tension = np.concatenate([solve(part).twist.imag for part in parts], axis=1) / step
+    changes = np.zeros((4, tensions.size + 1, twist.shape[1]))
+    changes[:, :-1] = by_tension
+    changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
     pose, strains = _integrate(twist, frames, grid, changes)
-    length = _lengths(energy.lengthening(twist[:, np.newaxis])[1][:, :, 0], changes, grid)
+    by_twist = energy.lengthening(twist[:, np.newaxis])[1][:, :, 0]
+    length = _lengths(by_twist * integration_weights(grid), changes)
     return Sensitivity(
         Change(pose[..., :-1], strains[..., :-1], length[:, :-1]),
         Change(pose[..., -1:], strains[..., -1:], length[:, -1:]),
     )
 
 
-def _lengths(by_twist: FloatArray, changes: FloatArray, grid: StationGrid) -> FloatArray:
-    """Change of every tendon's length, (tendons, columns), from that of its stretch by twist."""
-    weighted = by_twist * integration_weights(grid)
-    return np.tensordot(weighted, changes[: len(by_twist)], axes=([0, 2], [0, 2]))
+def _lengths(weighted: FloatArray, changes: FloatArray) -> FloatArray:
+    """Change of every tendon's length, (tendons, columns), from that of its stretch by twist.
+
+    ``weighted`` (n, tendons, points) with the weights of the integral along the arm.
+    """
+    return np.tensordot(weighted, changes[: len(weighted)], axes=([0, 2], [0, 2]))
 
 
 def _integrate(
@@ -114,16 +137,11 @@ def _integrate(
 ) -> tuple[FloatArray, FloatArray]:
     """Pose (stations, 6, columns) and strain (stations, 4, columns) from twist (6, columns, n)."""
     rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
-    linear = np.zeros((3, twist.shape[1]))
-    linear[: len(twist) - 3] = twist[3:]
-    advance = np.einsum('ijn,jn->in', rotation, linear)[:, np.newaxis]
+    advance = (rotation[:, 0] * twist[3])[:, np.newaxis]
     angle = integrate_from_base(np.einsum('ijn,jcn->icn', rotation, changes[:3]), grid)
     moved = cross(angle, np.broadcast_to(advance, angle.shape))
-    moved += np.einsum('ijn,jcn->icn', rotation, changes[3:])
+    moved += rotation[:, :1] * changes[3]
     at = grid.station_node
     pose = np.concatenate([integrate_from_base(moved, grid)[..., at], angle[..., at]])
-    stretch = twist[3, at]
-    strain = changes[:4, :, at].copy()
-    omega = twist[:3, np.newaxis, at] / stretch
-    strain[:3] = (strain[:3] - omega * strain[3]) / stretch
+    strain = _strains(twist[:4, at], changes[:4][..., at])
     return pose.transpose(2, 0, 1), strain.transpose(2, 0, 1)

@@ -13,7 +13,11 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting import robust_loss
-from octo_arm_model.experiment.fitting.pairing import first_alignment, residuals, residuals_change
+from octo_arm_model.experiment.fitting.pairing import (
+    first_alignment,
+    shape_residuals,
+    shape_residuals_change,
+)
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
@@ -65,7 +69,7 @@ class Problem:
     def residuals(self, x: FloatArray, step: int) -> FloatArray:
         """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
         measured = self.unknowns.alignment(x).to_base(self.shapes[step].points)
-        return residuals(measured, self.backbone(x, step).position)
+        return shape_residuals(self.shapes[step], measured, self.backbone(x, step))
 
     def change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `residuals` by x, (m, 3, unknowns)."""
@@ -78,7 +82,7 @@ class Problem:
             by_measured[..., columns] = parts
         by_model = self.unknowns.displacement(x, self._read[step], backbone, self._solver)
         measured = alignment.to_base(points)
-        return residuals_change(measured, by_measured, backbone.position, by_model)
+        return shape_residuals_change(self.shapes[step], measured, by_measured, backbone, by_model)
 
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
         """Derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
@@ -152,6 +156,8 @@ class Problem:
             found = scale
         x = self.minimise(x, found)
         for step, shape in enumerate(self.shapes):
+            if shape.s is not None:
+                continue
             measured = self.unknowns.alignment(x).to_base(shape.points)
             fraction_at_start(measured, self.backbone(x, step).position, check=True)
         return x, found
@@ -170,7 +176,7 @@ def fit_alignment(
     unknowns = Unknowns(parameters, model, ['alignment'], tensions, Alignment.none())
     solver = unknowns.solver(unknowns.start)
     backbone = solver.solve(tensions.reshape(-1, *solver.arm.tension_shape))
-    begin = first_alignment([shape.points for shape in shapes], list(backbone.position))
+    begin = first_alignment(shapes, list(backbone.position), backbone.s)
     unknowns = Unknowns(parameters, model, ['alignment'], tensions, begin)
     x, _ = Problem(shapes, unknowns).solve()
     return unknowns.alignment(x)

@@ -2,7 +2,8 @@
 
 Points are paired by their fraction of the length from the beginning of the measured midline to the
 tip. That needs no markers on the arm, and noise, which lengthens a midline evenly, does not change
-it. The midline begins at the point of the model nearest to its first point.
+it. The midline begins at the point of the model nearest to its first point. Markers are
+paired with the points of the model at their arc coordinates.
 """
 
 from __future__ import annotations
@@ -13,9 +14,12 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.recording.alignment import Alignment, align
 from octo_arm_model.experiment.recording.curves import along, along_change, place_change
+from octo_arm_model.experiment.recording.markers import marker_weights
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
 _ROUNDS = 20
@@ -44,22 +48,47 @@ def residuals_change(
     return by_measured - along_change(model, by_model, fraction, by_fraction)
 
 
-def first_alignment(midlines: Sequence[FloatArray], models: Sequence[FloatArray]) -> Alignment:
-    """Alignment of ``midlines`` (m, 3), in the camera's frame, with ``models`` (n, 3), roughly.
+def shape_residuals(shape: MeasuredShape, measured: FloatArray, backbone: Backbone) -> FloatArray:
+    """Points of a ``shape``, ``measured`` (m, 3) in base_frame, less those of the model [m]."""
+    if shape.s is None:
+        return residuals(measured, backbone.position)
+    return measured - marker_weights(shape.s, backbone.s) @ backbone.position
 
-    As if all midlines began at the base. Iteratively reweighted, so that outliers count less.
+
+def shape_residuals_change(
+    shape: MeasuredShape,
+    measured: FloatArray,
+    by_measured: FloatArray,
+    backbone: Backbone,
+    by_model: FloatArray,
+) -> FloatArray:
+    """Derivative of `shape_residuals` (m, 3, p) for (m, 3, p) and (n, 3, p) of its points."""
+    if shape.s is None:
+        return residuals_change(measured, by_measured, backbone.position, by_model)
+    weights = marker_weights(shape.s, backbone.s)
+    return by_measured - np.einsum('mn,nip->mip', weights, by_model)
+
+
+def first_alignment(
+    shapes: Sequence[MeasuredShape], models: Sequence[FloatArray], stations: FloatArray
+) -> Alignment:
+    """Alignment of ``shapes``, in the camera's frame, with ``models`` (n, 3), roughly.
+
+    The models have ``stations`` (n,) [m]. As if all midlines began at the base. Iteratively
+    reweighted, so that outliers count less.
 
     Raises:
         MeasurementError: if there are fewer than three points.
     """
-    camera = np.concatenate(midlines)
+    camera = np.concatenate([shape.points for shape in shapes])
     if len(camera) < 3:
         raise MeasurementError(
             f'{len(camera)} measured point(s), expected at least 3 to fit an alignment to'
         )
     base = np.concatenate([
-        along(model, _fractions(len(points), 0.0)[0])
-        for points, model in zip(midlines, models, strict=True)
+        along(model, _fractions(len(shape.points), 0.0)[0]) if shape.s is None
+        else marker_weights(shape.s, stations) @ model
+        for shape, model in zip(shapes, models, strict=True)
     ])  # fmt: skip
     finest = 1e-6 * float(np.ptp(base, axis=0).max())
     alignment = align(camera, base)

@@ -19,10 +19,10 @@ from octo_arm_model.experiment.recording.steady_windows import Window
 POINTS = 101  # of a step's midline
 _FINE = 401  # points by which its length is measured
 # A frame so many times as far from the median shape as the median frame is an outlier.
-_OUTLYING = 3.0
-_FLOOR = 1e-6  # [m]: rounding is no outlier
+OUTLYING = 3.0
+FLOOR = 1e-6  # [m]: rounding is no outlier
 # Of fewer frames no outlier can be told apart: their median is taken.
-_FEW = 5
+FEW = 5
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class MeasuredShape:
         outliers: number of frames left out.
         noise: root mean square distance of a frame from the mean [m]; 0 for one frame.
         lines: the midlines of all frames, outliers among them.
+        s: arc coordinate of each of ``points`` where these are markers [m]; None of a midline.
     """
 
     window: Window
@@ -45,6 +46,7 @@ class MeasuredShape:
     outliers: int
     noise: float
     lines: tuple[FloatArray, ...] = ()
+    s: FloatArray | None = None
 
     @property
     def tension(self) -> float:
@@ -61,8 +63,8 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
     away = _distance(stack, median)
     kept = np.ones(len(stack), dtype=bool)
     middle = median
-    if len(stack) >= _FEW:
-        kept = away <= _OUTLYING * np.median(away) + _FLOOR
+    if len(stack) >= FEW:
+        kept = away <= OUTLYING * np.median(away) + FLOOR
         middle = stack[kept].mean(axis=0)
     if not is_tip:
         # Spaced anew: noise lengthens frames, most where points are dense, the mean hardly.

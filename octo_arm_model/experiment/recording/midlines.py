@@ -23,10 +23,12 @@ _STARTS = (-0.1, 0.25)
 
 
 class MidlineErrors(NamedTuple):
-    """Distances between a measured and a modelled midline.
+    """Distances between a measured and a modelled midline, or between markers and the model.
 
     Distances are from each measured point to the nearest of the model's curve; Hausdorff's also
-    the other way, from the beginning of the midline on. A tip alone has only ``tip``.
+    the other way, from the beginning of the midline on. A tip alone has only ``tip``. Of markers
+    distances are those to the points of the model at their arc coordinates; Hausdorff's is None,
+    and that of the tip is None where no marker is there.
 
     Attributes:
         tip: from tip to tip [m].
@@ -35,7 +37,7 @@ class MidlineErrors(NamedTuple):
         hausdorff: largest distance either way [m].
     """
 
-    tip: float
+    tip: float | None
     mean: float | None
     max: float | None
     hausdorff: float | None
@@ -54,6 +56,13 @@ def midline_errors(measured: FloatArray, model: FloatArray) -> MidlineErrors:
     back, _ = nearest(begun, measured)
     largest = float(distance.max())
     return MidlineErrors(tip, float(distance.mean()), largest, max(largest, float(back.max())))
+
+
+def marker_errors(away: FloatArray, has_tip: bool) -> MidlineErrors:
+    """Errors of markers ``away`` (m, 3) from the model, the last of them the tip or not."""
+    distance = np.linalg.norm(away, axis=1)
+    tip = float(distance[-1]) if has_tip else None
+    return MidlineErrors(tip, float(distance.mean()), float(distance.max()), None)
 
 
 def fraction_at_start(measured: FloatArray, model: FloatArray, check: bool = False) -> float:

@@ -13,6 +13,7 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
+from octo_arm_model.experiment.recording.markers import mean_markers
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
 from octo_arm_model.experiment.recording.recording import Recording
@@ -79,7 +80,11 @@ def observe(
         begun = time >= window.start + pairing.tolerance
         inside = usable & begun & (time <= window.stop - pairing.tolerance)
         if inside.any():
-            shapes.append(mean_shape(window, list(itertools.compress(frames, inside))))
+            shown = list(itertools.compress(frames, inside))
+            if recording.marker_s is None:
+                shapes.append(mean_shape(window, shown))
+            elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
+                shapes.append(markers)
     used = sum(shape.frames + shape.outliers for shape in shapes)
     steady = f'{len(windows)} steady steps'
     if not shapes:
@@ -89,12 +94,8 @@ def observe(
             f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
-    if recording.skipped:
-        last = recording.skipped[-1]
-        notes.append(
-            f'{len(recording.skipped)} messages left out, the last on {last.topic} at '
-            f'{1e-9 * last.stamp_ns:.3f} s: {last.reason}'
-        )
+    notes += recording.refusals.lines()
+    notes += _unseen(recording)
     return Observations(tuple(shapes), offset, tuple(notes))
 
 
@@ -106,7 +107,7 @@ def _base_first(
     notes: list[str],
 ) -> Sequence[FloatArray]:
     """Midlines from base to tip."""
-    if recording.is_tips:
+    if recording.is_tips or recording.marker_s is not None:
         return recording.frames
     tip_first, why = pairing.base_end == 'last', 'as told'
     if pairing.base_end is None:
@@ -127,9 +128,13 @@ def _offset(
     if pairing.offset is not None:
         return pairing.offset
     tips = np.array([points[-1] for points in frames])
-    found = clock_offset(
-        config.arm, recording.tension_time, recording.tensions, recording.frame_time, tips
-    )
+    seen = np.isfinite(tips).all(axis=1)
+    found = None
+    if seen.any():
+        found = clock_offset(
+            config.arm, recording.tension_time, recording.tensions, recording.frame_time[seen],
+            tips[seen],
+        )  # fmt: skip
     if found is None:
         notes.append(
             f'clock offset taken as 0 s: the motion does not clearly tell one within {RANGE:g} s'
@@ -137,6 +142,18 @@ def _offset(
         return 0.0
     notes.append(f'clock offset {found:+.2f} s on the stamps of frames, found from the motion')
     return found
+
+
+def _unseen(recording: Recording) -> list[str]:
+    """How often each marker was not seen, where one was not."""
+    if recording.marker_s is None:
+        return []
+    missing = np.isnan(np.array(recording.frames)).any(axis=2).sum(axis=0)
+    return [
+        f'the marker at {s:g} m is not seen in {count} of {len(recording.frames)} frames'
+        for s, count in zip(recording.marker_s, missing)
+        if count
+    ]
 
 
 def _distance(times: FloatArray, samples: FloatArray) -> FloatArray:

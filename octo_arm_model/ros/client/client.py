@@ -24,7 +24,7 @@ from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic, read_poses
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
-from octo_arm_model.wire.tension_messages import tensions_from_joint_state
+from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # What to listen to: shapes, and what else is known of them.
 POSES: dict[str, Any] = {'backbone/poses': PoseArray}
@@ -189,7 +189,7 @@ class ArmClient:
 
     def _read_tensions(self, message: JointState, arm: Arm) -> None:
         try:
-            self.tensions = tensions_from_joint_state(message, arm).ravel()
+            self.tensions = JOINT_STATE.read(message, arm).ravel()
         except OctoArmError:
             self.tensions = None  # of another arm, whose description is still under way
 

@@ -1,4 +1,4 @@
-"""What the node does, for a node of either kind: plain or managed."""
+"""Answers tensions with the shape of the arm, for the plain and the managed node."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -22,9 +23,14 @@ from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import Outbox
 from octo_arm_model.ros.node.diagnostics import Health
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
-from octo_arm_model.ros.node.tension_subscription import TOPICS, Inbox, Newest
+from octo_arm_model.ros.node.tension_subscription import (
+    TOPICS,
+    LatestSubscription,
+    TensionInput,
+    TensionSubscription,
+)
 from octo_arm_model.ros.qos import check_overrides
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
 
 
 class Prepared(NamedTuple):
@@ -49,12 +55,12 @@ class Prepared(NamedTuple):
         """
         config = Config.from_parameters(values)
         solver = config.solver(compiled=None)
-        # Whatever is tabulated at the first solve is tabulated now.
+        # The first solve makes the tables of the arm.
         solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
         return cls(values, config, solver)
 
 
-class Engine:
+class ArmServer:
     """Answers tensions on behalf of a node.
 
     ``configure`` loads the arm, ``activate`` starts answering, ``deactivate`` stops and
@@ -69,8 +75,8 @@ class Engine:
         self._health = Health(node)
         self._health.end('unconfigured')
         self._warned = -math.inf
-        self._inboxes: list[Inbox] = []
-        self._wrenches: Newest | None = None
+        self._inputs: list[TensionSubscription] = []
+        self._wrenches: LatestSubscription | None = None
         self._services: list[Any] = []
         self._outbox: Outbox | None = None
         self._tip_wrench: FloatArray | None = None
@@ -95,10 +101,15 @@ class Engine:
             ConfigError: if an override of a QoS policy cannot be.
         """
         node = self._node
-        self._inboxes = [Inbox(node, topic, self._answer) for topic in TOPICS]
-        self._health.publishers = {inbox.topic: inbox.count_publishers for inbox in self._inboxes}
+        self._inputs = [
+            TensionSubscription(
+                node, topic, self._current_arm, self._answer, names=self._current_names
+            )
+            for topic in TOPICS
+        ]
+        self._health.publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._health.begin()
-        self._wrenches = Newest(node, WrenchStamped, 'tip_wrench', self._on_wrench)
+        self._wrenches = LatestSubscription(node, WrenchStamped, 'tip_wrench', self._on_wrench)
         self._services = [
             node.create_service(Solve, 'solve', self._on_solve),
             node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
@@ -107,13 +118,13 @@ class Engine:
 
     def deactivate(self) -> None:
         """Stop answering."""
-        for inbox in self._inboxes:
-            inbox.close()
+        for subscription in self._inputs:
+            subscription.close()
         if self._wrenches is not None:
             self._wrenches.close()
         for service in self._services:
             self._node.destroy_service(service)
-        self._inboxes, self._wrenches, self._services = [], None, []
+        self._inputs, self._wrenches, self._services = [], None, []
         if self._outbox is not None:
             self._outbox.pause()
         self._health.end('inactive')
@@ -146,28 +157,38 @@ class Engine:
 
     # Messages -----------------------------------------------------------------------------------
 
-    def _answer(self, inbox: Inbox, data: bytes, older: int) -> None:
-        if older:
-            self._health.skipped(older)
+    def _current_names(self) -> tuple[str, ...]:
+        return self._prepared.config.load_cells.names if self._prepared is not None else ()
+
+    def _current_arm(self) -> Arm:
+        assert self._prepared is not None  # it subscribes only while configured
+        return self._prepared.config.arm
+
+    def _answer(self, given: TensionInput) -> None:
+        if given.older:
+            self._health.skipped(given.older)
         if self._wrenches is not None:
-            self._wrenches.answer_newest()
+            self._wrenches.answer_latest()
         prepared, outbox = self._prepared, self._outbox
         if prepared is None or outbox is None:
             return
+        if isinstance(given.tensions, OctoArmError):
+            self._refuse(given.topic, given.tensions)
+            return
         try:
-            readings, stamp = inbox.read(data, prepared.config.arm)
-            tensions = prepared.config.load_cells.tensions(prepared.config.arm, readings)
-            if self._health.received(inbox.topic, stamp):
-                self._last = None  # A bag that begins anew: nothing follows from its end.
+            if self._health.received(given.topic, given.stamp):
+                self._last = None  # stamps start over: do not continue from the last shape
             began = time.perf_counter()
+            config = prepared.config
+            tensions = config.load_cells.tensions(config.arm, given.tensions)
             backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
             self._last = backbone
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began
         except OctoArmError as error:
-            self._refuse(inbox.topic, error)
+            self._refuse(given.topic, error)
             return
-        outbox.publish(backbone, covariance, self._stamp(stamp))
+        outbox.publish(backbone, covariance, self._stamp(given.stamp))
         self._health.answered(backbone, duration)
 
     def _on_wrench(self, data: bytes, older: int) -> None:
@@ -215,8 +236,8 @@ class Engine:
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._health.refused(topic, error)
-        # Not by the logger's own throttle: it looks for the line that calls it first, which takes
-        # longer than to solve an arm, and hostile messages would starve good ones.
+        # The logger's own throttle looks up the calling line, which takes longer than to solve an
+        # arm, so that a flood of refused messages would delay the others.
         now = time.monotonic()
         if now > self._warned + WARNING_PERIOD:
             self._warned = now

@@ -21,9 +21,9 @@ from octo_arm_model.ros.node.frames import make_broadcaster
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
 from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.wire.cdr_backbone import BackboneWriter
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
-from octo_arm_model.wire.cdr_templates import BackboneWriter
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 # Whoever comes late still hears what the arm is.

@@ -15,7 +15,7 @@ from octo_arm_model.config.config import DiagnosticLimits
 from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
 
 TOPIC = '/diagnostics'
 QOS = QoSProfile(depth=5)

@@ -15,7 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.checked_node import CheckedNode
-from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
 
 
@@ -29,7 +29,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
             ConfigError: if a parameter is of the wrong type.
         """
         super().__init__('octo_arm', **options)
-        self._engine = Engine(self)
+        self._server = ArmServer(self)
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
@@ -53,37 +53,37 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load and validate the arm; a failure leaves the node as it was."""
         try:
-            self._engine.configure()
+            self._server.configure()
         except OctoArmError as error:
             self.get_logger().error(f'not configured: {error}')
-            self._engine.cleanup()
+            self._server.cleanup()
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start answering; a failure leaves the node as it was."""
         try:
-            self._engine.activate()
+            self._server.activate()
         except OctoArmError as error:
             self.get_logger().error(f'not activated: {error}')
-            self._engine.deactivate()
+            self._server.deactivate()
             return TransitionCallbackReturn.FAILURE
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering."""
-        self._engine.deactivate()
+        self._server.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the arm."""
-        self._engine.cleanup()
+        self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and free, from whichever state."""
-        self._engine.deactivate()
-        self._engine.cleanup()
+        self._server.deactivate()
+        self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
 

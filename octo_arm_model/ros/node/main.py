@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
-from octo_arm_model.ros.node.arm_server import Engine
+from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.start import start_ros
 
@@ -38,9 +38,9 @@ class OctoArmNode(CheckedNode):
             ArmDefinitionError: if the arm cannot exist.
         """
         super().__init__('octo_arm', **options)
-        self._engine = Engine(self)
-        self._engine.configure()
-        self._engine.activate()
+        self._server = ArmServer(self)
+        self._server.configure()
+        self._server.activate()
 
 
 def make_executor() -> Executor:

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_drawing import MarkersWriter
-from octo_arm_model.wire.tension_template import Stamp
+from octo_arm_model.wire.stamp import Stamp
 
 TOPIC = 'markers'
 

@@ -17,7 +17,7 @@ from octo_arm_model.ros.messages import (
     tensions_message,
     wrench_values,
 )
-from octo_arm_model.wire.tension_messages import tensions_from_tendon_tensions
+from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 
 def answer_solve(
@@ -25,7 +25,7 @@ def answer_solve(
 ) -> Solve.Response:
     """Solve for the tensions and the tip's wrench of ``request``."""
     try:
-        tensions = tensions_from_tendon_tensions(request.tensions, solver.arm)
+        tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
         wrench = wrench_values(request.tip_wrench)
         backbone = solver.solve(tensions, wrench if wrench.any() else None)
         lengths = solver.tendon_lengths(backbone)

@@ -1,43 +1,35 @@
-"""Messages as they come in: the newest of what has arrived, as bytes until it is wanted."""
+"""Subscriptions of which only the latest message counts, and those to tensions among them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Any
+import importlib
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import MessageError
+from octo_arm_model.core.errors import MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.qos import create_subscription
-from octo_arm_model.wire.tension_messages import READERS
-from octo_arm_model.wire.tension_template import Familiar, Stamp
+from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_layout import TensionLayout
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-# Best effort hears reliable publishers as well. What waits is passed over for the newest, but
-# while there is room it is counted.
+# A best-effort subscription receives from reliable publishers as well. All but the latest of the
+# messages in the queue are skipped; its depth limits how many of these are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-_CLASSES: dict[str, Any] = {
-    'octo_arm_msgs/msg/TendonTensions': TendonTensions,
-    'std_msgs/msg/Float64MultiArray': Float64MultiArray,
-    'sensor_msgs/msg/JointState': JointState,
-}
-TOPICS = tuple(READERS)
+TOPICS = tuple(TENSION_TOPICS)
 
 
-class Newest:
-    """Subscription to one topic, of which only the newest message counts.
+class LatestSubscription:
+    """Subscription to one topic, of which only the latest message is answered.
 
-    Answering may take longer than the time between two messages. It is a task of its own, behind
-    what the executor has to do already: in the callback of a message it would be done anew for
-    every message that came meanwhile, before any service gets its turn.
+    To answer may take longer than the time between two messages. It is a task of its own, queued
+    behind what the executor has to do already: in the callback of a message every message that
+    came meanwhile would be answered before any service is.
 
     Attributes:
         topic: its whole name, as remapped.
@@ -46,12 +38,12 @@ class Newest:
     def __init__(
         self, node: Node, kind: Any, topic: str, answer: Callable[[bytes, int], None]
     ) -> None:
-        """Call ``answer`` with the newest message and how many older ones were passed over.
+        """Call ``answer`` with the latest message and how many older ones were skipped.
 
         Messages are of type ``kind``.
         """
         self._node, self._kind, self._answer = node, kind, answer
-        self._newest: bytes | None = None
+        self._latest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
         self._subscription = create_subscription(
@@ -60,7 +52,7 @@ class Newest:
         self.topic = self._subscription.topic_name
 
     def close(self) -> None:
-        """Stop listening."""
+        """Destroy the subscription."""
         self._is_open = False
         self._node.destroy_subscription(self._subscription)
 
@@ -69,35 +61,35 @@ class Newest:
         return int(self._subscription.get_publisher_count())
 
     def _keep(self, message: bytes) -> None:
-        self._older += self._newest is not None
-        self._newest = message
+        self._older += self._latest is not None
+        self._latest = message
         if not self._is_due:
             executor = self._node.executor
-            assert executor is not None  # it is what calls here
+            assert executor is not None  # it called this
             self._is_due = True
             executor.create_task(self._answer_due)
 
     def _answer_due(self) -> None:
         self._is_due = False
         try:
-            self.answer_newest()
+            self.answer_latest()
         except RuntimeError:
-            # A signal ends the context in the middle of whatever is done: no fault of anybody's.
+            # A signal invalidates the context while an answer is under way: not an error.
             if self._node.context.ok():
                 raise
 
-    def answer_newest(self) -> None:
-        """Answer the newest message, if there is one that is not answered yet."""
+    def answer_latest(self) -> None:
+        """Answer the latest message, if it is not answered yet."""
         if not self._is_open:
             return
         with self._subscription.handle:
             while (taken := self._subscription.handle.take_message(self._kind, True)) is not None:
-                self._older += self._newest is not None
-                self._newest = taken[0]
-        newest, older = self._newest, self._older
-        self._newest, self._older = None, 0
-        if newest is not None:
-            self._answer(newest, older)
+                self._older += self._latest is not None
+                self._latest = taken[0]
+        latest, older = self._latest, self._older
+        self._latest, self._older = None, 0
+        if latest is not None:
+            self._answer(latest, older)
 
     def decode(self, data: bytes) -> Any:
         """The message.
@@ -108,46 +100,88 @@ class Newest:
         try:
             return deserialize_message(data, self._kind)
         except Exception as error:
-            # Whatever the middleware raises for bytes that are none of its own.
+            # The middleware raises errors of several types for bytes that are no message.
             problem = f'{len(data)} bytes that are no {self._kind.__name__}'
             raise MessageError(problem) from error
 
 
-class Inbox(Newest):
-    """Subscription to one topic of tensions."""
+class TensionInput(NamedTuple):
+    """The latest message of a topic of tensions.
+
+    Attributes:
+        topic: whole name of the topic.
+        tensions: of `Arm.tension_shape` [N], or why it holds none for the arm.
+        stamp: its stamp; None where its type has none, or it was not read.
+        older: how many messages before it were skipped.
+    """
+
+    topic: str
+    tensions: FloatArray | OctoArmError
+    stamp: Stamp | None
+    older: int
+
+
+class TensionSubscription(LatestSubscription):
+    """Subscription to one topic of tensions, which reads its messages."""
 
     def __init__(
         self,
         node: Node,
         topic: str,
-        answer: Callable[[Inbox, bytes, int], None],
+        arm: Callable[[], Arm],
+        answer: Callable[[TensionInput], None],
         prefix: str = 'tendon_tensions',
+        names: Callable[[], Sequence[str]] = tuple,
     ) -> None:
-        """Call ``answer`` with this, the newest message and how many older ones it passed over.
+        """Call ``answer`` with what the latest message says.
 
-        Messages are of the type of ``topic``, and it is heard under a name that begins with
-        ``prefix``.
+        Args:
+            node: the node that subscribes.
+            topic: one of `TENSION_TOPICS`, which says what type messages are of.
+            arm: returns the arm that they are for.
+            answer: what to call.
+            prefix: replaces 'tendon_tensions' in the name that is subscribed to.
+            names: returns what the tendons are called there; empty for their own names.
         """
-        type_name, self._read = READERS[topic]
-        self._familiar: Familiar | None = None
+        self._message = TENSION_TOPICS[topic]
+        self._arm, self._hand_over, self._names = arm, answer, names
+        self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
-        super().__init__(node, _CLASSES[type_name], name, partial(answer, self))
+        super().__init__(node, message_class(self._message.type_name), name, self._read_latest)
 
-    def read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
+    def _read_latest(self, data: bytes, older: int) -> None:
+        tensions: FloatArray | OctoArmError
+        try:
+            tensions, stamp = self._read(data, self._arm())
+        except OctoArmError as error:
+            tensions, stamp = error, None
+        self._hand_over(TensionInput(self.topic, tensions, stamp, older))
+
+    def _read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
         """Tensions [N] and the stamp of a message, None where its type has none.
 
         Raises:
             MessageError: if it is no message of the type.
             TensionError: if it is not one for ``arm``.
         """
-        familiar = self._familiar
-        if familiar is not None and familiar.arm is arm:
-            found = familiar.read(data)
+        layout, wanted = self._layout, self._names()
+        if layout is not None and layout.arm is arm and not wanted:
+            found = layout.read(data)
             if found is not None:
                 return found
         message = self.decode(data)
-        tensions = self._read(message, arm)
-        if self._kind is TendonTensions:
-            self._familiar = Familiar(data, message.name, arm)
-        header = getattr(message, 'header', None)
-        return tensions, Stamp(header.stamp.sec, header.stamp.nanosec) if header else None
+        if wanted:
+            tensions = self._message.read_named(message, arm, wanted)
+        else:
+            tensions = self._message.read(message, arm)
+            self._layout = TensionLayout(self._message, data, message, arm)
+        if not self._message.has_stamp:
+            return tensions, None
+        stamp = message.header.stamp
+        return tensions, Stamp(stamp.sec, stamp.nanosec)
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'."""
+    package, _, name = type_name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)

@@ -17,8 +17,7 @@ from octo_arm_model import Backbone, Config, SolveError, Solver, load_config
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled import kernels as loops
-from octo_arm_model.core.compiled import numba_build as machine_code
+from octo_arm_model.core.compiled import kernels, numba_build
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
 from octo_arm_model.logs import show_logs
@@ -36,7 +35,7 @@ def both(config: Config, model: str) -> tuple[Solver, Solver]:
 @pytest.fixture
 def nothing_known(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
     """As if numba had not been looked for yet, now and afterwards; what is logged then."""
-    caches = machine_code.find_shapes, machine_code.fault
+    caches = numba_build.find_shapes, numba_build.fault
     logger = logging.getLogger('octo_arm_model')
     for name in ('handlers', 'level', 'propagate'):
         monkeypatch.setattr(logger, name, getattr(logger, name))
@@ -141,7 +140,9 @@ def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) ->
 # Where it hands on -------------------------------------------------------------------------------
 
 
-def test_arms_too_hard_for_one_piece_are_solved_in_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_too_hard_for_one_element_are_solved_in_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     machine, numpy = both(TABLE_4, 'renda2012')
     tensions = random_tensions(TABLE_4, 4)
     # Sweeps over a whole panel diverge, see `test_renda2012`.
@@ -195,7 +196,7 @@ def test_as_plain_python_the_loops_do_the_same() -> None:
     found = solver.solve(FETCHING_IN_SPACE)
     assert solver._compiled is not None and found.twist is not None
     twist = np.empty_like(found.twist)
-    residual, sweeps = loops.find_twist(
+    residual, sweeps = kernels.find_twist(
         solver._compiled._tables, np.ravel(FETCHING_IN_SPACE), twist
     )
     np.testing.assert_allclose(twist, found.twist, atol=1e-12 * np.abs(twist).max())
@@ -212,7 +213,9 @@ def test_two_stations_at_one_node_are_both_filled_in() -> None:
     station_node[3] = station_node[2]
     position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
     twist = np.array(found.twist)
-    loops.integrate_twist(tables._replace(station_node=station_node), twist, position, quaternion)
+    kernels.integrate_twist(
+        tables._replace(station_node=station_node), twist, position, quaternion
+    )
     expected = found.position.copy()
     expected[3] = expected[2]
     np.testing.assert_allclose(position, expected, atol=1e-15)
@@ -223,7 +226,7 @@ def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:
     solver = TABLE_4.solver('closed_form', compiled=True)
     assert solver._compiled is not None
     twist = np.empty((4, solver.grid.nodes.size))
-    _, sweeps = loops.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
+    _, sweeps = kernels.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
     assert sweeps < 0
 
 
@@ -235,18 +238,18 @@ def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: C
     for count in (0, 1, 5):
         solver.solve(random_tensions(preset, count))
     solver.solve(random_tensions(preset, 1)[0])
-    assert len(machine_code.find_shapes().signatures) == 1
+    assert len(numba_build.find_shapes().signatures) == 1
 
 
 def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
-    files = {Path(file).name for file in machine_code.sources()}
+    files = {Path(file).name for file in numba_build.sources()}
     assert files >= {'kernels.py', 'tables.py', 'picard.py', 'kinematics.py', 'quaternion.py'}
     assert files >= {'paper_balance.py', 'numba_build.py'}
 
 
 def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
-    machine = machine_code.find_shapes()
-    assert machine_code._kept(machine)
+    machine = numba_build.find_shapes()
+    assert numba_build._kept(machine)
     # Loaded, and so nothing to say.
     assert sum(machine.stats.cache_hits.values()) == 1 and not nothing_known
 
@@ -261,7 +264,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     numba = sys.modules['numba']
     monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     find_shapes.__qualname__ = 'find_shapes'
-    monkeypatch.setattr(machine_code, '_entry', lambda numba: find_shapes)
+    monkeypatch.setattr(numba_build, '_entry', lambda numba: find_shapes)
     return tmp_path
 
 
@@ -269,12 +272,12 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def test_what_was_kept_but_not_whole_is_made_anew(
     quick: Path, suffix: str, nothing_known: list[tuple[str, bool]]
 ) -> None:
-    machine_code.find_shapes()
+    numba_build.find_shapes()
     (kept,) = quick.rglob(f'*.{suffix}')
     size = kept.stat().st_size
     kept.write_bytes(kept.read_bytes()[: size // 2])
-    machine_code.find_shapes.cache_clear()
-    assert machine_code.is_available()
+    numba_build.find_shapes.cache_clear()
+    assert numba_build.is_available()
     assert kept.stat().st_size == size
     assert [text for text, _ in nothing_known] == 2 * [
         'compiling the models: some ten seconds, once on this machine'
@@ -288,7 +291,7 @@ def test_of_what_was_kept_not_one_bit_may_differ(
     monkeypatch: pytest.MonkeyPatch,
     nothing_known: list[tuple[str, bool]],
 ) -> None:
-    machine_code.find_shapes()
+    numba_build.find_shapes()
     (kept,) = quick.rglob(f'*.{suffix}')
     data = bytearray(kept.read_bytes())
     data[2 * len(data) // 3] ^= 1
@@ -303,11 +306,11 @@ def test_of_what_was_kept_not_one_bit_may_differ(
         return original(self, name)
 
     monkeypatch.setattr(caching.IndexDataCacheFile, '_load_data', watched)
-    machine_code.find_shapes.cache_clear()
-    machine = machine_code.find_shapes()
+    numba_build.find_shapes.cache_clear()
+    machine = numba_build.find_shapes()
     assert not loaded and sum(machine.stats.cache_misses.values()) == 1
-    machine_code.find_shapes.cache_clear()
-    assert sum(machine_code.find_shapes().stats.cache_hits.values()) == 1 and len(loaded) == 1
+    numba_build.find_shapes.cache_clear()
+    assert sum(numba_build.find_shapes().stats.cache_hits.values()) == 1 and len(loaded) == 1
     assert [text for text, _ in nothing_known] == 2 * [
         'compiling the models: some ten seconds, once on this machine'
     ]
@@ -322,15 +325,15 @@ def test_where_nothing_can_be_kept_it_compiles_all_the_same(
         raise OSError('No space left on device')
 
     monkeypatch.setattr(caching.IndexDataCacheFile, 'save', full)
-    assert machine_code.is_available() and machine_code.find_shapes().signatures
+    assert numba_build.is_available() and numba_build.find_shapes().signatures
 
     def nowhere(*arguments: object, **options: object) -> None:
         raise RuntimeError('cannot cache function: no locator available')
 
     monkeypatch.setattr(caching.CacheImpl, '__init__', nowhere)
-    machine_code.find_shapes.cache_clear()
-    machine_code.fault.cache_clear()
-    assert machine_code.is_available() and machine_code.find_shapes().signatures
+    numba_build.find_shapes.cache_clear()
+    numba_build.fault.cache_clear()
+    assert numba_build.is_available() and numba_build.find_shapes().signatures
     assert not any(is_warning for _, is_warning in nothing_known)
 
 
@@ -341,7 +344,7 @@ def test_without_numba_it_says_so_if_asked_for(
     with pytest.raises(ModuleNotFoundError, match='numba'):
         TABLE_4.solver(compiled=True)
     assert not TABLE_4.solver(compiled=None).is_compiled
-    assert machine_code.fault() == '' and not nothing_known
+    assert numba_build.fault() == '' and not nothing_known
 
 
 def test_a_numba_that_does_not_work_is_done_without(
@@ -362,4 +365,4 @@ def test_a_numba_told_not_to_compile_is_done_without(
 ) -> None:
     monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
     assert not TABLE_4.solver(compiled=None).is_compiled
-    assert machine_code.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'
+    assert numba_build.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'

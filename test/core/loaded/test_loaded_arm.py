@@ -26,6 +26,7 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
+    ConvergenceError,
     DistributedLoad,
     LoadError,
     Loads,
@@ -36,7 +37,10 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
+from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded import continuation
+from octo_arm_model.core.loaded.budget import Budget
 
 LAWS = ('linear', 'neo_hookean')
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
@@ -412,7 +416,7 @@ def test_forces_and_moments_balance_at_every_station_across_anchorages(
     loads = dataclasses.replace(EVERYTHING, gravity=(0, 0, 0), distributed=())
     solver = Solver(HELICAL, 'exact', stations, material=law, loads=loads)
     backbone = solver.solve(HELICAL_TENSIONS)
-    assert left_over(HELICAL, HELICAL_TENSIONS, law, loads, backbone) < 1e-9
+    assert left_over(HELICAL, HELICAL_TENSIONS, law, loads, backbone) < 1e-7
 
 
 def test_they_do_for_the_metal_rod() -> None:
@@ -428,7 +432,7 @@ def test_they_do_under_weight(law: str) -> None:
     tensions = np.array([[1.0, 0.5, 0.0, 0.2]])
     loads = Loads(gravity=(2.0, 3.0, -9.0), fluid_density=300.0)
     backbone = Solver(arm, 'exact', 201, material=law, loads=loads).solve(tensions)
-    assert left_over(arm, tensions, law, loads, backbone) < 1e-8
+    assert left_over(arm, tensions, law, loads, backbone) < 1e-7
 
 
 # By other means --------------------------------------------------------------------------------
@@ -568,6 +572,26 @@ def test_an_arm_that_stands_too_tall_falls_over_and_stays_balanced(table4: Confi
     # Nudged by a force that decides, it falls to that side.
     aside = solver.solve(np.zeros((3, 4)), (0, 0, 1e-4, 0, 0, 0))
     assert aside.tip[2] > 0.1
+
+
+def test_a_failed_balance_and_a_failed_continuation_say_so_each(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, loads = with_density(table4.arm), Loads(gravity=(-9.81, 0.0, 0.0))
+    for budget, spent in (
+        (Budget(4), '4 iterations'),
+        (Budget(seconds=1e-9), '1e-09 s'),
+    ):
+        solver = Solver(arm, 'exact', 31, loads=loads, budget=budget)
+        with pytest.raises(ContinuationError, match=rf'budget of {spent} at .* % of the') as error:
+            solver.solve(np.zeros((3, 4)))
+        assert 0.0 <= error.value.part < 1.0
+    with pytest.raises(ConfigError, match='seconds is 0'):
+        Budget(seconds=0)
+    solver = Solver(arm, 'exact', 31, loads=loads)
+    monkeypatch.setattr(continuation, '_PER_DESCENT', 1)
+    with pytest.raises(ConvergenceError, match='balance under load did not converge: residual'):
+        solver.solve(np.zeros((3, 4)))
 
 
 def test_a_batch_under_loads_is_its_sets_one_by_one() -> None:

@@ -34,7 +34,7 @@ from octo_arm_model import (
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod import grid
-from octo_arm_model.core.section import elastic_laws as laws
+from octo_arm_model.core.section import elastic_laws
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import unscale
@@ -279,7 +279,7 @@ def test_stiffness_and_tensions_in_proportion_change_nothing(arm: Arm, scale: fl
 @pytest.mark.parametrize('shear', [False, True])
 def test_the_linear_law_reaches_the_same_strains_from_any_start(shear: bool) -> None:
     nodes, section = np.linspace(0.0, 0.4, 9), np.repeat([2, 1], [6, 3])
-    energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS['linear'], shear)
+    energy = SectionEnergy(HELICAL, nodes, section, elastic_laws.LAWS['linear'], shear)
     local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
     usual = minimise(energy, local_tensions, initial_strain(energy, local_tensions)).strain
     random = np.random.default_rng(0)
@@ -308,14 +308,14 @@ class MooneyRivlin:
         first = stretch**2 + bend / 4 + 4 / total - 3
         return self.a * first + self.b * (2 * stretch + 2 / (w * total) - 3)
 
-    def density(self, stretch: FloatArray, bend: FloatArray) -> laws.Density:
+    def density(self, stretch: FloatArray, bend: FloatArray) -> elastic_laws.Density:
         # The means over the disc of 1/l and 1/l^2 are 2/(l + w) and 2/(w (l + w)).
         a, b = self.a, self.b
         w = np.sqrt(np.where(stretch > 0.0, stretch * stretch - bend, np.nan))
         sum_, w3, w5 = stretch + w, w**3, w**5
         by_bend = (stretch + 2 * w) / (w3 * sum_**2)
         quadratic = 3 * stretch**2 + 9 * stretch * w + 8 * w**2
-        return laws.Density(
+        return elastic_laws.Density(
             a * (2 * stretch - 4 / (w * sum_)) + b * (2 - 2 / w3),
             a * (0.25 + 2 / (w * sum_**2)) + b * by_bend,
             a * (2 + 4 / w3) + b * 6 * stretch / w5,
@@ -323,7 +323,7 @@ class MooneyRivlin:
             a * (stretch + 3 * w) / (w3 * sum_**3) + b * quadratic / (2 * w5 * sum_**3),
         )
 
-    widening = laws.NeoHookean().widening
+    widening = elastic_laws.NeoHookean().widening
 
 
 def mooney_rivlin_fibre(second: float) -> reference.Fibre:
@@ -342,11 +342,11 @@ def test_the_densities_of_every_law_are_derivatives(case: tuple[float, float]) -
     stretch, part = case
     at = np.array([stretch, max(part * stretch**2, 1e-3)])
 
-    def density(law: laws.Law, x: np.ndarray) -> laws.Density:
+    def density(law: elastic_laws.Law, x: np.ndarray) -> elastic_laws.Density:
         return law.density(x[:1].copy(), x[1:].copy())
 
     step = 1e-3 * at
-    for law in (*laws.LAWS.values(), MooneyRivlin(0.4)):
+    for law in (*elastic_laws.LAWS.values(), MooneyRivlin(0.4)):
         f = density(law, at)
         second = jacobian(lambda x: np.concatenate(density(law, x)[:2]), at, step)
         expected = np.array([
@@ -369,7 +369,7 @@ def test_the_laws_of_rubber_are_their_fibres_summed(case: tuple[float, float]) -
     curve = math.sqrt(part) * stretch
     fibres = stretch + curve * place[1]
     for law, fibre in (
-        (laws.LAWS['neo_hookean'], reference.NEO_HOOKEAN),
+        (elastic_laws.LAWS['neo_hookean'], reference.NEO_HOOKEAN),
         (MooneyRivlin(0.4), mooney_rivlin_fibre(0.4)),
     ):
         f = law.density(np.array([stretch]), np.array([curve**2]))
@@ -382,7 +382,7 @@ def test_the_laws_of_rubber_are_their_fibres_summed(case: tuple[float, float]) -
 
 def test_all_laws_agree_where_strains_are_small() -> None:
     one, none = np.ones(1), np.zeros(1)
-    for law in (*laws.LAWS.values(), MooneyRivlin(0.0), MooneyRivlin(0.9)):
+    for law in (*elastic_laws.LAWS.values(), MooneyRivlin(0.0), MooneyRivlin(0.9)):
         f = law.density(one, none)
         assert f.by_stretch[0] == pytest.approx(0.0, abs=1e-15)
         assert f.by_stretch_stretch[0] == pytest.approx(1.0)  # E A
@@ -394,8 +394,8 @@ def test_all_laws_agree_where_strains_are_small() -> None:
 
 
 def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(laws.LAWS, 'mooney_rivlin', MooneyRivlin(0.4))
-    monkeypatch.setitem(laws.LAWS, 'mooney_rivlin_0', MooneyRivlin(0.0))
+    monkeypatch.setitem(elastic_laws.LAWS, 'mooney_rivlin', MooneyRivlin(0.4))
+    monkeypatch.setitem(elastic_laws.LAWS, 'mooney_rivlin_0', MooneyRivlin(0.0))
     backbone = Solver(HELICAL, 'exact', 31, material='mooney_rivlin').solve(THREE_TENSIONS)
     fibre = mooney_rivlin_fibre(0.4)
     assert_least_energy(HELICAL, THREE_TENSIONS, fibre, backbone, False)
@@ -414,7 +414,7 @@ def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear: bool) -> None:
     nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
-    energy = SectionEnergy(HELICAL, nodes, section, laws.LAWS[law], shear)
+    energy = SectionEnergy(HELICAL, nodes, section, elastic_laws.LAWS[law], shear)
     local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
     at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
     steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])

@@ -11,8 +11,7 @@ from strategies import arms, fractions, loaded_arms, tensions_for
 
 from octo_arm_model import Arm, Config, ConvergenceError, SolveError, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.core.models import picard as imbalance
-from octo_arm_model.core.models import renda2012
+from octo_arm_model.core.models import picard, renda2012
 from octo_arm_model.core.models.renda2012 import Renda2012
 
 # Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
@@ -151,13 +150,13 @@ def test_one_loaded_section_does_not_twist(table2: Config, tensions: tuple) -> N
 def test_no_convergence_is_an_error_that_says_how_far_it_got(
     table4: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(imbalance, 'MAX_SWEEPS', 2)
-    monkeypatch.setattr(renda2012, 'PIECES', (1,))
+    monkeypatch.setattr(picard, 'MAX_SWEEPS', 2)
+    monkeypatch.setattr(renda2012, 'ELEMENTS', (1,))
     with pytest.raises(ConvergenceError, match=r'equation \(10\) in section 3 did not conv') as e:
         table4.solver('renda2012').solve(FETCHING_IN_SPACE)
     assert isinstance(e.value, SolveError)
     assert e.value.iterations == 2
-    assert e.value.residual > imbalance.TOLERANCE
+    assert e.value.residual > picard.TOLERANCE
 
 
 def test_panels_are_cut_where_sweeps_over_the_whole_diverge(
@@ -168,7 +167,7 @@ def test_panels_are_cut_where_sweeps_over_the_whole_diverge(
     backbone = table4.solver('renda2012').solve(tensions)
     expected = reference.solve(table4.arm, tensions, 'renda2012', backbone.s, table4.base)
     np.testing.assert_allclose(backbone.tip, expected.position[-1], atol=1e-6 * table4.arm.length)
-    monkeypatch.setattr(renda2012, 'PIECES', (1,))
+    monkeypatch.setattr(renda2012, 'ELEMENTS', (1,))
     with pytest.raises(ConvergenceError):
         table4.solver('renda2012').solve(tensions)
 
@@ -177,6 +176,6 @@ def test_the_result_does_not_depend_on_the_tolerance_of_the_sweeps(
     table4: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usual = table4.solver('renda2012').solve(FETCHING_IN_SPACE)
-    monkeypatch.setattr(imbalance, 'TOLERANCE', 1e-13)
+    monkeypatch.setattr(picard, 'TOLERANCE', 1e-13)
     tight = table4.solver('renda2012').solve(FETCHING_IN_SPACE)
     np.testing.assert_allclose(usual.tip, tight.tip, atol=1e-7 * table4.arm.length)

@@ -31,7 +31,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -39,6 +39,8 @@ from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 pytestmark = pytest.mark.slow
 
@@ -46,11 +48,7 @@ DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-INPUTS = {
-    'tendon_tensions': TendonTensions,
-    'tendon_tensions/array': Float64MultiArray,
-    'tendon_tensions/joint_state': JointState,
-}
+INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,
@@ -144,18 +142,15 @@ class Client:
 
     def send(self, topic, tensions, names=NAMES):
         """Publish tensions; returns the seconds of the stamp, None where there is none."""
-        values = np.ravel(np.asarray(tensions, dtype=float))
-        if topic == 'tendon_tensions/array':
-            self.publishers[topic].publish(Float64MultiArray(data=values))
-            return None
-        if topic == 'tendon_tensions':
-            message = TendonTensions(name=names, tension=values)
-        else:
-            message = JointState(name=names, effort=values)
-        message.header.stamp.sec = next(self.stamps)
-        message.header.frame_id = 'of the load cells'
+        kind, message = TENSION_TOPICS[topic], INPUTS[topic]()
+        setattr(message, kind.tensions, np.ravel(np.asarray(tensions, dtype=float)).tolist())
+        if kind.names is not None:
+            setattr(message, kind.names, names)
+        if kind.has_stamp:
+            message.header.stamp.sec = next(self.stamps)
+            message.header.frame_id = 'of the load cells'
         self.publishers[topic].publish(message)
-        return message.header.stamp.sec
+        return message.header.stamp.sec if kind.has_stamp else None
 
     def ask(self, topic, tensions):
         """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
@@ -239,7 +234,7 @@ BAD = {
 
 @pytest.mark.parametrize(
     ('topic', 'case'),
-    [(t, c) for t in INPUTS for c in BAD if not (t.endswith('array') and 'name' in c)],
+    [(t, c) for t in INPUTS for c in BAD if TENSION_TOPICS[t].names or 'name' not in c],
 )
 def test_bad_input_is_not_answered_and_the_next_good_one_is(client, topic, case):
     values, names = BAD[case]

@@ -30,8 +30,8 @@ from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
+from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
-from octo_arm_model.wire.cdr_templates import BackboneWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 SOLVER = Solver(CONFIG.arm, 'closed_form', 11, CONFIG.base)
@@ -291,6 +291,33 @@ def test_bytes_stay_when_the_next_are_written():
     assert before == kept
     assert all(one != other for one, other in zip(before, after, strict=True))
     assert everything(first, 1) == before
+
+
+@given(
+    frame=TEXTS,
+    model=TEXTS,
+    stations=st.integers(2, 120),
+    stamps=st.lists(st.tuples(SECONDS, NANOSECONDS), min_size=1, max_size=4),
+    seed=st.integers(0, 2**16),
+)
+@example('', '', 2, [(-(2**31), 2**32 - 1), (2**31 - 1, 0)], 0)
+@example('触手😀', 'exact', 101, [(-1, 999_999_999)] * 3, 2)
+def test_a_batch_is_written_like_single_solutions(frame, model, stations, stamps, seed):
+    some = [made_up(stations, model, seed + number) for number in range(len(stamps))]
+    some = [dataclasses.replace(one, section=some[0].section) for one in some]
+    varying = 'position', 'quaternion', 'tau', 'xi', 'k', 'q'
+    stacked = {name: np.stack([getattr(one, name) for one in some]) for name in varying}
+    batch = dataclasses.replace(some[0], **stacked)
+    writer = writer_for(some[0], frame)
+    expected = [
+        (*three(writer, one, *stamp), writer.tip_pose(one, np.zeros((6, 6)), *stamp))
+        for one, stamp in zip(some, stamps, strict=True)
+    ]
+    together = BackboneBatchWriter(frame, model, batch.s, batch.section)
+    together.write(batch, np.array(stamps)[::-1], len(stamps))  # other messages, kept apart
+    before = together.write(batch, np.array(stamps), 0)
+    together.write(batch, np.array(stamps)[::-1], len(stamps))
+    assert before == expected
 
 
 def test_names_end_at_a_nul_as_those_of_messages_do():

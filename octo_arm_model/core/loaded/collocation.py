@@ -1,0 +1,132 @@
+"""Where the loaded rod is solved: Gauss points in elements between anchorages, loads and knots.
+
+A panel is what lies between two neighbouring anchorages or loads; an element is a panel or a part
+of it, with Gauss points of its own. Within an element everything is smooth, so that a few points
+tell strains to many digits. Arrays over points go from the base to the tip, element by element.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
+from octo_arm_model.core.rod.grid import StationGrid
+
+# Points in each element, for at most so many elements.
+_POINTS = ((4, 18), (8, 14), (16, 10))
+_FEWEST = 6  # in each of more elements
+_LONGEST = 0.41  # of the length of the arm
+_ROUNDING = 1e-12  # of the length of the arm
+
+
+class Collocation:
+    """Elements and points of one arm.
+
+    Attributes:
+        rule: points within an element.
+        start: arc coordinate of the ends of elements towards the base [m], (elements,).
+        step: their lengths [m], (elements,).
+        s: arc coordinate of the points [m], (points,).
+        section: section of each point, (points,).
+        weights: of the integral along the arm, (points,).
+        length: of the arm [m].
+    """
+
+    def __init__(self, arm: Arm, grid: StationGrid, knots: tuple[float, ...], cuts: int) -> None:
+        """Cut panels of ``grid`` at ``knots`` and where they are long, then all in ``cuts``."""
+        ends, section = [0.0], []
+        for panel in grid.panels:
+            inside = [s for s in knots if panel.start < s < panel.stop]
+            for start, stop in itertools.pairwise([panel.start, *inside, panel.stop]):
+                count = math.ceil((stop - start) / (_LONGEST * arm.length))
+                ends += np.linspace(start, stop, count * cuts + 1)[1:].tolist()
+                section += [panel.section] * (count * cuts)
+        self.start, self.step = np.array(ends[:-1]), np.diff(ends)
+        # Finer elements have as many points each as those they are cut from.
+        coarse = len(section) // cuts
+        points = next((points for most, points in _POINTS if coarse <= most), _FEWEST)
+        self.rule: GaussRule = gauss_rule(points)
+        places = self.start[:, np.newaxis] + self.step[:, np.newaxis] * self.rule.points
+        self.s = places.ravel()
+        self.section = np.repeat(section, points)
+        self.weights = (self.step[:, np.newaxis] * self.rule.weights).ravel()
+        self.length = arm.length
+
+    def by_element(self, values: FloatArray) -> FloatArray:
+        """``values`` (..., points) as (..., elements, points of each)."""
+        return values.reshape(*values.shape[:-1], self.start.size, -1)
+
+    def integrate_from_base(self, values: FloatArray) -> FloatArray:
+        """Integral of ``values`` (..., points) from the base to each point."""
+        return self._integrate(values, self.rule.from_start, slice(None), 1)
+
+    def integrate_from_tip(self, values: FloatArray) -> FloatArray:
+        """Integral of ``values`` (..., points) from each point to the tip."""
+        return self._integrate(values, self.rule.to_end, slice(None, None, -1), -1)
+
+    def _integrate(
+        self, values: FloatArray, within: FloatArray, order: slice, shift: int
+    ) -> FloatArray:
+        """Integrals ``within`` elements, and over all elements before in this ``order``."""
+        scaled = self.by_element(values) * self.step[:, np.newaxis]
+        total = scaled @ within.T
+        if self.step.size > 1:
+            whole = (scaled @ self.rule.weights)[..., order]
+            sums = np.add.accumulate(whole[..., :-1], axis=-1)[..., order]
+            if shift > 0:
+                total[..., 1:, :] += sums[..., np.newaxis]
+            else:
+                total[..., :-1, :] += sums[..., np.newaxis]
+        return total.reshape(values.shape)
+
+    def readout(self, s: FloatArray, stop: FloatArray) -> Readout:
+        """What values at the points are elsewhere, at ``s`` (n,).
+
+        ``stop`` (n,) is the end of the panel that each lies in, which decides at a border.
+        """
+        element = np.searchsorted(self.start, s, side='right') - 1
+        at_border = np.abs(self.start[element] - s) <= _ROUNDING * self.length
+        element[at_border & (stop <= s + _ROUNDING * self.length) & (element > 0)] -= 1
+        return Readout(self, s, element)
+
+
+class Readout:
+    """Values and integrals at any places, from values at the points of a `Collocation`."""
+
+    def __init__(self, collocation: Collocation, s: FloatArray, element: IntArray) -> None:
+        """Read out at ``s`` (n,), each in its ``element`` (n,)."""
+        self._collocation, self._element = collocation, element
+        rule, start, step = collocation.rule, collocation.start, collocation.step
+        places = (s - start[element]) / step[element]
+        count = rule.points.size
+        columns = (element[:, np.newaxis] * count + np.arange(count)).ravel()
+        rows = np.arange(0, count * s.size + 1, count)
+        shape = (s.size, collocation.s.size)
+        values = rule.interpolate(places)
+        self._values = csr_matrix((values.ravel(), columns, rows), shape)
+        within = rule.integrate(places) * step[element, np.newaxis]
+        within[places == 0.0] = 0.0  # but for rounding it is
+        self._within = csr_matrix((within.ravel(), columns, rows), shape)
+
+    def interpolate(self, values: FloatArray) -> FloatArray:
+        """Values (..., n) from those at the points (..., points)."""
+        return self._apply(self._values, values)
+
+    def integrate_from_base(self, values: FloatArray) -> FloatArray:
+        """Integrals (..., n) from the base, of values at the points (..., points)."""
+        own = self._collocation
+        before = np.zeros((*values.shape[:-1], own.step.size))
+        whole = (own.by_element(values) @ own.rule.weights) * own.step
+        np.add.accumulate(whole[..., :-1], axis=-1, out=before[..., 1:])
+        return before[..., self._element] + self._apply(self._within, values)
+
+    @staticmethod
+    def _apply(matrix: csr_matrix, values: FloatArray) -> FloatArray:
+        flat = values.reshape(-1, values.shape[-1])
+        return np.asarray((matrix @ flat.T).T).reshape(*values.shape[:-1], -1)

@@ -1,0 +1,103 @@
+"""A loaded rod: its equilibria at collocation points, and what they are elsewhere."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.collocation import Collocation, Readout
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.load_limits import LoadLimits
+from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.kinematics import Frame
+from octo_arm_model.core.rod.solution import Shape
+from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.newton import initial_strain, minimise
+from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
+
+# Elements are fine enough where the last Legendre coefficients of the twist are below this part
+# of its values. Positions, which are integrals of it, are far more exact.
+RESOLVED = 3e-5
+
+
+class LoadedRod:
+    """One arm and its loads on elements of one size.
+
+    Attributes:
+        equilibrium: its equations.
+        points: how many points there are.
+    """
+
+    def __init__(
+        self, arm: Arm, grid: StationGrid, base: Frame, law: Law, shear: bool, loads: Loads,
+        cuts: int,
+    ) -> None:  # fmt: skip
+        """Cut every panel of ``grid``, and its part between knots, into ``cuts`` elements.
+
+        Raises:
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
+        """
+        self._arm, self._grid = arm, grid
+        self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts)
+        self.points = own.s.size
+        energy = SectionEnergy(arm, own.s, own.section, law, shear)
+        with np.errstate(over='ignore', invalid='ignore'):
+            table = LoadTable(arm, own, base.rotation, loads)
+        LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
+        self.equilibrium = Equilibrium(energy, own, table, base.rotation)
+
+    @functools.cached_property
+    def nodes(self) -> Readout:
+        """What values at the points are at the nodes of the grid."""
+        stops = np.array([panel.stop for panel in self._grid.panels])
+        return self._own.readout(self._grid.nodes, stops[self._grid.node_panel])
+
+    @functools.cached_property
+    def stations(self) -> Readout:
+        """Likewise at the stations, which belong to the panel towards the base."""
+        return self._own.readout(self._grid.s, self._grid.s)
+
+    @functools.cached_property
+    def parameters(self) -> ParameterDerivatives:
+        """What the balance at the points changes by with parameters of the arm."""
+        return ParameterDerivatives(self.equilibrium.energy, self._arm)
+
+    def unloaded(self, tensions: FloatArray) -> Shape:
+        """The shape under ``tensions`` (tendons,) [N] alone.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        energy = self.equilibrium.energy
+        local_tensions = energy.local_tensions(tensions[np.newaxis])
+        start = initial_strain(energy, local_tensions)
+        strain = minimise(energy, local_tensions, start).strain
+        check_fibres(energy, strain)
+        return self.equilibrium.shape(to_twist(energy.law, strain)[:, 0])
+
+    def from_coarser(self, other: LoadedRod, shape: Shape) -> Shape:
+        """The ``shape`` of an ``other`` rod at the points of this one."""
+        own = self._own
+        readout = other._own.readout(own.s, own.s)
+        return self.equilibrium.shape(readout.interpolate(shape.twist))
+
+    def twist_at_nodes(self, shape: Shape) -> FloatArray:
+        """Twist (n, nodes) of ``shape`` at the nodes of the grid."""
+        return self.nodes.interpolate(shape.twist)
+
+    def resolves(self, shape: Shape) -> bool:
+        """Whether elements are fine enough for ``shape``."""
+        twist = shape.twist
+        tail = np.abs(self._own.by_element(twist) @ self._own.rule.tail.T).max(axis=(1, 2))
+        size = np.abs(twist).max(axis=1)
+        size[:3] = size[:3].max()
+        return bool((tail <= RESOLVED * size).all())

@@ -1,0 +1,88 @@
+"""What every model of the statics is made from, takes and gives.
+
+A new model is a module with a `Statics` and an entry in `catalogue.MODELS`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.kinematics import Frame
+from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.sensitivity.results import Sensitivity
+
+# Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
+# stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
+# busy machine.
+_LARGEST_BATCH = 128
+_LARGEST_PRODUCT = 250_000  # multiplications
+
+
+class Setup(NamedTuple):
+    """What a model is prepared for.
+
+    Attributes:
+        arm: the arm.
+        grid: where strains are wanted.
+        base: pose of the base.
+        law: elastic law that was asked for; the paper's models are linear whatever it is.
+        shear: whether cross sections shear.
+        loads: what loads the arm but its tendons and the wrench on its tip.
+        budget: what one solve may take, where equilibria are followed.
+    """
+
+    arm: Arm
+    grid: StationGrid
+    base: Frame
+    law: Law
+    shear: bool
+    loads: Loads
+    budget: Budget
+
+    @property
+    def batch(self) -> int:
+        """How many arms are solved in one NumPy call."""
+        product = self.grid.nodes.size * len(self.arm.tendons)
+        return max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+
+
+class Statics(Protocol):
+    """A model of the arm's statics, prepared for a `Setup`."""
+
+    @property
+    def takes_loads(self) -> bool:
+        """Whether there may be loads besides the tendons."""
+
+    @property
+    def law(self) -> Law:
+        """Elastic law of the cross sections."""
+
+    @property
+    def strains(self) -> int:
+        """How many strains a cross section has: 4, or 6 with shear."""
+
+    @property
+    def sections(self) -> SectionEnergy:
+        """The cross sections at the nodes, for lengths of tendons and derivatives."""
+
+    def solve(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+    ) -> Solution:
+        """Solve for ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6) [N, N m].
+
+        ``start`` is a single solution to follow the equilibrium from, if the model does.
+
+        Raises:
+            SolveError: if there is no trustworthy answer; its number is that in the batch.
+        """
+
+    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+        """First derivatives of a single solution of this model."""

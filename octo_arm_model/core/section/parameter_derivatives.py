@@ -1,0 +1,82 @@
+"""What a cross section's balance and its tendons' lengths change by with parameters of the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.energy import SectionEnergy
+
+
+class ParameterDerivatives:
+    """Derivatives of ``energy`` at fixed strain, by what describes the arm."""
+
+    def __init__(self, energy: SectionEnergy, arm: Arm) -> None:
+        """Tabulate how the tendons of ``arm`` move where each runs farther out."""
+        self._energy = energy
+        self._out = tuple(
+            np.ascontiguousarray(table[:, np.newaxis]) * energy.active
+            for table in (
+                *arm.tendon_outwards(energy.s),
+                *arm.tendon_outward_slopes(energy.s),
+            )
+        )
+
+    def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
+        """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
+        energy = self._energy
+        change = np.zeros_like(strain)
+        change[0] = -energy.stiffness.torsion / (1.0 + energy.poisson) * strain[0]
+        if energy.strains == 6:
+            change[4:] = -energy.shear_stiffness / (1.0 + energy.poisson) * strain[4:]
+        return change
+
+    def gradient_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of `tendon_gradient` with each tendon's distance from the midline.
+
+        Returns:
+            (n, tendons, batch, nodes).
+        """
+        energy = self._energy
+        torsion, about_n, about_b, stretch = strain[:4]
+        law = energy.law
+        width, slope = law.widening(stretch)[:2] if law.widens else (None, None)
+        u_t, u_n, u_b, length = energy.stretching(strain, width)
+        over = 1.0 / length
+        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+        x, y, dx, dy = self._out
+        wide = 1.0 if width is None else width
+        c_t = about_n * y - about_b * x
+        c_n, c_b = wide * dx - torsion * y, wide * dy + torsion * x
+        along = u_t * c_t + u_n * c_n + u_b * c_b
+        # The change of the direction of u.
+        c_t, c_n, c_b = (
+            (change - unit * along) * over for change, unit in ((c_t, u_t), (c_n, u_n), (c_b, u_b))
+        )
+        change = np.empty((energy.strains, *u_t.shape))
+        change[0] = energy.x * c_b - energy.y * c_n + x * u_b - y * u_n
+        change[1] = energy.y * c_t + y * u_t
+        change[2] = -energy.x * c_t - x * u_t
+        change[3] = c_t
+        if slope is not None:
+            change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
+        if energy.strains == 6:
+            change[4], change[5] = c_n, c_b
+        return change * local_tensions
+
+    def length_by_offset(self, strain: FloatArray) -> FloatArray:
+        """Derivative of every tendon's stretch with its distance from the midline, of one arm.
+
+        Returns:
+            (tendons, nodes).
+        """
+        energy = self._energy
+        torsion, about_n, about_b, stretch = strain[:4]
+        width = energy.law.widening(stretch)[0] if energy.law.widens else None
+        u_t, u_n, u_b, length = energy.stretching(strain, width)
+        x, y, dx, dy = self._out
+        wide = 1.0 if width is None else width
+        along = u_t * (about_n * y - about_b * x)
+        along += u_n * (wide * dx - torsion * y) + u_b * (wide * dy + torsion * x)
+        return (along / length)[:, 0]

@@ -1,0 +1,94 @@
+"""Tensions and measured points out of CSV files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import MeasurementError, TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.recording.csv_table import FORCE, LENGTH, CsvTable
+from octo_arm_model.experiment.recording.measured_topics import Frame, Measured, MeasuredPoints
+from octo_arm_model.wire.tension_fields import NONE
+
+_POINT = re.compile(r'^x_?([0-9]{1,6})$')
+Skip = Callable[[str, int, str], None]
+
+
+def csv_tensions(
+    table: CsvTable, config: Config, skip: Skip
+) -> tuple[list[int], list[FloatArray]]:
+    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is told of those left out.
+
+    Raises:
+        MeasurementError: if a column is missing or a cell holds no number.
+    """
+    arm, stamps = config.arm, table.times()
+    columns = [
+        np.zeros(len(stamps)) if name == NONE else table.numbers(name, FORCE, 'N')
+        for name in config.load_cells.names or arm.tendon_names
+    ]
+    readings = np.stack(columns, axis=1)
+    rows = readings.reshape(-1, *arm.tension_shape)
+    try:
+        return stamps, list(config.load_cells.tensions(arm, rows).reshape(readings.shape))
+    except TensionError:
+        pass
+    kept: list[int] = []
+    tensions: list[FloatArray] = []
+    for stamp, row in zip(stamps, rows):
+        try:
+            tensions.append(config.load_cells.tensions(arm, row).ravel())
+            kept.append(stamp)
+        except TensionError as error:
+            skip(str(table.path), stamp, str(error))
+    return kept, tensions
+
+
+def csv_frames(
+    table: CsvTable, measured: Measured, points: MeasuredPoints, skip: Skip
+) -> list[Frame]:
+    """Frames of a table: a row for each, or one for each point, those of one time together.
+
+    A row for each frame has columns x1, y1, z1, x2 ... or x_1 ...; a row for each point x, y, z.
+
+    Raises:
+        MeasurementError: if a column is missing or a cell holds no number.
+    """
+    stamps = table.times()
+    wide = [match.group(1) for column in table.columns if (match := _POINT.match(column.name))]
+    if table.find('x') is None and wide:
+        under = '_' if any(column.name == f'x_{wide[0]}' for column in table.columns) else ''
+        names = [[f'{axis}{under}{number}' for axis in 'xyz'] for number in sorted(wide, key=int)]
+        places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
+        grouped = list(zip(stamps, places))
+    else:
+        flat = _point(table, ['x', 'y', 'z'], measured.unit)
+        order = sorted(range(len(stamps)), key=stamps.__getitem__)
+        cuts = [i for i in range(1, len(order)) if stamps[order[i]] != stamps[order[i - 1]]]
+        parts = np.split(np.array(order), cuts)
+        grouped = [(stamps[part[0]], flat[part]) for part in parts]
+    is_midline = max(len(one) for _, one in grouped) > 1
+    frames = []
+    for stamp, place in grouped:
+        try:
+            frames.append(Frame(stamp, points.check(place, is_midline)))
+        except MeasurementError as error:
+            skip(str(table.path), stamp, str(error))
+    return frames
+
+
+def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:
+    """Points (rows, 3) in the ``unit`` of what was measured, which the header may override."""
+    columns = []
+    for name in names:
+        if name[0] == 'z' and table.find(name) is None:
+            raise MeasurementError(
+                f'{table.path}: no column {name}; {table.listing}; of a picture without depth say '
+                f'--columns {name}=0'
+            )
+        columns.append(table.numbers(name, LENGTH, unit) / LENGTH[unit])
+    return np.stack(columns, axis=1)

@@ -1,0 +1,218 @@
+"""CSV files of laboratories: columns by name, units in headers, errors that name the line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
+from octo_arm_model.core.errors import MeasurementError, shown
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import (
+    MAX_CSV_BYTES,
+    MAX_CSV_COLUMNS,
+    MAX_CSV_ROWS,
+    MAX_YAML_BYTES,
+)
+
+TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+LENGTH = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
+FORCE = {'N': 1.0, 'mN': 1e-3}
+# 'time [ms]' or 'time (ms)'.
+_HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
+# As in JSON; Python would also read 1_000 and the digits of other scripts.
+_NUMBER = re.compile(r'^[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$')
+_MISSING = ('', 'nan', 'NaN', 'NAN')
+_LISTED = 20
+
+
+class _Column(NamedTuple):
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """The columns of a CSV file, as texts.
+
+    Attributes:
+        path: where it is.
+        columns: name and unit of each, '' where the header has none.
+        rows: texts of each row.
+        lines: line of each row.
+        given: column for each of the names it is asked for, or a number in place of one.
+    """
+
+    path: Path
+    columns: tuple[_Column, ...]
+    rows: tuple[Sequence[str], ...]
+    lines: tuple[int, ...]
+    given: Mapping[str, str]
+
+    def find(self, name: str) -> int | float | None:
+        """Number of the column for ``name``, or the value in place of one; None if neither.
+
+        Raises:
+            MeasurementError: if a column was given for it and there is none of that name.
+        """
+        wanted = self.given.get(name, name)
+        for number, column in enumerate(self.columns):
+            if wanted in (column.name, f'{column.name} [{column.unit}]'):
+                return number
+        if name not in self.given:
+            return None
+        if _NUMBER.match(wanted):
+            return float(wanted)
+        raise MeasurementError(
+            f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
+        )
+
+    @property
+    def listing(self) -> str:
+        """The names of the columns, of many not all."""
+        names = ', '.join(column.name for column in self.columns[:_LISTED])
+        more = len(self.columns) - _LISTED
+        return f'it has {names}' + (f' and {more} more' if more > 0 else '')
+
+    def numbers(self, name: str, units: Mapping[str, float], default: str) -> FloatArray:
+        """Values of the column for ``name`` in the first of ``units``, NaN where there is none.
+
+        ``default`` is the unit where the header has none.
+
+        Raises:
+            MeasurementError: if there is no such column, its unit is another, or a cell holds no
+                number.
+        """
+        number = self.find(name)
+        if number is None:
+            raise MeasurementError(
+                f'{self.path}: no column {name}; {self.listing}; say --columns {name}=COLUMN'
+            )
+        if isinstance(number, float):
+            return np.full(len(self.rows), number)
+        unit = self.columns[number].unit or default
+        if unit not in units:
+            raise MeasurementError(
+                f'{self.path}, line 1: {name} is in {shown(unit)}, expected {" or ".join(units)}'
+            )
+        values = np.empty(len(self.rows))
+        for place, row in enumerate(self.rows):
+            text = row[number].strip()
+            if _NUMBER.match(text) and math.isfinite(value := float(text)):
+                values[place] = value
+            elif text in _MISSING:
+                values[place] = math.nan
+            else:
+                raise MeasurementError(
+                    f'{self.path}, line {self.lines[place]}: {name} is {shown(text)}, expected a '
+                    f'finite number [{unit}], or nothing'
+                )
+        return units[unit] * values
+
+    def times(self) -> list[int]:
+        """The column time [ns].
+
+        Raises:
+            MeasurementError: if there is none, or a value is missing or none of a clock.
+        """
+        seconds = self.numbers('time', TIME, 's')
+        fine = np.abs(seconds) < 2.0**31
+        if not fine.all():
+            place = int(np.argmin(fine))
+            raise MeasurementError(
+                f'{self.path}, line {self.lines[place]}: time is {float(seconds[place])!r} s, '
+                'expected a time below 2147483648 s'
+            )
+        return [round(second * 1e9) for second in seconds.tolist()]
+
+
+def read_csv(path: str | Path, given: Mapping[str, str] | None = None) -> CsvTable:
+    """Read a file with one line of headers and rows below; ``given`` says which column is what.
+
+    Fields are separated by commas, semicolons or tabs, whichever the header has.
+
+    Raises:
+        MeasurementError: if it cannot be read, is too large, or a row is too short or long.
+    """
+    with reading(path, MeasurementError):
+        text = read_text(path, MAX_CSV_BYTES)
+    head = text.split('\n', 1)[0]
+    separator = max((',', ';', '\t'), key=head.count)
+    rows: list[Sequence[str]] = []
+    lines: list[int] = []
+    columns: tuple[_Column, ...] = ()
+    reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    try:
+        for cells in reader:
+            line = reader.line_num
+            if not any(cell.strip() for cell in cells):
+                continue
+            if not columns:
+                columns = _header(cells, path, line)
+                continue
+            if len(cells) != len(columns):
+                raise MeasurementError(
+                    f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
+                    'header'
+                )
+            if len(rows) == MAX_CSV_ROWS:
+                raise MeasurementError(f'{path}, line {line}: more than {MAX_CSV_ROWS} rows')
+            rows.append(cells)
+            lines.append(line)
+    except csv.Error as error:
+        raise MeasurementError(f'{path}, line {reader.line_num}: no CSV: {error}') from error
+    if not rows:
+        raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
+    return CsvTable(Path(path), columns, tuple(rows), tuple(lines), dict(given or {}))
+
+
+def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:
+    if len(cells) > MAX_CSV_COLUMNS:
+        raise MeasurementError(
+            f'{path}, line {line}: {len(cells)} columns, expected at most {MAX_CSV_COLUMNS}'
+        )
+    columns = []
+    for cell in cells:
+        match = _HEADER.match(cell.strip())
+        columns.append(_Column(*match.groups()) if match else _Column(cell.strip(), ''))
+    counts = Counter(column.name for column in columns)
+    for name, count in counts.items():
+        if count > 1:
+            raise MeasurementError(f'{path}, line {line}: two columns {shown(name)}')
+    return tuple(columns)
+
+
+def read_columns(words: Sequence[str]) -> dict[str, str]:
+    """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
+
+    Raises:
+        MeasurementError: if a word is neither, or the file cannot be read.
+    """
+    found: dict[str, str] = {}
+    for word in words:
+        name, equals, column = word.partition('=')
+        if equals and name and column:
+            found[name] = column
+            continue
+        if not word.endswith(('.yaml', '.yml')):
+            raise MeasurementError(
+                f'--columns has {shown(word)}, expected name=COLUMN or a YAML file'
+            )
+        with reading(word, MeasurementError):
+            content = load_yaml(read_text(word, MAX_YAML_BYTES))
+        if not isinstance(content, dict) or not all(
+            isinstance(value, (str, int, float)) and not isinstance(value, bool)
+            for value in content.values()
+        ):
+            raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
+        found.update({str(name): str(column) for name, column in content.items()})
+    return found

@@ -1,0 +1,89 @@
+"""Markers: points at known arc coordinates, compared as points and never as a curve through them.
+
+A marker that a frame does not show is NaN there. Each is the mean of the frames that show it, and
+in a step where none does it is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.recording.mean_midlines import FEW, FLOOR, OUTLYING, MeasuredShape
+from octo_arm_model.experiment.recording.steady_windows import Window
+
+MOST_MARKERS = 1000
+_TIP = 1e-3  # of the length: a marker so near to the tip is there
+
+
+def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
+    """Arc coordinates of markers on an arm of ``length`` [m].
+
+    Raises:
+        MeasurementError: if one is not on the arm, they are not increasing, or too many.
+    """
+    if len(s) > MOST_MARKERS:
+        raise MeasurementError(f'--marker-s has {len(s)} values, expected at most {MOST_MARKERS}')
+    for before, one in zip([-math.inf, *s], s):
+        if not (math.isfinite(one) and 0.0 <= one <= length * (1.0 + 1e-9)):
+            hint = ': in metres?' if 0.0 <= 1e-3 * one <= length else ''
+            raise MeasurementError(
+                f'--marker-s has {one:g}, expected arc coordinates from 0 to {length:g} m{hint}'
+            )
+        if one <= before:
+            raise MeasurementError(
+                f'--marker-s has {one:g} after {before:g}, expected increasing arc coordinates [m]'
+            )
+    return np.array(s, dtype=np.float64)
+
+
+def is_at_tip(s: FloatArray, length: float) -> bool:
+    """Whether the last of markers at ``s`` is at the tip."""
+    return bool(s[-1] >= (1.0 - _TIP) * length)
+
+
+def marker_weights(s: FloatArray, stations: FloatArray) -> FloatArray:
+    """Weights (markers, stations) of linear interpolation at ``s`` between ``stations`` [m]."""
+    after = np.clip(np.searchsorted(stations, s), 1, len(stations) - 1)
+    part = (s - stations[after - 1]) / (stations[after] - stations[after - 1])
+    row, weights = np.arange(len(s)), np.zeros((len(s), len(stations)))
+    weights[row, after - 1], weights[row, after] = 1.0 - part, part
+    return weights
+
+
+def mean_markers(
+    window: Window, frames: Sequence[FloatArray], s: FloatArray
+) -> MeasuredShape | None:
+    """Mean of ``frames`` (markers, 3) of markers at ``s``; None where none is seen.
+
+    A marker farther from its median than three times the median distance of markers is an
+    outlier of its frame, and left out there.
+    """
+    stack = np.array(frames)
+    with warnings.catch_warnings():
+        # Of markers that no frame shows the mean is NaN.
+        warnings.simplefilter('ignore', RuntimeWarning)
+        median = np.nanmedian(stack, axis=0)
+        away = np.linalg.norm(stack - median, axis=-1)
+        seen = np.isfinite(away)
+        if not seen.any():
+            return None
+        outlying = seen & (away > OUTLYING * np.median(away[seen]) + FLOOR)
+        enough = seen.sum(axis=0) >= FEW
+        outlying &= enough
+        middle = median.copy()
+        kept = np.where((seen & ~outlying)[..., np.newaxis], stack, np.nan)
+        middle[enough] = np.nanmean(kept[:, enough], axis=0)
+        noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
+    shown = seen.any(axis=0)
+    shape = MeasuredShape(
+        window, middle[shown], int(seen.any(axis=1).sum()), int(outlying.any(axis=1).sum()),
+        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames),
+    )  # fmt: skip
+    return dataclasses.replace(shape, s=s[shown])

@@ -1,0 +1,55 @@
+"""What was left out of what came in: counted by topic and reason, with an example of each."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+_NUMBER = re.compile(r'(?<![A-Za-z_\d])[-+]?(\d+\.?\d*([eE][-+]?\d+)?|nan|inf)\b')
+_NEGATIVE = re.compile(r'tension of .* is -[\d.]')
+_MOST = 50  # reasons apart; what is beyond is counted together
+_OTHER = 'other reasons'
+
+
+@dataclass
+class Refusals:
+    """Counts of messages left out.
+
+    Reasons that differ in numbers alone are one. Their number is bounded, whatever comes.
+
+    Attributes:
+        counts: by topic and reason without its numbers.
+        examples: the first reason of each, in full.
+    """
+
+    counts: dict[tuple[str, str], int] = field(default_factory=dict)
+    examples: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def count(self, topic: str, reason: str) -> None:
+        """Count a message on ``topic`` that was left out for ``reason``."""
+        key = topic, _NUMBER.sub('#', reason)
+        if key not in self.counts and len(self.counts) >= _MOST:
+            key, reason = (topic, _OTHER), _OTHER
+        self.counts[key] = self.counts.get(key, 0) + 1
+        self.examples.setdefault(key, reason)
+
+    @property
+    def total(self) -> int:
+        """How many there are."""
+        return sum(self.counts.values())
+
+    def of(self, topic: str) -> dict[str, int]:
+        """Counts of one ``topic`` by the first reason of each kind, most frequent first."""
+        own = [(self.examples[key], n) for key, n in self.counts.items() if key[0] == topic]
+        return dict(sorted(own, key=lambda pair: -pair[1]))
+
+    def lines(self) -> list[str]:
+        """A line for each topic and reason, most frequent first."""
+        ordered = sorted(self.counts.items(), key=lambda item: -item[1])
+        lines = [
+            f'{topic}: {count} left out, as {self.examples[topic, kind]}'
+            for (topic, kind), count in ordered
+        ]
+        if any(_NEGATIVE.match(example) for example in self.examples.values()):
+            lines.append('load cells: tension_deadband takes readings near zero as zero')
+        return lines

@@ -1,0 +1,105 @@
+"""Tensions out of fields of any message, and under names of any kind.
+
+For each tendon of the arm there is the name of its value in what comes in, or the number of the
+value from 0 on where these have no names, or `NONE`: that tendon has no load cell, and is slack.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import TensionError, shown
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NAME
+
+NONE = '-'
+MAX_VALUES = 100_000  # of one message
+_LISTED = 20
+_STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
+
+
+def field_values(message: Any, path: str) -> FloatArray:
+    """Numbers of the field ``path`` of a ``message``, such as 'wrench.force.x' or 'data[2]', (n,).
+
+    Raises:
+        TensionError: if there is no such field, or it holds no numbers.
+    """
+    value = message
+    for step in path.split('.'):
+        match = _STEP.match(step)
+        if match is None or not hasattr(value, match[1]):
+            raise TensionError(f'no field {shown(path)}')
+        value = getattr(value, match[1])
+        for number in re.findall(r'\d+', match[2]):
+            if not isinstance(value, (list, tuple, np.ndarray)) or int(number) >= len(value):
+                raise TensionError(f'no field {shown(path)}: it has no entry {number}')
+            value = value[int(number)]
+    if isinstance(value, (list, tuple, np.ndarray)) and len(value) > MAX_VALUES:
+        raise TensionError(f'{path} has {len(value)} values, expected at most {MAX_VALUES}')
+    try:
+        array = np.atleast_1d(np.asarray(value))
+    except ValueError:
+        array = np.array([None])
+    if array.dtype.kind not in 'fiu' or array.ndim != 1:
+        raise TensionError(f'{path} is {shown(value)}, expected numbers')
+    return array.astype(np.float64)
+
+
+def tensions_by_names(
+    values: FloatArray, names: Sequence[str] | None, wanted: Sequence[str], arm: Arm
+) -> FloatArray:
+    """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,).
+
+    Args:
+        values: as they came.
+        names: of the values; None where they have none.
+        wanted: name or number of each tendon's value, or `NONE`; empty for the tendons' own
+            names, or the order of the tendons where there are no names.
+        arm: whose tendons they are.
+
+    Raises:
+        TensionError: if a value is missing, or named more than once.
+    """
+    if names is not None and len(names) != len(values):
+        raise TensionError(f'{len(names)} names but {len(values)} values')
+    if not wanted:
+        count = len(arm.tendons)
+        if names is None and len(values) != count:
+            raise TensionError(
+                f'{len(values)} values, expected {count}, one for each tendon, or tension_names '
+                '(--tendons) that say which is which'
+            )
+        wanted = arm.tendon_names if names is not None else list(map(str, range(count)))
+    places = {str(n): n for n in range(len(values))}
+    if names is not None:
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        places |= {name: n for n, name in enumerate(names)}
+        for name in repeated:
+            if name in wanted:
+                raise TensionError(f'named more than once: {name[:MAX_NAME]}')
+    tensions = np.zeros(len(arm.tendons))
+    for tendon, name in enumerate(wanted):
+        if name == NONE:
+            continue
+        if name not in places:
+            there = [one[:MAX_NAME] for one in (names or list(places))[:_LISTED]]
+            raise TensionError(
+                f'no value {shown(name)} for {arm.tendon_names[tendon]}; there are '
+                f'{", ".join(there) or "none"}'
+            )
+        tensions[tendon] = values[places[name]]
+    return tensions.reshape(arm.tension_shape)
+
+
+def names_of(message: Any, count: int) -> list[str] | None:
+    """Names of the values in the field 'name' of a ``message``, if there are ``count``."""
+    names = getattr(message, 'name', None)
+    if isinstance(names, (list, tuple)) and len(names) == count and count:
+        return [str(name) for name in names]
+    return None

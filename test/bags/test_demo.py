@@ -1,0 +1,110 @@
+"""The simulated experiment."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+
+from octo_arm_model import Config, load_config
+from octo_arm_model.bags.demo import (
+    CAMERA_POSITION,
+    CAMERA_QUATERNION,
+    Experiment,
+    add_demo,
+    custom_data,
+)
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import stamp_of
+from octo_arm_model.bags.tensions import read_tensions
+from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.config import load_parameters, parse_parameters
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.numerics.quaternion import Quaternions
+
+PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
+
+
+CLEAN = Experiment(
+    clock_offset=0.25, hold=1.0, ramp=0.5, camera_rate=4.0, tension_noise=0.0, midline_noise=0.0,
+    dropped=0.0, outliers=0.0,
+)  # fmt: skip
+
+
+def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN, 0)) as writer:
+        add_demo(writer, PROTOTYPE, CLEAN, 0)
+    stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
+    config = Config.from_parameters({**PROTOTYPE, **stiffer})
+    solver = config.solver()
+    rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
+    seen = 0
+    with BagReader(tmp_path / 'bag') as reader:
+        tensions = {
+            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
+        }
+        highest = max(float(np.max(row)) for row in tensions.values())
+        assert highest == max(PROTOTYPE_ERRORS)
+        for record in reader.messages(['/camera/midline']):
+            message = reader.decode(record)
+            stamp = stamp_of(message, 0)
+            assert stamp.ns == record.received_ns + 250_000_000
+            points = [one.pose.position for one in message.poses]
+            points = np.array([[p.x, p.y, p.z] for p in points]) @ rotation.T + CAMERA_POSITION
+            expected = solver.solve(tensions[record.received_ns])
+            np.testing.assert_allclose(points[-1], expected.tip, atol=1e-9)
+            np.testing.assert_allclose(points[0], expected.position[0], atol=1e-12)
+            seen += 1
+    assert seen > 40
+
+
+def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
+    arguments = ['record-demo', str(tmp_path / 'bag'), '--seed', '3', '--storage', 'sqlite3']
+    assert main(arguments) == 0
+    with BagReader(tmp_path / 'bag') as reader:
+        assert 'synthetic' in reader.metadata['note']
+        truth = json.loads(reader.metadata['truth'])
+        assert truth['seed'] == 3
+        assert truth['stiffness'] == 1.1
+        (note,) = reader.messages(['/note'])
+        assert reader.decode(note).data == reader.metadata['note']
+        (description,) = reader.messages(['/arm_description'])
+        text = reader.decode(description).data
+        assert Config.from_parameters(parse_parameters(text, 'it')) == load_config(
+            preset_path('renda2012_prototype')
+        )
+        midlines = reader.count(['/camera/midline'])
+        assert 0.85 * 390 < midlines < 390
+        assert all(not one.reason for one in read_tensions(reader, '/tendon_tensions', load_config(
+            preset_path('renda2012_prototype'))))  # fmt: skip
+
+
+def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    few = dataclasses.replace(CLEAN, midline_noise=1e-3, tension_noise=0.01, dropped=0.2)
+    found = []
+    for name, seed in (('a', 1), ('b', 1), ('c', 2)):
+        with BagWriter(tmp_path / name) as writer:
+            add_demo(writer, PROTOTYPE, few, seed)
+        with BagReader(tmp_path / name) as reader:
+            found.append([tuple(record) for record in reader.messages()])
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for options, expected in (
+        (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
+        (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
+        (['--config', 'octopus'], "no preset arm 'octopus'"),
+    ):
+        assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2
+        assert expected in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,277 @@
+"""Bags of every version and storage read, and those that are refused."""
+
+from __future__ import annotations
+
+import sqlite3
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+from recordings import (
+    ARM,
+    ARRAY,
+    JOINT_STATE,
+    NAMES,
+    START,
+    STEP,
+    TENDON_TENSIONS,
+    TOPICS,
+    TYPES,
+    Sample,
+    random_tensions,
+    readings_of,
+    samples,
+    tensions_data,
+    text_sample,
+    write_bag,
+)
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
+from octo_arm_model.bags.writer import STORAGES
+from octo_arm_model.core.errors import BagError
+
+# Hypothesis has no fixtures that last for all examples.
+FOLDER = tempfile.TemporaryDirectory()
+BAG_OF_ALL = write_bag(
+    Path(FOLDER.name) / 'all',
+    [one for topic, kind in TOPICS.items() for one in samples(ARM, np.ones((1, 12)), topic, kind)],
+)
+FLIPPED = next(BAG_OF_ALL.glob('*.mcap')).read_bytes()
+
+
+def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path: Path) -> None:
+    mcap = pytest.importorskip('mcap_ros2.writer', reason='needs mcap-ros2-support')
+    path = tmp_path / 'theirs.mcap'
+    tensions = random_tensions(ARM, 5)
+    stamp = {'sec': 7, 'nanosec': 8}
+    values = [row.ravel().tolist() for row in tensions]
+    with path.open('wb') as stream:
+        writer = mcap.Writer(stream)
+        messages = {
+            TENDON_TENSIONS: lambda row: {'tension': row},
+            ARRAY: lambda row: {'layout': {'dim': [], 'data_offset': 0}, 'data': row},
+            JOINT_STATE: lambda row: {'position': row[:1], 'velocity': [], 'effort': row},
+        }
+        topics = {topic: kind for topic, kind in TOPICS.items() if kind in messages}
+        for topic, kind in topics.items():
+            text, _ = TYPES.generate_msgdef(kind, ros_version=2)
+            schema = writer.register_msgdef(kind, text)
+            for number, row in enumerate(values):
+                message = messages[kind](row)
+                if kind != ARRAY:
+                    message |= {'header': {'stamp': stamp, 'frame_id': ''}, 'name': list(NAMES)}
+                time = START + number * STEP
+                writer.write_message(topic, schema, message, time, time)
+        writer.finish()
+    for topic, kind in topics.items():
+        found = readings_of(path, topic)
+        np.testing.assert_array_equal([one.tensions for one in found], tensions)
+        stamps = {one.stamp_ns for one in found}
+        assert stamps == (
+            {7 * 10**9 + 8} if kind != ARRAY else {START + i * STEP for i in range(5)}
+        )
+
+
+def old_bag(path: Path, version: int, type_name: str = TENDON_TENSIONS) -> np.ndarray:
+    """A bag of sqlite3 as the recorders of Foxy (4) to Jazzy (9) left it; returns the tensions."""
+    tensions = random_tensions(ARM, 6)
+    path.mkdir()
+    data = sqlite3.connect(path / 'bag_0.db3')
+    qos = '- history: 3\n  depth: 0\n  reliability: 1\n  durability: 2\n  ' + ''.join(
+        f'{name}:\n    sec: 9223372036\n    nsec: 854775807\n  '
+        for name in ('deadline', 'lifespan', 'liveliness_lease_duration')
+    )
+    qos += 'liveliness: 1\n  avoid_ros_namespace_conventions: false'
+    data.execute(
+        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
+        'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)'
+    )
+    data.execute(
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, '
+        'timestamp INTEGER NOT NULL, data BLOB NOT NULL)'
+    )
+    data.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
+    data.execute('INSERT INTO topics VALUES(1, "/tendon_tensions", ?, "cdr", ?)', (type_name, qos))
+    for one in samples(ARM, tensions):
+        data.execute(
+            'INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)',
+            (one.received_ns, one.data),
+        )
+    data.commit()
+    data.close()
+    start = {'nanoseconds_since_epoch': START}
+    duration = {'nanoseconds': 5 * STEP}
+    topic = {
+        'name': '/tendon_tensions',
+        'type': type_name,
+        'serialization_format': 'cdr',
+        'offered_qos_profiles': qos if version < 9 else yaml.safe_load(qos),
+    }
+    information: dict[str, Any] = {
+        'version': version,
+        'storage_identifier': 'sqlite3',
+        'relative_file_paths': ['bag_0.db3'],
+        'duration': duration,
+        'starting_time': start,
+        'message_count': 6,
+        'topics_with_message_count': [{'topic_metadata': topic, 'message_count': 6}],
+        'compression_format': '',
+        'compression_mode': '',
+    }
+    file = {'path': 'bag_0.db3', 'starting_time': start, 'duration': duration, 'message_count': 6}
+    if version >= 5:
+        information['files'] = [file]
+    if version >= 6:
+        information['custom_data'] = {'operator': 'somebody'}
+    if version >= 7:
+        topic['type_description_hash'] = ''
+    if version >= 8:
+        information['ros_distro'] = 'rolling'
+    content = yaml.safe_dump({'rosbag2_bagfile_information': information})
+    (path / 'metadata.yaml').write_text(content)
+    return tensions
+
+
+@pytest.mark.parametrize('version', range(4, 10))
+def test_bags_of_every_version_are_read_without_definitions(tmp_path: Path, version: int) -> None:
+    tensions = old_bag(tmp_path / 'bag', version)
+    found = readings_of(tmp_path / 'bag')
+    np.testing.assert_array_equal([one.tensions for one in found], tensions)
+    with BagReader(tmp_path / 'bag') as reader:
+        assert reader.metadata == ({'operator': 'somebody'} if version >= 6 else {})
+
+
+def test_a_file_out_of_a_bag_is_read_alone(tmp_path: Path) -> None:
+    tensions = old_bag(tmp_path / 'old', 5)
+    (tmp_path / 'old' / 'metadata.yaml').unlink()
+    found = readings_of(tmp_path / 'old' / 'bag_0.db3')
+    np.testing.assert_array_equal([one.tensions for one in found], tensions)
+    with pytest.raises(BagError, match=r'no metadata\.yaml.*\.mcap or \.db3'):
+        BagReader(tmp_path / 'old')
+
+
+def test_what_is_no_bag_is_refused_in_one_line(tmp_path: Path) -> None:
+    cases: dict[str, Path] = {'no such bag': tmp_path / 'nothing'}
+    for name in ('empty.mcap', 'empty.db3'):
+        (tmp_path / name).write_bytes(b'')
+        cases[f'{name}: not a bag'] = tmp_path / name
+    for name in ('text.mcap', 'text.db3', 'text.txt'):
+        (tmp_path / name).write_text('Once upon a time there was an octopus.' * 9)
+        cases[f'{name}: not a bag'] = tmp_path / name
+    for name, text in (
+        ('list', '[1, 2]'),
+        ('yaml', '{'),
+        ('future', 'rosbag2_bagfile_information: {version: 99}'),
+        ('null', 'rosbag2_bagfile_information: null'),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'metadata.yaml').write_text(text)
+        cases[f'{name}: not a bag'] = tmp_path / name
+    for expected, path in cases.items():
+        with pytest.raises(BagError) as caught:
+            BagReader(path)
+        assert expected in str(caught.value)
+        assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('kept', [0.03, 0.3, 0.6, 0.97])
+def test_a_bag_cut_short_is_an_error(tmp_path: Path, storage: str, kept: float) -> None:
+    path = write_bag(tmp_path / 'bag', samples(ARM, random_tensions(ARM, 2000)), storage)
+    (file,) = (one for one in path.iterdir() if one.suffix in ('.mcap', '.db3'))
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(kept * len(whole))])
+    with pytest.raises(BagError, match=r'cut short or damaged|messages found of') as caught:
+        readings_of(path)
+    assert '\n' not in str(caught.value)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_flipped_bytes_are_an_error_or_no_matter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(FLIPPED)
+    for place in rng.integers(0, len(data), 3):
+        data[place] ^= 1 << int(rng.integers(8))
+    path = Path(FOLDER.name) / 'flipped.mcap'
+    path.write_bytes(data)
+    try:
+        found = readings_of(path)
+    except BagError as error:
+        assert '\n' not in str(error)
+    else:
+        assert all((one.tensions is None) == bool(one.reason) for one in found)
+
+
+def test_fewer_messages_than_the_bag_says_are_an_error(tmp_path: Path) -> None:
+    old_bag(tmp_path / 'bag', 9)
+    metadata = tmp_path / 'bag' / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('message_count: 6', 'message_count: 7'))
+    with pytest.raises(BagError, match='6 messages found of 7'):
+        readings_of(tmp_path / 'bag')
+
+
+def test_a_type_that_nothing_defines_is_an_error(tmp_path: Path) -> None:
+    old_bag(tmp_path / 'bag', 5, 'robot_msgs/msg/Pull')
+    with BagReader(tmp_path / 'bag') as reader:
+        with pytest.raises(BagError, match=r'nothing defines the type robot_msgs/msg/Pull'):
+            reader.pick(None, ['robot_msgs/msg/Pull'], 'pulls')
+
+
+def string_bag(path: Path, topics: dict[str, str]) -> Path:
+    """A bag with one message on each of the ``topics``."""
+    row = np.ones(12)
+    content = [
+        Sample(topic, kind, START, tensions_data(kind, NAMES, row, START))
+        if kind in TENSION_TYPES
+        else text_sample(topic, 'hello')
+        for topic, kind in topics.items()
+    ]
+    return write_bag(path, content)
+
+
+@pytest.mark.parametrize(
+    ('topics', 'wanted', 'expected'),
+    [
+        ({'/tendon_tensions': TENDON_TENSIONS}, None, '/tendon_tensions'),
+        ({'/arm_1/tendon_tensions': TENDON_TENSIONS}, None, '/arm_1/tendon_tensions'),
+        ({'/cells': ARRAY}, None, '/cells'),
+        # The usual name wins, and an answer of the model is none.
+        ({'/joint_states': JOINT_STATE, **{'/tendon_tensions': TENDON_TENSIONS}}, None,
+         '/tendon_tensions'),
+        ({'/tendon_lengths': JOINT_STATE, '/loads': JOINT_STATE}, None, '/loads'),
+        ({'/a': ARRAY, '/b': ARRAY}, '/b', '/b'),
+        ({'/a': ARRAY, '/b': ARRAY}, 'b', '/b'),
+    ],
+)  # fmt: skip
+def test_the_topic_is_picked(
+    tmp_path: Path, topics: dict[str, str], wanted: str | None, expected: str
+) -> None:
+    with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
+        assert reader.pick(wanted, TENSION_TYPES, 'tensions') == expected
+
+
+@pytest.mark.parametrize(
+    ('topics', 'wanted', 'expected'),
+    [
+        ({'/note': 'std_msgs/msg/String'}, None, r'no tensions.*it has /note \(std_msgs/msg/Str'),
+        ({'/a': ARRAY, '/b': ARRAY}, None, r'several topics of tensions, name one of /a, /b$'),
+        ({'/a': ARRAY}, '/b', r'no topic /b for tensions; it has /a \(std_msgs'),
+        ({'/note': 'std_msgs/msg/String'}, '/note', r'topic /note is of std_msgs/msg/String, ex'),
+        ({'/tendon_lengths': JOINT_STATE}, None, r'no tensions, expected octo_arm_msgs'),
+    ],
+)
+def test_what_cannot_be_picked_is_listed(
+    tmp_path: Path, topics: dict[str, str], wanted: str | None, expected: str
+) -> None:
+    with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
+        with pytest.raises(BagError, match=expected):
+            reader.pick(wanted, TENSION_TYPES, 'tensions')

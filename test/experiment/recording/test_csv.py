@@ -1,0 +1,215 @@
+"""CSV files of laboratories, without a bag: load cells and image tracking of finite elements."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
+
+from octo_arm_model.cli.main import main
+from octo_arm_model.core import limits
+
+STILL = ['--clock-offset', '0', '--json', '--align', 'none']
+ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
+S = ['--marker-s', *map(str, MARKER_S)]
+FINE = np.linspace(0.0, 0.27, 41)
+EPOCH = 1_700_000_000.0
+
+
+def loads_csv(
+    path: Path, header: str = 'time [s],tendon_1_1 [N],tendon_1_2 [N],tendon_1_3 [N],tendon_1_4',
+    row: Callable[[float, float], str] = lambda at, pull: f'{EPOCH + at:.4f},{pull!r},0,0,0',
+) -> Path:  # fmt: skip
+    time, pulled, _ = staircase_of()
+    rows = [row(at, pull) for at, pull in zip(time.tolist(), pulled.tolist())]
+    path.write_text('\n'.join([header, *rows]) + '\n')
+    return path
+
+
+def frames() -> list[tuple[float, float]]:
+    time, pulled, times = staircase_of()
+    return list(zip(times.tolist(), np.interp(times, time, pulled).tolist()))
+
+
+def tidy_csv(path: Path) -> Path:
+    """A row for each point, in millimetres."""
+    lines = ['time [s],point,x [mm],y [mm],z [mm]']
+    for at, tension in frames():
+        for number, point in enumerate(1e3 * seen(tension, FINE)):
+            lines.append(f'{EPOCH + at:.4f},{number},' + ','.join(f'{v:.4f}' for v in point))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def wide_csv(path: Path, hidden: bool = False) -> Path:
+    """A row for each frame, of four markers, seen without depth; semicolons, German times."""
+    lines = ['Zeit (ms);x1 (mm);y1 (mm);x2 (mm);y2 (mm);x3 (mm);y3 (mm);x4 (mm);y4 (mm)']
+    for number, (at, tension) in enumerate(frames()):
+        cells = [f'{1e3 * v:.4f}' for v in seen(tension, MARKER_S)[:, :2].ravel()]
+        if hidden and number % 2:
+            cells[2:4] = ['', '']
+        lines.append(f'{1e3 * (EPOCH + at):.1f};' + ';'.join(cells))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    assert main([*words]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
+    said = run(capsys, 'compare', *files, *ARM, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    fitted = run(capsys, 'identify', *files, *ARM, *STILL)
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.02)
+
+
+@pytest.mark.parametrize('is_yaml', [False, True])
+def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
+    is_yaml: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loads = loads_csv(
+        tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
+        lambda at, pull: f'{EPOCH + at:.4f}\t{1e3 * pull!r}\tfine',
+    )  # fmt: skip
+    columns = {'time': 'Zeit', 'tendon_1_1': 'LC 1', 'tendon_1_2': '0', 'tendon_1_3': '0',
+               'tendon_1_4': '0', 'z1': '0', 'z2': '0', 'z3': '0', 'z4': '0'}  # fmt: skip
+    told = [f'{name}={column}' for name, column in columns.items()]
+    if is_yaml:
+        told = [str(tmp_path / 'columns.yaml')]
+        text = ''.join(f'{name}: {column}\n' for name, column in columns.items())
+        (tmp_path / 'columns.yaml').write_text(text)
+    track = wide_csv(tmp_path / 'track.csv', hidden=True)
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
+    said = run(capsys, 'compare', *files, *S, *ARM, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
+
+
+def test_a_file_of_loads_goes_with_a_bag_of_markers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loads = loads_csv(tmp_path / 'loads.csv')
+    bag = str(marker_bag(tmp_path / 'bag'))
+    said = run(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
+def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+
+    def raw(at: float, pull: float) -> str:
+        cells = np.array([(pull - 0.2) / 1.25, 0.0, 0.0, 0.0]) + 2e-3 * rng.standard_normal(4)
+        return f'{EPOCH + at:.4f},' + ','.join(map(repr, cells.tolist()))
+
+    header = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4'
+    loads = loads_csv(tmp_path / 'loads.csv', header, raw)
+    files = ['--tension-csv', str(loads), '--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
+    notes = run(capsys, 'compare', *files, *ARM, *STILL)['notes']
+    counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
+    assert len(counts) == 3
+    assert sum(counts) == pytest.approx(7 / 8 * len(staircase_of()[0]), rel=0.1)
+    assert any('tension_deadband takes readings near zero as zero' in note for note in notes)
+    from experiments import PARAMETERS
+
+    from octo_arm_model.config.config import parameters_as_yaml
+
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml({
+        **PARAMETERS, 'tension_deadband': 0.015, 'tension_scale': [1.25, 1.0, 1.0, 1.0],
+        'tension_offset': [0.2, 0.0, 0.0, 0.0],
+    }))  # fmt: skip
+    said = run(capsys, 'compare', *files, '--config', str(config), '--model', 'exact', *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.05)
+
+
+LOADS = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,1,0,0,0\n'
+TRACK = 'time,x,y,z\n0,0,0,0\n'
+
+
+@pytest.mark.parametrize(
+    ('loads', 'track', 'message'),
+    [
+        (LOADS + '1,one,0,0,0\n', TRACK, "loads.csv, line 3: tendon_1_1 is 'one', expected a fin"),
+        (LOADS + '1,1_0,0,0,0\n', TRACK, "line 3: tendon_1_1 is '1_0', expected a finite number"),
+        (LOADS + '1,0,0,0\n', TRACK, 'loads.csv, line 3: 4 values, expected 5 as in the header'),
+        ('time,a\n0,1\n', TRACK, 'no column tendon_1_1; it has time, a; say --columns tendon'),
+        ('time [h]' + LOADS[4:], TRACK, "line 1: time is in 'h', expected s or ms or us or ns"),
+        ('time,time\n', TRACK, "line 1: two columns 'time'"),
+        ('time,a\n', TRACK, 'no rows, expected a header and rows below it'),
+        (LOADS + ',0,0,0,0\n', TRACK, 'line 3: time is nan s, expected a time below'),
+        (LOADS + '3e9,0,0,0,0\n', TRACK, 'line 3: time is 3000000000.0 s, expected a time below'),
+        (LOADS, 'time,x,y\n0,0,0\n', 'track.csv: no column z; it has time, x, y; of a picture'),
+        (LOADS, 'time,x1,y1\n0,0,0\n', 'track.csv: no column z1;'),
+        (LOADS, 'time,x,y,z [ft]\n0,0,0,0\n', "z is in 'ft', expected m or cm or mm"),
+        (LOADS, '', 'track.csv: no rows'),
+        (b'\xff\xfe', TRACK, 'loads.csv'),
+    ],
+)  # fmt: skip
+def test_files_that_are_wrong_are_refused_by_line(
+    loads: str | bytes, track: str, message: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    data = loads if isinstance(loads, bytes) else loads.encode()
+    (tmp_path / 'loads.csv').write_bytes(data)
+    (tmp_path / 'track.csv').write_text(track)
+    files = ['--tension-csv', str(tmp_path / 'loads.csv')]
+    files += ['--midline-csv', str(tmp_path / 'track.csv')]
+    assert main(['compare', *files, *ARM]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count('\n') == 1
+
+
+def test_what_is_read_has_bounds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from octo_arm_model.experiment.recording import csv_table
+
+    loads = tmp_path / 'loads.csv'
+    files = ['--tension-csv', str(loads), '--midline-csv', str(loads), *ARM]
+    loads.write_text(','.join(f'a{n}' for n in range(limits.MAX_CSV_COLUMNS + 1)) + '\n')
+    assert main(['compare', *files]) == 2
+    assert '4001 columns, expected at most 4000' in capsys.readouterr().err
+    monkeypatch.setattr(csv_table, 'MAX_CSV_ROWS', 1)
+    loads.write_text(LOADS + '1,1,0,0,0\n')
+    assert main(['compare', *files]) == 2
+    assert 'loads.csv, line 3: more than 1 rows' in capsys.readouterr().err
+    monkeypatch.setattr(csv_table, 'MAX_CSV_BYTES', 10)
+    assert main(['compare', *files]) == 2
+    assert 'larger than 10 bytes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        ([], 'expected a bag, or --tension-csv and --midline-csv'),
+        (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
+        (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
+        (['bag', '--columns', 'no.yaml'], 'no.yaml'),
+    ],
+)
+def test_what_is_not_said_is_asked_for(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['compare', *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_tensions_are_those_of_the_study() -> None:
+    assert len(TENSIONS) == len(TIP_ERRORS) == 7

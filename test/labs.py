@@ -1,0 +1,136 @@
+"""Laboratories for tests: the prototype as finite elements have it, seen and pulled as labs do.
+
+The shapes are those of validation/results.json, which no model here has made. Bags are written by
+rosbags itself.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from checkout import ROOT
+from experiments import ARM, bag_of, description, nanoseconds, staircase, tension_samples
+from recordings import TYPES, Sample, header, make
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+
+_CASE = json.loads((ROOT / 'validation' / 'results.json').read_text())['cases']['prototype']
+TENSIONS = tuple(tension for (tension,) in _CASE['tensions_N'])
+# The elements have the axes of the arm's base: n is -y and b is -z.
+_SHAPES = 1e-3 * np.array(_CASE['midlines_mm']) * [1.0, -1.0, -1.0]
+# Of the model exact against them, by tension [% of L].
+TIP_ERRORS = tuple(_CASE['tip_error_percent']['exact'])
+_DISC = 1e-3 * _CASE['disc_mm']
+HOLD, RAMP = 2.0, 1.0
+MARKER_S = (0.0, 0.09, 0.18, 0.27)
+
+
+def _planes() -> np.ndarray:
+    """Arc coordinates of the points of the shapes: layers as long as the arm is thick, a disc."""
+    fine = np.linspace(0.0, ARM.length, 2001)
+    in_radii = cumulative_trapezoid(1.0 / ARM.body.radius(fine), fine, initial=0.0)
+    last = np.interp(ARM.length - _DISC, fine, in_radii)
+    layers = np.interp(np.linspace(0.0, last, _SHAPES.shape[1] - 1), in_radii, fine)
+    return np.append(layers[:-1], [ARM.length - _DISC, ARM.length])
+
+
+STATIONS = _planes()
+_STEP = {tension: CubicSpline(STATIONS, shape) for tension, shape in zip(TENSIONS, _SHAPES)}
+
+
+def seen(tension: float, s: Sequence[float]) -> np.ndarray:
+    """Points at ``s`` [m] of the arm pulled by one of `TENSIONS`, (m, 3) [m]."""
+    return np.asarray(_STEP[tension](np.array(s)))
+
+
+def at_any(tension: float, s: Sequence[float]) -> np.ndarray:
+    """Points at ``s`` [m] for any tension within `TENSIONS`, between those interpolated."""
+    shape = CubicSpline(TENSIONS, _SHAPES)(tension)
+    return np.asarray(CubicSpline(STATIONS, shape)(np.array(s)))
+
+
+def message(topic: str, kind: str, stamp_ns: int, **fields: Any) -> Sample:
+    """A message of a ``kind``."""
+    data = TYPES.serialize_cdr(make(kind, **fields), kind)
+    return Sample(topic, kind, stamp_ns, bytes(data))
+
+
+def _point(point: np.ndarray, kind: str = 'Point') -> Any:
+    x, y, z = (float(value) for value in point)
+    return make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
+
+
+def _pose(point: np.ndarray) -> Any:
+    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+    return make('geometry_msgs/msg/Pose', position=_point(point), orientation=level)
+
+
+def _transform(stamp_ns: int, child: str, point: np.ndarray) -> Any:
+    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+    return make(
+        'geometry_msgs/msg/TransformStamped', header=header(stamp_ns, 'arm_base'),
+        child_frame_id=child,
+        transform=make('geometry_msgs/msg/Transform', translation=_point(point, 'Vector3'),
+                       rotation=level),
+    )  # fmt: skip
+
+
+def pose_array(points: np.ndarray, stamp_ns: int) -> list[Sample]:
+    kind = 'geometry_msgs/msg/PoseArray'
+    poses = [_pose(point) for point in points]
+    about = header(stamp_ns, 'arm_base')
+    return [message('/mocap/markers', kind, stamp_ns, header=about, poses=poses)]
+
+
+def one_topic_each(points: np.ndarray, stamp_ns: int, kind: str = 'PoseStamped') -> list[Sample]:
+    about = header(stamp_ns, 'arm_base')
+    field, of = {'PoseStamped': ('pose', _pose), 'PointStamped': ('point', _point)}[kind]
+    return [
+        message(f'/mocap/m{number}', f'geometry_msgs/msg/{kind}', stamp_ns, header=about,
+                **{field: of(point)})
+        for number, point in enumerate(points)
+    ]  # fmt: skip
+
+
+def tf(points: np.ndarray, stamp_ns: int) -> list[Sample]:
+    frames = [_transform(stamp_ns, f'm{n}', point) for n, point in enumerate(points)]
+    frames.append(_transform(stamp_ns, 'of something else', np.ones(3)))
+    return [message('/tf', 'tf2_msgs/msg/TFMessage', stamp_ns, transforms=frames)]
+
+
+WAYS: dict[str, tuple[Callable[[np.ndarray, int], list[Sample]], list[str]]] = {
+    'pose array': (pose_array, []),
+    'poses': (one_topic_each, ['--midlines', *(f'/mocap/m{n}' for n in range(4))]),
+    'points': (
+        partial(one_topic_each, kind='PointStamped'),
+        ['--midlines', *(f'/mocap/m{n}' for n in range(4))],
+    ),
+    'tf': (tf, ['--marker-frames', 'm0', 'm1', 'm2', 'm3']),
+}
+
+
+def staircase_of(held: Sequence[float] = TENSIONS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], tensions [N] of the first tendon, and times of frames at rest [s]."""
+    time, pulled = staircase(held, hold=HOLD, ramp=RAMP)
+    at_rest = [n * (HOLD + RAMP) + np.arange(0.8, HOLD, 0.1) for n in range(len(held))]
+    return time, pulled, np.concatenate(at_rest)
+
+
+def marker_bag(
+    path: Path,
+    see: Callable[[np.ndarray, int], list[Sample]] = pose_array,
+    s: Sequence[float] = MARKER_S,
+    change: Callable[[np.ndarray, int], np.ndarray] = lambda points, number: points,
+    held: Sequence[float] = TENSIONS,
+) -> Path:
+    """A bag of the `TENSIONS` held, and of points at ``s``; ``change`` gets their number."""
+    time, pulled, times = staircase_of(held)
+    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    for number, (at, tension) in enumerate(zip(times, np.interp(times, time, pulled))):
+        samples += see(change(seen(float(tension), s), number), nanoseconds(at))
+    return bag_of(path, samples)
