@@ -16,6 +16,7 @@ from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import undetermined
 from octo_arm_model.experiment.recording.branches import (
     STILL,
+    UNLOADING,
     directions,
     part_along,
     remarks,
@@ -89,6 +90,7 @@ def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
         return []
     column = problem.unknowns.names.index('youngs_modulus')
     steps, least = range(len(problem.shapes)), STILL * problem.length
+    ways = directions(np.array([shape.window.tensions for shape in problem.shapes]))
     # Residuals change opposite to the model's tip, which a softer arm moves as tensions do.
     bends = [
         part_along(
@@ -96,11 +98,17 @@ def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
         )
         for step in steps
     ]
-    return remarks(
+    notes = remarks(
         [shape.tension for shape in problem.shapes], bends,
-        directions(np.array([shape.window.tensions for shape in problem.shapes])),
+        ways,
         noise_of(problem.shapes) / 3.0**0.5, problem.length,
     )  # fmt: skip
+    if UNLOADING in ways and notes:
+        notes.append(
+            'intervals take this difference for scatter from load to load, so they are wider than '
+            '95 %: the branches cancel where each load is reached from both sides'
+        )
+    return notes
 
 
 def _of_loss(tried: Sequence[HeldBackFit], best: HeldBackFit) -> list[str]:

@@ -81,7 +81,8 @@ def remarks(
     if UNLOADING not in direction:
         return [
             'no step was reached by unloading: friction or a load cell that reads wrong in '
-            'proportion would scale all tensions alike, and nothing here shows it'
+            'proportion would scale all tensions alike, which no interval holds and nothing here '
+            'shows'
         ]
     found = difference(tension, error, direction, noise)
     if found is None:
