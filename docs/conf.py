@@ -12,7 +12,8 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
 from octo_arm_model import __version__
-from octo_arm_model.config.parameters import PARAMETERS, as_markdown
+from octo_arm_model.config.parameter import as_markdown
+from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR
 
 project = 'octo_arm_model'

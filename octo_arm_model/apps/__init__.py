@@ -1,1 +1,4 @@
-"""Programs of several nodes: what `make run` and `make octopus` start. Imports viewer and ros."""
+"""Programs that start several nodes: octo_arm_demo and octo_arm_octopus.
+
+Imports viewer, ros and all rooms below.
+"""

@@ -1,4 +1,4 @@
-"""The arm without hardware: node, simulator and viewer, and a line of numbers in the terminal."""
+"""The program `octo_arm_demo`: node, simulator and viewer of one arm, with a status line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from octo_arm_model.viewer.options import add_address
 
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
-_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # the first that the arm can make
+_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # preferred ones first
 _POLL = 1.0 / 30.0  # [s]
 _EPILOG = """\
 examples:
@@ -37,7 +37,7 @@ The simulator moves the arm until a slider of the page, or `octo-arm play`, take
 
 
 def movement_of(arm: Arm) -> str:
-    """Name of the movement that shows most of ``arm``."""
+    """Name of the preferred movement that ``arm`` has."""
     names = profile_names(arm)
     return next(name for name in _MOVEMENTS if name in names)
 
@@ -68,7 +68,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all of it until told to stop or a part of it ends; returns the exit status."""
+    """Run until a signal comes or a child process ends; returns the exit status."""
     options = build_parser().parse_args(arguments)
     try:
         path = str(find_path(options.config))
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _viewing(
     client: ArmClient, options: argparse.Namespace, stack: contextlib.ExitStack
 ) -> Callable[[], None]:
-    """What shows the arm in a browser, moment by moment; only watches it without viser.
+    """One step of the viewer, to be called in turn; without viser that of `_watching`.
 
     Raises:
         AddressError: if the page cannot be served where ``options`` say.

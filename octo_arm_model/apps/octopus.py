@@ -1,7 +1,7 @@
-"""A whole octopus: eight arms around a body, each a node, playing a movement one after another.
+"""The program `octo_arm_octopus`: eight arms around a body, playing a movement out of phase.
 
-The nodes are those of `launch/octopus.launch.py`, in namespaces arm_1 to arm_8. Here they share a
-few processes, since most of what a process takes is Python itself.
+The nodes are those of `launch/octopus.launch.py`, in namespaces arm_1 to arm_8. They share a few
+processes, because Python itself takes most of the memory and start-up time of each.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ examples:
 
 
 class Crawl:
-    """Plays one movement on all arms, each an eighth of it behind the last one."""
+    """Plays one movement on all arms, each an eighth of a period ahead of the one before."""
 
     def __init__(self, node: Node, config: Config, movement: str) -> None:
-        """Publish on ``node`` to arms like that of ``config``.
+        """Publish on ``node`` tensions for eight arms of ``config``.
 
         Raises:
             ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
@@ -62,11 +62,11 @@ class Crawl:
         self._began = self._due = time.monotonic()
 
     def step(self) -> None:
-        """Publish what is due."""
+        """Publish tensions if they are due."""
         now = time.monotonic()
         if now < self._due:
             return
-        # Tensions that are late are left out, not made up for.
+        # Tensions that are late are skipped.
         self._due = max(self._due + 1.0 / RATE, now)
         stamp = self._node.get_clock().now().to_msg()
         for number, publisher in enumerate(self._publishers):
@@ -76,7 +76,7 @@ class Crawl:
 
 
 def describe(clients: Sequence[ArmClient]) -> str:
-    """The achieved rate of all arms together and of the slowest, and the worst latency."""
+    """Rate of all arms together and of the slowest, and the largest latency, as a line of text."""
     seen = [client for client in clients if client.shape is not None]
     if len(seen) < len(clients):
         return f'{len(seen)} of {len(clients)} arms are there ...'
@@ -89,9 +89,9 @@ def describe(clients: Sequence[ArmClient]) -> str:
 
 
 def host(config_file: str, numbers: Sequence[int]) -> None:
-    """Be the nodes of the arms ``numbers`` until told to stop."""
+    """Run the nodes of the arms ``numbers`` until a signal comes."""
     is_over = stop_signals()
-    # Eight times the same would be too much.
+    # Each node would log the same lines.
     start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes = []
@@ -148,7 +148,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all of it until told to stop or a part of it ends; returns the exit status."""
+    """Run until a signal comes or a child process ends; returns the exit status."""
     options = build_parser().parse_args(arguments)
     try:
         path = str(find_path(options.config))
@@ -193,7 +193,7 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
 def _viewing(
     options: argparse.Namespace, clients: Sequence[ArmClient], stack: contextlib.ExitStack
 ) -> Callable[[], None]:
-    """What draws the arms; nothing where that is not wanted or viser is not there.
+    """A function that draws the arms; it does nothing with --no-viewer or without viser.
 
     Raises:
         AddressError: if the page cannot be served where ``options`` say.

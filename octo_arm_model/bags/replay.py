@@ -10,6 +10,7 @@ from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import STRING, RecordedArm
+from octo_arm_model.bags.csv_output import CsvAnswers
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import Reading, TensionTopic
@@ -18,6 +19,7 @@ from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import BagError, SolveError
+from octo_arm_model.wire.refusals import Refusals
 
 _WRENCH = 'tip_wrench'
 _TOGETHER = 128  # messages of tensions at a time, and less where others come between
@@ -43,6 +45,7 @@ class TopicReport:
         failed: how many the model had no trustworthy answer to.
         unsorted: how many have a stamp before that of the last one.
         skips: the first of those refused and failed.
+        reasons: how many there are of each reason, by an example of it.
     """
 
     model: str
@@ -51,6 +54,8 @@ class TopicReport:
     failed: int = 0
     unsorted: int = 0
     skips: list[Skip] = field(default_factory=list)
+    reasons: dict[str, int] = field(default_factory=dict)
+    refusals: Refusals = field(default_factory=Refusals)
 
     def count(self, stamp_ns: int, answer: Answer) -> None:
         """Count an ``answer``."""
@@ -61,6 +66,7 @@ class TopicReport:
             self.failed += 1
         else:
             self.refused += 1
+        self.refusals.count('', answer.reason)
         if len(self.skips) < _LISTED:
             self.skips.append(Skip(stamp_ns, answer.reason))
 
@@ -89,6 +95,7 @@ def replay(
     *,
     copy: bool = True,
     lengths: bool = False,
+    table: CsvAnswers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Report:
     """Write the answers to all tensions, with their stamps and received when these were.
@@ -99,6 +106,7 @@ def replay(
         arms: whose tensions they are, see `find_arms`.
         copy: whether to copy what is in the bag already.
         lengths: whether to answer with the lengths of the tendons too.
+        table: where answers go besides.
         progress: is told how many messages of how many are done.
 
     Raises:
@@ -120,7 +128,7 @@ def replay(
     for records in _together(reader.messages(wanted), of_topic):
         answers: dict[int, Answer] = {}
         for output in outputs:
-            answers.update(output.answer(records, report))
+            answers.update(output.answer(records, report, table))
         messages: list[Message] = []
         for number, record in enumerate(records):
             received = record.received_ns
@@ -133,6 +141,8 @@ def replay(
         writer.write(messages)
         done += len(records)
         progress(done, total)
+    for one in report.topics.values():
+        one.reasons = one.refusals.of('')
     _check(reader, report)
     report.notes += reader.notes
     return report
@@ -153,6 +163,7 @@ class _Output:
     ) -> None:
         config = Config.from_parameters(arm.parameters)
         self.topics, self.model = arm.topics, config.model
+        self._tendons = config.arm.tendon_names
         self._tensions = {
             topic: TensionTopic(reader, config, arm.fields.get(topic, '')) for topic in arm.topics
         }
@@ -168,7 +179,9 @@ class _Output:
         data = bytes(types.serialize_cdr(message, STRING))
         writer.write([(description, reader.start_ns, data)])
 
-    def answer(self, records: Sequence[Record], report: Report) -> dict[int, Answer]:
+    def answer(
+        self, records: Sequence[Record], report: Report, table: CsvAnswers | None
+    ) -> dict[int, Answer]:
         """Answers to those of ``records`` that are of this arm, by their places."""
         readings: dict[int, Reading] = {}
         for topic, tensions in self._tensions.items():
@@ -179,6 +192,9 @@ class _Output:
         for place, answer in zip(places, answers):
             topic, stamp = records[place].topic, readings[place].stamp_ns
             report.topics[topic].count(stamp, answer)
+            if table is not None:
+                names = self._answers.topics
+                table.write(topic, readings[place], answer, names, self._tendons)
             report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
             self._newest[topic] = stamp
         return dict(zip(places, answers))
@@ -230,6 +246,7 @@ def _check(reader: BagReader, report: Report) -> None:
         if topic.skips:
             number = topic.refused + topic.failed
             problem = f'{reader.path}: none of {number} messages on {name} could be answered, '
-            problem += f'the first as {topic.skips[0].reason}'
+            reason, count = next(iter(topic.reasons.items()))
+            problem += f'{count} as {reason}'
             raise SolveError(problem) if topic.failed else BagError(problem)
     raise BagError(f'{reader.path}: no messages on {", ".join(report.topics)}')

@@ -14,6 +14,7 @@ import numpy as np
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -31,7 +32,9 @@ examples:
   octo-arm compare experiment --model all --out compared
   octo-arm compare experiment --config renda2012_prototype --align 0 0 0.5 1 0 0 0 --json
 
-With --out DIR: DIR/compare.csv, DIR/compare.json, a picture of every step like the paper's
+With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
+model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),
+compare.json, a picture of every step like the paper's
 Figure 9 and one of the errors over the tensions.
 
 """
@@ -64,9 +67,9 @@ def _run(options: argparse.Namespace) -> int:
     comparisons = []
     for model in models:
         try:
-            comparisons.append(
-                compare(observations.shapes, recording.parameters, model, alignment)
-            )
+            with Bar(f'steps of {model}') as bar:
+                shapes, values = observations.shapes, recording.parameters
+                comparisons.append(compare(shapes, values, model, alignment, bar.on_terminal))
         except (ConfigError, SolveError) as error:
             if model == models[-1] and not comparisons:
                 raise
@@ -74,11 +77,15 @@ def _run(options: argparse.Namespace) -> int:
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.compare_figures import draw
+        from octo_arm_model.experiment.csv_output import write_tables
 
         (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
         write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
-        pictures = draw(comparisons, out)
-        notes.append(f'compare.csv, compare.json and {len(pictures)} pictures are in {out}')
+        with Bar('pictures') as bar:
+            pictures = draw(comparisons, out, bar.on_terminal)
+        tables = write_tables(out, comparisons, config.arm.tendon_names)
+        files = ', '.join(['compare.csv', *tables, 'compare.json'])
+        notes.append(f'{files} and {len(pictures)} pictures are in {out}')
     print(json.dumps(result) if options.json else summary(comparisons, notes))
     return 0
 
@@ -139,7 +146,9 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
     with path.open('w', encoding='utf-8', newline='') as file:
         writer = csv.writer(file)
         plain = [name for name in table[0] if not name.startswith('tensions')]
-        writer.writerow([*plain, *(f'{name} [N]' for name in tendons)])
+        units = {'start': ' [s]', 'stop': ' [s]', 'tension': ' [N]'}
+        heads = [name + units.get(name, '') for name in plain]
+        writer.writerow([*heads, *(f'{name} [N]' for name in tendons)])
         for row in table:
             writer.writerow([*(row[name] for name in plain), *row['tensions']])
 

@@ -130,6 +130,16 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'of the highest tension and four times the noise)',
     )
     add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    pairing.add_argument(
+        '--ramp',
+        nargs='?',
+        type=float,
+        const=math.nan,
+        metavar='N',
+        help='tensions change slowly instead of in steps, and the arm is in equilibrium all the '
+        'time: windows of so many N (default: 5 percent of the highest tension, or eight times '
+        'the noise)',
+    )
     settle = 'time from its beginning until the arm is at rest [s]'
     add_number(pairing, '--settle', 0.5, settle, 'S')
 
@@ -169,7 +179,7 @@ def read_options(
             measured,
             CsvSources(options.tension_csv, options.midline_csv, columns),
             options.tendons,
-            progress=bar if bar.is_terminal else lambda done, total: None,
+            progress=bar.on_terminal,
         )
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
@@ -184,7 +194,9 @@ def read_options(
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'
         )
-    pairing = Pairing(steady, tolerance, offset, options.base_end)
+    ramp = options.ramp
+    width = None if ramp is None or math.isnan(ramp) else ramp
+    pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
     observations = observe(recording, pairing, alignment)
     return (
         recording,

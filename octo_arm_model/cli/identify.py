@@ -10,7 +10,10 @@ from typing import Any
 from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording, read_options
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.experiment.compare import compare
+from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.fitted_file import as_config, told
 from octo_arm_model.experiment.fitting.held_back import AUTO, Misfit
@@ -80,6 +83,8 @@ def add_command(commands: Any) -> None:
     )
     add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
     add_path(parser, '--pictures', 'DIR', 'folder for pictures: intervals, residuals along s')
+    text = 'folder for midlines.csv, stations.csv and tensions.csv of the fitted arm'
+    add_path(parser, '--csv', 'DIR', text)
     add_json(parser)
 
 
@@ -87,7 +92,8 @@ def _run(options: argparse.Namespace) -> int:
     check_out(options.out, folder=False)
     if options.pictures is not None:
         import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(options.pictures, folder=True)
+    check_out(options.pictures, folder=True, name='--pictures')
+    check_out(options.csv, folder=True, name='--csv')
     recording, observations, models, alignment, notes = read_options(options, [ALL])
     notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
@@ -119,6 +125,13 @@ def _run(options: argparse.Namespace) -> int:
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
+    if options.csv is not None and any(name.startswith('tension_') for name in best.estimates):
+        notes.append('no CSV files: compare does it, with the fitted file as --config, and --out')
+    elif options.csv is not None and best.is_trustworthy:
+        fitted_arm = compare(observations.shapes, best.parameters, best.model, best.alignment)
+        names = Config.from_parameters(best.parameters).arm.tendon_names
+        tables = write_tables(options.csv, [fitted_arm], names)
+        notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
     print(
         json.dumps(as_dict(best, list(fitted.values()), observations, notes))
         if options.json

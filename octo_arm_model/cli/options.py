@@ -208,8 +208,8 @@ def read_config(options: argparse.Namespace) -> Config:
     )
 
 
-def check_out(path: Path | None, *, folder: bool) -> None:
-    """Make the folder for ``--out``, which is a ``folder`` or a file; nothing if it is None.
+def check_out(path: Path | None, *, folder: bool, name: str = '--out') -> None:
+    """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
 
     Raises:
         ConfigError: if it is the other of the two.
@@ -219,7 +219,7 @@ def check_out(path: Path | None, *, folder: bool) -> None:
         return
     if path.exists() and path.is_dir() != folder:
         is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
-        raise ConfigError(f'--out is {str(path)!r}, {is_what}, expected {expected}')
+        raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
     (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
 
 

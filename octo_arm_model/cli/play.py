@@ -149,6 +149,6 @@ def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) 
             loop=options.loop,
             rate=options.rate,
             release=not options.hold,
-            patience=options.wait,
+            timeout=options.wait,
             report=lambda *played: line.show(lambda: state(*played)),
         )

@@ -26,6 +26,11 @@ class Bar(StatusLine):
         """Show that ``done`` of ``total`` are done."""
         self.show(lambda: self._state(done, total), always=done == total)
 
+    def on_terminal(self, done: int, total: int) -> None:
+        """The same, on a terminal alone."""
+        if self.is_terminal:
+            self(done, total)
+
     def _state(self, done: int, total: int) -> str:
         elapsed = max(time.monotonic() - self._began, 1e-9)
         rate = done / elapsed

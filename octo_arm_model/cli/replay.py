@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import time
@@ -15,6 +16,7 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     add_tendons,
+    check_out,
     new_command,
     read_config_option,
     unwritten,
@@ -84,36 +86,48 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         '--no-copy', action='store_true', help='write the answers alone, without what is in IN'
     )
+    text = 'folder for stations.csv, and tensions.csv as `octo-arm play` reads it'
+    add_path(parser, '--csv', 'DIR', text)
     add_storage(parser)
     add_json(parser, '')
 
 
 def _run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.arms import find_arms
+    from octo_arm_model.bags.csv_output import CsvAnswers
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.bags.replay import replay
     from octo_arm_model.bags.writer import BagWriter
 
     parameters = read_config_option(options)
     began = time.monotonic()
+    check_out(options.csv, folder=True, name='--csv')
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
         if options.bag.resolve() in options.out.resolve().parents:
             raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
         arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
-        with BagWriter(options.out, options.storage, custom) as writer:
+        topics = [topic for arm in arms for topic in arm.topics]
+        with contextlib.ExitStack() as open_files:
+            writer = open_files.enter_context(BagWriter(options.out, options.storage, custom))
+            table = None
+            if options.csv is not None:
+                table = open_files.enter_context(CsvAnswers(options.csv, topics))
             report = replay(
                 reader,
                 writer,
                 arms,
                 copy=not options.no_copy,
                 lengths=options.lengths,
+                table=table,
                 progress=bar,
             )
         duration = reader.duration
     elapsed = time.monotonic() - began
     if options.json:
         content = dataclasses.asdict(report)
+        for topic in content['topics'].values():
+            del topic['refusals']  # which `reasons` says in short
         content |= {'out': str(options.out), 'duration': duration, 'elapsed': elapsed}
         print(json.dumps(content))
     else:
@@ -133,6 +147,8 @@ def summary(report: Report) -> str:
         ):
             if count:
                 lines.append(f'  {count} {what}')
+        for reason, count in topic.reasons.items():
+            lines.append(f'  {count} as {reason}')
         for skip in topic.skips[:10]:
             lines.append(f'  {skip.stamp_ns * 1e-9:.6f} s: {skip.reason}')
         if (more := topic.refused + topic.failed - 10) > 0:

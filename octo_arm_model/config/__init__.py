@@ -1,1 +1,4 @@
-"""An arm from a parameter file: the one table of parameters and what they mean. Imports core."""
+"""An arm from a parameter file: the table of parameters, the YAML reader, presets, paper data.
+
+Imports core.
+"""

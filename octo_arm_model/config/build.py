@@ -1,56 +1,30 @@
-"""From the values of parameters to the parts of an arm."""
+"""Build the parts of an arm from the values of its parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from octo_arm_model.config.load_cells import LoadCellCalibration
+from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.core.arm.arm import Arm, check_size
 from octo_arm_model.core.arm.body import Body, ProfiledBody
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.errors import ConfigError, shown
-from octo_arm_model.core.limits import MAX_POINT_LOADS
 from octo_arm_model.core.sensitivity.results import Uncertainty
-
-Values = Mapping[str, Any]
 
 
 def build_arm(given: Values) -> Arm:
-    """The arm that ``given``, a value for every parameter, describes.
+    """The arm described by ``given``, a value for every parameter.
 
     Raises:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if the arm cannot exist.
     """
     return Arm(_material(given), _body(given), _sections(given), given['tendon_names'])
-
-
-def build_loads(given: Values) -> Loads:
-    """The loads.
-
-    Raises:
-        ConfigError: if lists do not have the lengths they need.
-        ArmDefinitionError: if a load cannot be.
-    """
-    if len(given['loads.point_s']) > MAX_POINT_LOADS:
-        count = len(given['loads.point_s'])
-        raise ConfigError(f'loads.point_s has {count} values, expected at most {MAX_POINT_LOADS}')
-    points = _vectors(given, 'loads.point_force', 'loads.point_s')
-    along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
-    return Loads(
-        gravity=given['loads.gravity'],
-        fluid_density=given['loads.fluid_density'],
-        tip_force=given['loads.tip_force'],
-        tip_moment=given['loads.tip_moment'],
-        points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
-        distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
-    )
 
 
 def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
@@ -62,7 +36,7 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
     """
     limits = given['tendon_limits']
     if limits:
-        _check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
+        check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
     return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
 
 
@@ -79,7 +53,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
         raise ConfigError(f'tension_names is {shown(list(names))}, expected distinct names or -')
     for name in ('tension_offset', 'tension_scale', 'tension_names'):
         if given[name]:
-            _check_length(name, given[name], len(arm.tendons), ', one per tendon')
+            check_length(name, given[name], len(arm.tendons), ', one per tendon')
     return LoadCellCalibration(
         not_negative('tension_deadband', given['tension_deadband'], 'tension', 'N'),
         tuple(
@@ -92,7 +66,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
 
 
 def build_uncertainty(given: Values) -> Uncertainty:
-    """How well everything is known.
+    """Standard deviations of tensions, material and tendon offsets.
 
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
@@ -143,7 +117,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
     count = len(anchorages)
     like = ' like sections.anchorage, one per section'
     numbers = given['sections.tendons'] or count * (4,)
-    _check_length('sections.tendons', numbers, count, like)
+    check_length('sections.tendons', numbers, count, like)
     for number in numbers:
         if number < 1:
             raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
@@ -154,7 +128,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
     )
     twists = given['tendons.twist'] or total * (0.0,)
     for name, column in (('tendons.angle', angles), ('tendons.twist', twists)):
-        _check_length(name, column, total, ', one per tendon')
+        check_length(name, column, total, ', one per tendon')
     if given['tendons.table_s']:
         tendons = _routed(given, angles, total)
         ends = [sum(numbers[: i + 1]) for i in range(count)]
@@ -164,7 +138,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
         )
     offsets = [given[f'sections.{name}'] for name in ('offset_base', 'offset_anchorage')]
     for name, column in zip(('offset_base', 'offset_anchorage'), offsets, strict=True):
-        _check_length(f'sections.{name}', column, count, like)
+        check_length(f'sections.{name}', column, count, like)
     sections, first = [], 0
     for anchorage, base, end, number in zip(anchorages, *offsets, numbers, strict=True):
         part = slice(first, first + number)
@@ -174,7 +148,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
 
 
 def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
-    """Tendons of tabulated paths."""
+    """Tendons with tabulated paths."""
     s = given['tendons.table_s']
     for name in ('sections.offset_base', 'sections.offset_anchorage', 'tendons.twist'):
         if given.get(name):
@@ -184,7 +158,7 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
         column = given[name]
         if column or name == 'tendons.table_offset':
             what = f', {len(s)} for each of {total} tendons'
-            _check_length(name, column, total * len(s), what)
+            check_length(name, column, total * len(s), what)
         columns[name] = column
     tendons = []
     for j in range(total):
@@ -198,16 +172,5 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
 
 
 def _table(given: Values, name: str, s: Sequence[float]) -> Table | Linear:
-    _check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
+    check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
     return Table(tuple(s), tuple(given[name]), name)
-
-
-def _vectors(given: Values, name: str, of: str) -> tuple[Vector, ...]:
-    flat, count = given[name], len(given[of])
-    _check_length(name, flat, 3 * count, f', three for each of {of}')
-    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
-
-
-def _check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
-    if len(column) != count:
-        raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')

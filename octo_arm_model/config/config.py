@@ -1,4 +1,4 @@
-"""An arm and how to solve it, from a ROS parameter file, without ROS."""
+"""The configuration of an arm and its solver, read from a ROS parameter file without ROS."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from octo_arm_model.config.build import (
     build_arm,
     build_limits,
     build_load_cells,
-    build_loads,
     build_uncertainty,
 )
 from octo_arm_model.config.load_cells import LoadCellCalibration
+from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
@@ -33,7 +33,7 @@ from octo_arm_model.core.solver import Solver
 
 @dataclass(frozen=True)
 class DiagnosticLimits:
-    """What the node's diagnostics warn of, each >= 0 [s].
+    """Thresholds of the node's diagnostics, each >= 0 [s].
 
     Attributes:
         silence: time without tensions.
@@ -48,7 +48,7 @@ class DiagnosticLimits:
 
 @dataclass(frozen=True)
 class Config:
-    """Everything a parameter file says.
+    """The contents of a parameter file.
 
     Attributes:
         arm: the arm.
@@ -59,10 +59,10 @@ class Config:
         frame_prefix: what the names of the frames of tip and anchorages begin with.
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
-        loads: what loads the arm but its tendons.
-        uncertainty: how well tensions, material and tendons are known.
-        markers_rate: how often the node publishes markers at most [Hz]; 0 for every shape.
-        limits: what its diagnostics warn of.
+        loads: loads on the arm besides its tendons.
+        uncertainty: standard deviations of tensions, material and tendon offsets.
+        markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
+        diagnostic_limits: thresholds of the node's diagnostics.
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
             the arm bears, see `simulation.limits`.
         load_cells: how readings become tensions.
@@ -79,7 +79,7 @@ class Config:
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     markers_rate: float = 0.0
-    limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
+    diagnostic_limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
 
@@ -125,7 +125,7 @@ class Config:
             loads=build_loads(given),
             uncertainty=uncertainty,
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
-            limits=_limits(given),
+            diagnostic_limits=_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
         )
@@ -158,7 +158,7 @@ class Config:
         )
 
 
-def _limits(given: Mapping[str, Any]) -> DiagnosticLimits:
+def _diagnostic_limits(given: Mapping[str, Any]) -> DiagnosticLimits:
     limits = {}
     for name in ('silence', 'age', 'ahead'):
         parameter = f'diagnostics.{name}_limit'
@@ -218,7 +218,7 @@ def _parse(text: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Whatever goes wrong with a parameter file, as an error that names it."""
+    """Turn every error of a parameter file into one that names it."""
     with reading(path, ConfigError):
         try:
             yield
@@ -258,10 +258,10 @@ def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
-    """Check that ``owner`` knows all of ``values``.
+    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
 
     Raises:
-        ConfigError: if not; the message says what was perhaps meant.
+        ConfigError: if one is not; the message suggests a similar name.
     """
     for name in values:
         if name not in known:

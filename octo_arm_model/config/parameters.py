@@ -6,100 +6,19 @@ prints it, so a name, a unit or a default is written in one place only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
-
-from octo_arm_model.core.arm.validation import is_text
-from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.config.loads import LOAD_PARAMETERS
+from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
 from octo_arm_model.core.limits import (
     MAX_INTERVALS,
-    MAX_NAME,
-    MAX_POINT_LOADS,
     MAX_SECTIONS,
     MAX_STATIONS,
-    MAX_TABLE_POINTS,
     MAX_TENDONS,
 )
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
-from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
+from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter.
-
-    Attributes:
-        name: dotted name, as in ROS.
-        kind: type of a value, or of the elements where ``is_array``.
-        description: what it is, with its unit in brackets.
-        default: value where none is given; None means it must be given.
-        is_array: whether it is a list.
-        unless: name of the parameter that takes its place; with that one it may be missing.
-        range: what its values must be, in words; the core checks and says so itself.
-    """
-
-    name: str
-    kind: type
-    description: str
-    default: Any = None
-    is_array: bool = False
-    unless: str = ''
-    range: str = ''
-
-    @property
-    def type_name(self) -> str:
-        """Type in the words of ROS, e.g. ``double[]``."""
-        word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
-        return word + '[]' if self.is_array else word
-
-    @property
-    def default_or_none_given(self) -> Any:
-        """Value where none is given, in ROS, where every parameter has one.
-
-        Of one that must be given that is zero or an empty list.
-        """
-        if self.default is not None:
-            return self.default
-        return () if self.is_array else self.kind()
-
-    @property
-    def table_row(self) -> str:
-        """Row of a Markdown table: name, type, default and meaning."""
-        default = list(self.default or ()) if self.is_array else self.default
-        shown = 'empty' if default in ([], '') else f'`{default}`'
-        if self.default is None:
-            shown = f'required, or `{self.unless}`' if self.unless else 'required'
-        return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
-
-    def convert(self, value: object) -> Any:
-        """Return ``value`` as this parameter's type; an integer will do for a double.
-
-        Raises:
-            ConfigError: if the type is another.
-        """
-        if self.is_array and isinstance(value, (list, tuple)):
-            return tuple(self._convert_one(element, value) for element in value)
-        return self._convert_one(value, value) if not self.is_array else self._refuse(value)
-
-    def _convert_one(self, element: object, value: object) -> Any:
-        if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
-            try:
-                return float(element)
-            except OverflowError:
-                return self._refuse(value)
-        if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
-            if self.kind is str and not is_text(element):
-                return self._refuse(value, f' of at most {MAX_NAME} characters, without NUL')
-            return element
-        return self._refuse(value)
-
-    def _refuse(self, value: object, what: str = '') -> Any:
-        raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
-
-
-_TABLE = f'; at most {MAX_TABLE_POINTS}'
+_LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
 
 PARAMETERS = (
@@ -128,12 +47,12 @@ PARAMETERS = (
     Parameter('material.density', float, 'density [kg/m^3]; needed under gravity', 0.0,
               range='>= 0'),
     Parameter('material.law', str,
-              'elastic law of the model exact: neo_hookean (soft), linear (stiff)', DEFAULT_LAW,
-              range='neo_hookean or linear'),
+              f'elastic law of the model exact: {_LAWS}', DEFAULT_LAW,
+              range=' or '.join(LAWS)),
     Parameter('material.shear', bool, 'whether cross sections shear, with law linear', False),
     Parameter('material.table_s', float,
-              f'arc coordinates of a material that varies along the arm, from 0 on [m]{_TABLE}',
-              (), is_array=True, range='increasing from 0 to the tip'),
+              'arc coordinates of a material that varies along the arm, from 0 on [m]'
+              + TABLE_BOUND, (), is_array=True, range='increasing from 0 to the tip'),
     Parameter('material.table_youngs_modulus', float, 'E at each of table_s [Pa]', (),
               is_array=True, range='> 0'),
     Parameter('material.table_poisson_ratio', float,
@@ -150,7 +69,7 @@ PARAMETERS = (
               'radius of discs that lead tendons outside the body [m]; 0 for none', 0.0,
               range='>= 0'),
     Parameter('body.table_s', float,
-              f'arc coordinates of a body that is no cone, from 0 to the tip [m]{_TABLE}', (),
+              f'arc coordinates of a body that is no cone, from 0 to the tip [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing from 0 to the tip'),
     Parameter('body.table_radius', float, 'radius at each of table_s [m]', (), is_array=True,
               range='> 0'),
@@ -177,7 +96,7 @@ PARAMETERS = (
               'angle each tendon winds about the midline up to its anchorage [rad]; empty for '
               'straight ones', (), is_array=True),
     Parameter('tendons.table_s', float,
-              f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{_TABLE}', (),
+              f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing from 0 on, as far as the tendons go'),
     Parameter('tendons.table_offset', float,
               'distance from the midline at each of table_s [m], tendon after tendon', (),
@@ -205,26 +124,7 @@ PARAMETERS = (
     Parameter('tension_scale', float,
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
-    Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
-              (0.0, 0.0, 0.0), is_array=True),
-    Parameter('loads.fluid_density', float, 'density of the fluid around the arm [kg/m^3]', 0.0,
-              range='>= 0'),
-    Parameter('loads.tip_force', float, 'force on the tip in base_frame [N]', (0.0, 0.0, 0.0),
-              is_array=True),
-    Parameter('loads.tip_moment', float, 'moment on the tip in base_frame [N m]',
-              (0.0, 0.0, 0.0), is_array=True),
-    Parameter('loads.point_s', float,
-              f'arc coordinates of point forces [m]; at most {MAX_POINT_LOADS}', (),
-              is_array=True, range='in [0, body.length]'),
-    Parameter('loads.point_force', float,
-              'x, y, z of each point force in base_frame [N], one after the other', (),
-              is_array=True),
-    Parameter('loads.distributed_s', float,
-              f'arc coordinates of a distributed force, linear between them [m]{_TABLE}', (),
-              is_array=True, range='increasing, in [0, body.length]'),
-    Parameter('loads.distributed_force', float,
-              'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
-              (), is_array=True),
+    *LOAD_PARAMETERS,
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),
@@ -251,9 +151,3 @@ PARAMETERS = (
               'standard deviation of the distance of every tendon [m]; with model exact',
               0.0, range='>= 0'),
 )  # fmt: skip
-
-
-def as_markdown(parameters: Sequence[Parameter]) -> str:
-    """Table of ``parameters`` in Markdown."""
-    head = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
-    return '\n'.join((*head, *(parameter.table_row for parameter in parameters))) + '\n'

@@ -1,7 +1,7 @@
-"""Text files and YAML from outside, within bounds: the one loader of everything that is YAML.
+"""Read and write YAML, with bounds on its size and depth, and scalars as ROS reads them.
 
-Plain scalars are what ROS makes of them (rcl_yaml_param_parser): 1e5 is a number, 1:30, 1_000 and
-2026-01-01 are texts, which YAML 1.1 reads as 90, 1000 and a date.
+As in rcl_yaml_param_parser 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are texts, which
+YAML 1.1 reads as 90, 1000 and a date.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ _FLOAT = re.compile(
     r'^([-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?'
     r'|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'
 )
-# What C reads as a number besides, and ROS with it; here it is a text.
+# Further numbers of C, and so of ROS; texts here.
 _C_NUMBER = re.compile(
     r'^[-+]?(inf(inity)?|nan(\(\w*\))?|0x[0-9a-f]*\.?[0-9a-f]*(p[-+]?[0-9]+)?)$', re.IGNORECASE
 )
 
 
 class _TooLargeError(Exception):
-    """There is more in a file than is read."""
+    """A file is larger than its bound."""
 
 
 def read_text(path: str | Path, most: int) -> str:
     """Text of a file of at most ``most`` bytes, in UTF-8. For use within `reading`."""
     mode = os.stat(path).st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        # A pipe nobody writes into would be waited for.
+        # Reading a pipe without a writer would block.
         raise OSError(errno.EINVAL, 'not a regular file')
     with open(path, 'rb') as file:
         data = file.read(most + 1)
@@ -60,7 +60,7 @@ def load_yaml(text: str) -> Any:
 
 
 def compose_yaml(text: str) -> yaml.Node | None:
-    """The nodes of a document, which know their lines. For use within `reading`."""
+    """The nodes of a document, with their line numbers. For use within `reading`."""
     _check_size(text)
     node: yaml.Node | None = yaml.compose(text, _Loader)
     return node
@@ -77,7 +77,7 @@ def dump_yaml(value: Any) -> str:
 
 @contextlib.contextmanager
 def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
-    """Whatever is wrong with a file or its YAML, as an error of ``kind`` that names the file.
+    """Turn every error of a file or its YAML into one of ``kind`` that names the file.
 
     Raises:
         OctoArmError: of that kind.
@@ -98,7 +98,7 @@ def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
 
 
 def _check_size(text: str) -> None:
-    # Of a text that came with a message, too.
+    # Texts of messages come here without `read_text`.
     if len(text) > MAX_YAML_BYTES:
         raise _TooLargeError(f'larger than {MAX_YAML_BYTES} bytes')
 
@@ -198,6 +198,6 @@ for _name, _pattern in (('null', _NULL), ('bool', _BOOL), ('int', _INT), ('float
 _Loader.add_constructor(_TAG + 'bool', _construct_bool)
 _Loader.add_constructor(_TAG + 'int', _construct_int)
 _Loader.add_constructor(_TAG + 'float', _construct_float)
-# What is neither of these nor a list, a mapping or a text has no use here.
+# Tags of types that no parameter has.
 for _name in ('binary', 'timestamp', 'omap', 'pairs', 'set'):
     _Loader.add_constructor(_TAG + _name, yaml.SafeLoader.construct_undefined)

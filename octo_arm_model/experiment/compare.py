@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,6 +95,7 @@ def compare(
     parameters: Mapping[str, Any],
     model: str,
     alignment: Alignment | None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ModelComparison:
     """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
@@ -111,6 +112,7 @@ def compare(
     answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
     for number, shape in enumerate(shapes, start=1):
+        progress(number - 1, len(shapes))
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
         try:
             answered.append((number, shape, solver.solve(tensions)))

@@ -5,7 +5,7 @@ Needs matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,14 @@ _FLAT = 0.05
 _MOST_FRAMES = 30
 
 
-def draw(comparisons: Sequence[ModelComparison], folder: Path) -> list[Path]:
+def draw(
+    comparisons: Sequence[ModelComparison],
+    folder: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Path]:
     """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
+
+    ``progress`` is told how many pictures of how many are done.
 
     Raises:
         OSError: if a file cannot be written.
@@ -38,8 +44,9 @@ def draw(comparisons: Sequence[ModelComparison], folder: Path) -> list[Path]:
         for step in comparison.steps:
             steps.setdefault(step.number, []).append((comparison, step))
     limits = _limits(comparisons, axes)
-    paths = []
+    paths: list[Path] = []
     for number, shown in sorted(steps.items()):
+        progress(len(paths), len(steps) + 1)
         path = folder / f'step_{number:02}.png'
         save(_draw_step(shown, axes, limits), path)
         paths.append(path)

@@ -5,6 +5,7 @@ Needs matplotlib.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     scale = Normalize(0.0, max(shape.tension for shape in shapes))
     for column, one in enumerate(fitted):
         base = Config.from_parameters(one.parameters).base
-        comparison = compare(shapes, one.parameters, one.model, one.alignment)
+        comparison = compare(_fitted(one, shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
             s = step.shape.s
@@ -118,6 +119,14 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     figure.colorbar(ScalarMappable(scale, 'viridis'), ax=panels, label='sum of tensions [N]')
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
+
+
+def _fitted(one: Identification, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
+    """The ``shapes`` with the tensions of the fitted load cells."""
+    return [
+        dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=tensions))
+        for shape, tensions in zip(shapes, one.tensions, strict=True)
+    ]
 
 
 def _in_base(step: StepComparison, base: Pose) -> Any:

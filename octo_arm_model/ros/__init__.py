@@ -1,1 +1,4 @@
-"""The ROS 2 side: everything here may import rclpy, elsewhere only the viewer does."""
+"""Nodes, clients and the player of profiles over ROS 2.
+
+Imports rclpy and all rooms below; the viewer and the apps alone import it in turn.
+"""

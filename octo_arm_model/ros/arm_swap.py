@@ -1,4 +1,4 @@
-"""All parameters of the arm of a running node, set together."""
+"""Give a running node another arm: all parameters of the arm set in one atomic call."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ from rclpy.task import Future
 from octo_arm_model.config.config import refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.ros.declared_parameters import ros_parameter
+from octo_arm_model.ros.live_parameters import ros_parameter
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 
-def swap_arm(values: Mapping[str, Any], node_name: str, patience: float) -> None:
+def swap_arm(values: Mapping[str, Any], node_name: str, timeout: float) -> None:
     """Give the node ``node_name`` the arm that ``values`` describe, in one step or not at all.
 
-    Parameters of the arm that ``values`` do not name return to their defaults; others of the node
-    are set if named and stay as they are if not.
+    Parameters of the arm missing in ``values`` return to their defaults; other parameters of the
+    node are set if given and unchanged if not.
 
     Args:
         values: by their dotted names.
         node_name: with its namespace, such as ``/octo_arm``.
-        patience: how long to wait for the node, and then for each of its answers [s].
+        timeout: to wait for the node, and then for each of its answers [s].
 
     Raises:
-        ConfigError: if there is no such node, it is none that has an arm, it does not know a
-            parameter, a value is of the wrong type, or the node refuses.
+        ConfigError: if there is no such node, it has no arm, it does not know a parameter, a value
+            is of the wrong type, or the node refuses.
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        _swap(rclpy.create_node('octo_arm_load'), values, node_name, patience)
+        _swap(rclpy.create_node('octo_arm_load'), values, node_name, timeout)
     finally:
         rclpy.try_shutdown()
 
 
-def _swap(node: Node, values: Mapping[str, Any], node_name: str, patience: float) -> None:
+def _swap(node: Node, values: Mapping[str, Any], node_name: str, timeout: float) -> None:
     try:
         client = AsyncParameterClient(node, node_name)
     except NameValidationException as error:
         expected = 'expected the name of a node, such as /octo_arm'
         raise ConfigError(f'--node is {node_name!r}, {expected}') from error
-    if not client.wait_for_services(patience):
+    if not client.wait_for_services(timeout):
         raise ConfigError(
-            f'no node {node_name} within {patience} s: `ros2 node list` names those that run'
+            f'no node {node_name} within {timeout} s: `ros2 node list` names those that run'
         )
-    listed: ListParameters.Response = _wait(node, client.list_parameters(), node_name, patience)
+    listed: ListParameters.Response = _wait(node, client.list_parameters(), node_name, timeout)
     names = set(listed.result.names)
     arm = {parameter.name: parameter for parameter in PARAMETERS}
     if not names >= arm.keys():
@@ -63,19 +63,19 @@ def _swap(node: Node, values: Mapping[str, Any], node_name: str, patience: float
     wanted.update(values)
     changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
     answer: SetParametersAtomically.Response = _wait(
-        node, client.set_parameters_atomically(changes), node_name, patience
+        node, client.set_parameters_atomically(changes), node_name, timeout
     )
     if not answer.result.successful:
         raise ConfigError(f'{node_name} stays as it is: {answer.result.reason}')
 
 
-def _wait(node: Node, future: Future, node_name: str, patience: float) -> Any:
-    """The answer that ``future`` brings.
+def _wait(node: Node, future: Future, node_name: str, timeout: float) -> Any:
+    """Result of ``future``.
 
     Raises:
-        ConfigError: if there is none in time.
+        ConfigError: if there is none within ``timeout`` [s].
     """
-    rclpy.spin_until_future_complete(node, future, timeout_sec=patience)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=timeout)
     if not future.done():
-        raise ConfigError(f'{node_name} has not answered within {patience} s')
+        raise ConfigError(f'{node_name} has not answered within {timeout} s')
     return future.result()

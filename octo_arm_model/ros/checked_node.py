@@ -1,4 +1,4 @@
-"""A node that goes on whatever arrives on the topics and services that rclpy opens for it."""
+"""A node that checks /clock and parameter requests before rclpy handles them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
+from octo_arm_model.ros.interruption import interruptible
+
 WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1
@@ -20,15 +22,12 @@ _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
 
 
 class CheckedNode(Node):
-    """Checks what rclpy hands to its own callbacks, which raise where a value makes no sense.
-
-    What they raise would end the program.
-    """
+    """Checks the arguments of rclpy's own callbacks, whose exceptions would end the program."""
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **options: Any
     ) -> Subscription:
-        """As of `Node`; simulated time is checked first."""
+        """As `Node.create_subscription`; messages on /clock are checked first."""
         if msg_type is Clock:
             callback = partial(self._take_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *args, **options)
@@ -41,15 +40,17 @@ class CheckedNode(Node):
         *args: Any,
         **options: Any,
     ) -> Service:
-        """As of `Node`; types of parameters are checked first."""
+        """As `Node.create_service`; parameter types are checked first."""
         if srv_type is SetParameters:
             callback = partial(self._set_each, callback)
         elif srv_type is SetParametersAtomically:
             callback = partial(self._set_together, callback)
-        return super().create_service(srv_type, srv_name, callback, *args, **options)
+        return super().create_service(
+            srv_type, srv_name, interruptible(callback), *args, **options
+        )
 
     def _take_clock(self, take: Callable[[Clock], None], message: Clock) -> None:
-        """Go by the clock of ``message``, unless it is no time; then time stands still."""
+        """Set simulated time to ``message``; a time that ROS cannot represent is refused."""
         sec, nanosec = message.clock.sec, message.clock.nanosec
         if sec < 0 or sec + nanosec // 10**9 > _LAST_SECOND:
             self.get_logger().warning(
@@ -65,7 +66,7 @@ class CheckedNode(Node):
         request: SetParameters.Request,
         response: SetParameters.Response,
     ) -> SetParameters.Response:
-        """Set one parameter after the other, those of no known type excepted."""
+        """Set one parameter after the other; those of no known type are refused."""
         results = [_check_type(parameter) for parameter in request.parameters]
         request.parameters = [p for p, r in zip(request.parameters, results) if r.successful]
         done = iter(set_all(request, response).results)
@@ -78,7 +79,7 @@ class CheckedNode(Node):
         request: SetParametersAtomically.Request,
         response: SetParametersAtomically.Response,
     ) -> SetParametersAtomically.Response:
-        """Set all parameters, or none where one is of no known type."""
+        """Set all parameters, or none if one is of no known type."""
         for result in map(_check_type, request.parameters):
             if not result.successful:
                 response.result = result

@@ -1,4 +1,4 @@
-"""Programs that one program starts and ends, and the signals that end it."""
+"""Child processes of a program, ended with it, and the signals that end the program."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 
-_PATIENCE = 10.0  # [s] for a program to end by itself
+_END_TIMEOUT = 10.0  # [s] from SIGTERM to SIGKILL
 
 
 def stop_signals() -> Callable[[], bool]:
-    """Take notice of Ctrl-C and its like; returns what tells whether one has come."""
+    """Handle SIGINT, SIGTERM and SIGHUP; returns a function that tells whether one has come."""
     is_over = threading.Event()
-    # A shell ignores SIGINT in what it starts behind itself, which is why it is set as well.
+    # SIGINT too, because shells start background processes with it ignored.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, frame: is_over.set())
     return is_over.is_set
@@ -23,29 +23,29 @@ def stop_signals() -> Callable[[], bool]:
 
 @contextlib.contextmanager
 def children(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run modules of Python, each with its arguments, for as long as the block takes."""
+    """Run Python modules, each with its arguments, until the block ends."""
     started: list[subprocess.Popen[bytes]] = []
     try:
         for command in commands:
-            # A session of its own, so that Ctrl-C reaches it once, from here.
+            # A session of its own: the terminal's Ctrl-C reaches this process alone.
             started.append(
                 subprocess.Popen([sys.executable, '-m', *command], start_new_session=True)
             )
         yield started
     finally:
         for child in started:
-            # SIGTERM ends it quietly even while it is still starting.
+            # Not SIGINT, which prints a traceback while Python is still importing.
             child.terminate()
         for child in started:
             try:
-                child.wait(_PATIENCE)
+                child.wait(_END_TIMEOUT)
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()
 
 
 def ended(started: Sequence[subprocess.Popen[bytes]]) -> str:
-    """Which child has ended by itself, and how; empty while all run."""
+    """A sentence about the first child that has ended by itself; empty while all run."""
     for child in started:
         if (status := child.poll()) is not None:
             module = str(child.args[2]) if isinstance(child.args, list) else ''

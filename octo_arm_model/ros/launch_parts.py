@@ -1,4 +1,4 @@
-"""What the launch files have in common: their arguments, and the programs they start."""
+"""What the launch files share: the table of arguments, nodes and RViz as launch actions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from launch_ros.substitutions import FindPackageShare
 from octo_arm_model.config.presets import preset_path
 
 PACKAGE = 'octo_arm_model'
-# Default value and description; where that of params_file is none, that of the table 4.
+# Default value and description; None for the preset of table 4.
 ARGUMENTS: dict[str, tuple[str | None, str]] = {
     'params_file': (None, 'ROS parameter file of the arm'),
     'namespace': ('', 'namespace of all topics and services'),
@@ -25,7 +25,7 @@ ARGUMENTS: dict[str, tuple[str | None, str]] = {
     'model': ('', 'name of a model; empty for that of params_file'),
     'frame_prefix': ('', 'prefix of the names of TF frames; empty for that of params_file'),
 }
-# Given, these override what the parameter file says; empty, the file has its way.
+# These override the parameter file unless they are empty.
 _OVERRIDES = ('model', 'frame_prefix')
 
 
@@ -48,25 +48,22 @@ def value_of(name: str, context: LaunchContext) -> str:
 
 
 def text(name: str) -> ParameterValue:
-    """The argument ``name`` as a parameter of type string.
-
-    Of which YAML would make a number where it is 1 or 1_, say.
-    """
+    """The argument ``name`` as a string parameter, even if YAML reads it as a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
 def sim_time() -> dict[str, ParameterValue]:
-    """The parameter that has a node follow the argument ``use_sim_time``."""
+    """The parameter use_sim_time, with the value of the argument of that name."""
     return {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
 
 
 def overrides(context: LaunchContext, *names: str) -> dict[str, ParameterValue]:
-    """Parameters that the arguments ``names`` override, which are those that are not empty."""
+    """Parameters for those of the arguments ``names`` that are not empty."""
     return {name: text(name) for name in names if value_of(name, context)}
 
 
 def arm_node(context: LaunchContext, **own: Any) -> Node:
-    """The node of an arm, in the namespace and with the overrides that the arguments say."""
+    """The node of an arm, its namespace and overrides from the arguments."""
     return node(
         'octo_arm_node',
         'octo_arm',
@@ -77,7 +74,7 @@ def arm_node(context: LaunchContext, **own: Any) -> Node:
 
 
 def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
-    """A node of this package, with ``parameters`` of which the last have their way."""
+    """A node of this package; later ``parameters`` override earlier ones."""
     return Node(
         package=PACKAGE,
         executable=executable,
@@ -89,9 +86,9 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
 
 
 def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
-    """Start RViz with the configuration ``view``, if the argument ``rviz`` says so.
+    """RViz with the configuration ``view``, started if the argument ``rviz`` is true.
 
-    The topics of a configuration are relative, so they follow the ``namespace``.
+    The topics of a configuration are relative to ``namespace``.
     """
     path = PathJoinSubstitution([FindPackageShare(PACKAGE), 'rviz', view])
     return Node(

@@ -1,28 +1,44 @@
-"""Parameters that change while a node runs: checked together first, then taken together."""
+"""The parameters of a node: declared with a value and type, and changed together while it runs.
+
+Each is declared with a value: where one has none, rclpy answers a request for several parameters
+with an empty list, and `ros2 param dump` prints nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from octo_arm_model.config.parameters import Parameter
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.ros.declared_parameters import (
-    check_types,
-    plain_value,
-    read_parameters,
-    type_empty_lists,
-)
+from octo_arm_model.config.config import is_of_every_node
+from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.core.errors import ConfigError, OctoArmError
 
 Prepared = TypeVar('Prepared')
 
+_ROS_TYPES = {
+    'bool': RosParameter.Type.BOOL,
+    'double': RosParameter.Type.DOUBLE,
+    'double[]': RosParameter.Type.DOUBLE_ARRAY,
+    'integer': RosParameter.Type.INTEGER,
+    'integer[]': RosParameter.Type.INTEGER_ARRAY,
+    'string': RosParameter.Type.STRING,
+    'string[]': RosParameter.Type.STRING_ARRAY,
+}
+_LISTS = (
+    RosParameter.Type.BYTE_ARRAY,
+    RosParameter.Type.BOOL_ARRAY,
+    RosParameter.Type.INTEGER_ARRAY,
+    RosParameter.Type.DOUBLE_ARRAY,
+    RosParameter.Type.STRING_ARRAY,
+)
+
 
 class LiveParameters(Generic[Prepared]):
-    """Keeps what the parameters of a node make, in step with them."""
+    """Keeps the object that is built from the parameters of a node in step with them."""
 
     def __init__(
         self,
@@ -33,57 +49,149 @@ class LiveParameters(Generic[Prepared]):
     ) -> None:
         """Declare ``table`` on ``node``.
 
-        Between `begin` and `end`, ``use`` gets what ``prepare`` makes of them and the names that
-        were set, at every change that it can make something of. Others are always refused with
-        its reason.
+        A change that ``prepare`` raises an `OctoArmError` for is refused with its message. Between
+        `begin` and `end`, ``use`` gets what ``prepare`` returned for the others, and the names
+        that were set.
 
         Raises:
             ConfigError: if a value is of another type than ROS needs.
         """
         self._table, self._prepare, self._use = table, prepare, use
-        self._values = read_parameters(node, table)
+        self._values = _declare(node, table)
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
         self._is_used = False
-        node.add_pre_set_parameters_callback(lambda given: type_empty_lists(given, table))
+        node.add_pre_set_parameters_callback(lambda given: _type_empty_lists(given, table))
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
 
     def begin(self) -> None:
-        """Use what the parameters make.
+        """Prepare the values given so far and hand the result to ``use``.
 
         Raises:
-            OctoArmError: if nothing can be made of them.
+            OctoArmError: if ``prepare`` refuses them.
         """
         self._use(self._prepare(self._values), set(self._values))
         self._is_used = True
 
     def end(self) -> None:
-        """Use it no more; changes are kept for the next time."""
+        """Call ``use`` no more; changes are kept for the next `begin`."""
         self._is_used = False
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Whether something can be made with these ``parameters``; nothing is changed yet."""
+        """Prepare the change to ``parameters``, or refuse it; nothing is in use yet."""
         changed = {p.name: p.value for p in parameters if p.name in self._names}
         self._candidate = None
         if not changed:
             return SetParametersResult(successful=True)
         values = {
-            name: plain_value(value)
+            name: _plain(value)
             for name, value in {**self._values, **changed}.items()
             if value is not None
         }
         try:
-            check_types(values, self._table)
+            _check_types(values, self._table)
             self._candidate = values, self._prepare(values)
         except OctoArmError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _swap(self, parameters: list[RosParameter]) -> None:
-        """Take what `_check` prepared."""
+        """Hand over what `_check` prepared, once rclpy has set the parameters."""
         candidate, self._candidate = self._candidate, None
         if candidate is not None:
             self._values, prepared = candidate
             if self._is_used:
                 self._use(prepared, {parameter.name for parameter in parameters})
+
+
+def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
+    """Declare every parameter of ``table`` on ``node``; return the values given at its start.
+
+    Names that are not in the table are returned too, but not declared.
+
+    Raises:
+        ConfigError: if a value is of another type than ROS needs.
+    """
+    # Private in rclpy. Its automatic declaration fails for an empty list, whose type a file does
+    # not say.
+    overrides = node._parameter_overrides
+    given = {
+        name: [] if parameter.value is None else _plain(parameter.value)
+        for name, parameter in overrides.items()
+        if not is_of_every_node(name)
+    }
+    _check_types(given, table)
+    values = []
+    for parameter in table:
+        descriptor = ParameterDescriptor(
+            name=parameter.name,
+            description=parameter.description,
+            additional_constraints=parameter.range,
+        )
+        ros_type = _ROS_TYPES[parameter.type_name]
+        node.declare_parameter(parameter.name, ros_type, descriptor, ignore_override=True)
+        value = given.get(parameter.name, parameter.default_or_none_given)
+        values.append(ros_parameter(parameter, value))
+    # Typed, because rclpy cannot derive the type of an empty list.
+    node.set_parameters_atomically(values)
+    return given
+
+
+def _plain(value: Any) -> Any:
+    """The ``value`` of a parameter with lists in place of arrays and tuples."""
+    return list(value) if hasattr(value, 'typecode') or isinstance(value, tuple) else value
+
+
+def ros_parameter(parameter: Parameter, value: Any) -> RosParameter:
+    """The ``parameter`` with ``value``, as an rclpy parameter of its declared type.
+
+    Raises:
+        ConfigError: if the value is of another type.
+    """
+    converted = parameter.convert(value)
+    plain = list(converted) if parameter.is_array else converted
+    return RosParameter(parameter.name, _ROS_TYPES[parameter.type_name], plain)
+
+
+def _type_empty_lists(
+    changes: Sequence[RosParameter], table: Sequence[Parameter]
+) -> list[RosParameter]:
+    """The ``changes``, every empty list with the declared type of its parameter.
+
+    `ros2 param load` types an empty list of a file as an array of booleans.
+    """
+    lists = {parameter.name: parameter for parameter in table if parameter.is_array}
+    return [
+        ros_parameter(lists[change.name], [])
+        if change.name in lists and change.type_ in _LISTS and not len(change.value)
+        else change
+        for change in changes
+    ]
+
+
+def _check_types(given: Mapping[str, Any], table: Sequence[Parameter]) -> None:
+    """Check values against the declared types before rclpy does, with a clearer message.
+
+    Raises:
+        ConfigError: if a value is of another type than its parameter, or an integer is given where
+            ROS needs a double.
+    """
+    for parameter in table:
+        if parameter.name in given:
+            _explain_integers(parameter, given[parameter.name])
+            parameter.convert(given[parameter.name])
+
+
+def _explain_integers(parameter: Parameter, value: Any) -> None:
+    """Refuse integers where ROS needs doubles, and say what to write."""
+    if parameter.kind is not float:
+        return
+    elements = value if hasattr(value, '__len__') and not isinstance(value, str) else [value]
+    if any(isinstance(element, int) and not isinstance(element, bool) for element in elements):
+        meant = ', '.join(str(float(element)) for element in elements)
+        meant = f'[{meant}]' if parameter.is_array else meant
+        raise ConfigError(
+            f'{parameter.name} is an integer, expected {parameter.type_name}: ROS keeps the two '
+            f'apart, write {meant}'
+        )

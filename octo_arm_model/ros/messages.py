@@ -1,4 +1,4 @@
-"""Between ROS messages and the core: nothing but conversion, in both directions."""
+"""Conversion between ROS messages and the arrays of the core, in both directions."""
 
 from __future__ import annotations
 

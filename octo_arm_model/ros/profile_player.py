@@ -1,4 +1,4 @@
-"""A command profile, played to whatever pulls the tendons."""
+"""Publish a command profile as tension commands, then release the tendons."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.profile import CommandProfile, transition
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
-_LOOK = 0.05  # [s] between looks
+_POLL = 0.05  # [s] between looks
 _SAME_SIGNAL = 0.3  # [s] within which signals count as one
-_LEAVE = 5.0  # [s] for the last command to arrive
+_FLUSH_TIMEOUT = 5.0  # [s] for the last command to arrive
 
 Report = Callable[[str, float, float], None]
 
@@ -41,24 +41,24 @@ def play(
     loop: bool = False,
     rate: float = 50.0,
     release: bool = True,
-    patience: float = 5.0,
+    timeout: float = 5.0,
     report: Report = lambda what, played, duration: None,
 ) -> None:
     """Publish ``profile`` on ``topic`` until it ends or SIGINT or SIGTERM comes.
 
     Args:
-        profile: what to play.
+        profile: tensions over time.
         config: the arm whose tendons it pulls, with their limits.
         topic: of type octo_arm_msgs/TendonTensions.
-        speed: how much faster than written it is played [-].
-        loop: whether it begins anew when it ends.
+        speed: factor on its speed [-].
+        loop: whether to repeat it.
         rate: of the commands [Hz].
-        release: whether tendons are brought back to slack in the end; a second signal leaves them.
-        patience: how long to wait for somebody to subscribe [s].
-        report: called with what is done, for how long, and how long it takes [s].
+        release: whether to ramp the tensions to zero at the end; a second signal stops the ramp.
+        timeout: to wait for a subscription [s].
+        report: called with the activity, the time it has taken and its duration [s].
 
     Raises:
-        ConfigError: if ``topic`` is no name of one, or nobody subscribes to it.
+        ConfigError: if ``topic`` is no name of a topic, or nobody subscribes to it.
         ProfileError: if ``profile`` goes beyond the limit of a tendon.
     """
     check_profile(profile, config.arm, tendon_limits(config))
@@ -68,12 +68,12 @@ def play(
             commands = _open(topic, config)
             publisher = commands.publisher
             player = _Player(commands, config, rate, interruptions)
-            if _find_listener(publisher, patience, interruptions, report):
+            if _find_listener(publisher, timeout, interruptions, report):
                 player.play(profile, speed, loop, partial(report, 'playing'))
                 if release:
-                    player.let_go(partial(report, 'releasing'))
-            # Not to leave before the last command has.
-            publisher.wait_for_all_acked(Duration(seconds=_LEAVE))
+                    player.release(partial(report, 'releasing'))
+            # The process must not end before the last command has arrived.
+            publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
         finally:
             rclpy.try_shutdown()
 
@@ -82,7 +82,7 @@ def _open(topic: str, config: Config) -> CommandPublisher:
     """Publisher of commands, on a node of its own.
 
     Raises:
-        ConfigError: if ``topic`` is no name of one.
+        ConfigError: if ``topic`` is no name of a topic.
     """
     node = rclpy.create_node('octo_arm_player')
     try:
@@ -92,7 +92,7 @@ def _open(topic: str, config: Config) -> CommandPublisher:
 
 
 class _Interruptions:
-    """Counts SIGINT and SIGTERM, which would otherwise end the program with tendons pulled."""
+    """Counts SIGINT and SIGTERM, which would otherwise end the program with tendons tensioned."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -109,37 +109,37 @@ class _Interruptions:
 
     def _on_signal(self, number: int, frame: object) -> None:
         now = time.monotonic()
-        # Shells and supervisors may send the same one to the process and to its group.
+        # Shells and supervisors may send one signal to both the process and its group.
         if now - self._last > _SAME_SIGNAL:
             self.count += 1
         self._last = now
 
 
 def _find_listener(
-    publisher: Any, patience: float, interruptions: _Interruptions, report: Report
+    publisher: Any, timeout: float, interruptions: _Interruptions, report: Report
 ) -> bool:
-    """Wait until somebody subscribes; whether it was not interrupted.
+    """Wait for a subscription; False if a signal came first.
 
     Raises:
-        ConfigError: if nobody does for a while.
+        ConfigError: if there is none within ``timeout`` [s].
     """
     began = time.monotonic()
     while not publisher.get_subscription_count():
         waited = time.monotonic() - began
-        if waited >= patience:
+        if waited >= timeout:
             raise ConfigError(
                 f'nobody subscribes to {publisher.topic_name}: start octo_arm_sim, or what drives '
                 'the winches, or choose another topic'
             )
-        report('waiting for a subscriber', waited, patience)
-        time.sleep(_LOOK)
+        report('waiting for a subscriber', waited, timeout)
+        time.sleep(_POLL)
         if interruptions.count:
             return False
     return True
 
 
 class _Player:
-    """Sends profiles as time goes by."""
+    """Publishes profiles in real time."""
 
     def __init__(
         self,
@@ -160,7 +160,7 @@ class _Player:
         loop: bool,
         report: Callable[[float, float], None],
     ) -> None:
-        """Send ``profile`` to its last row, or until one more interruption."""
+        """Publish ``profile`` up to its last row, or until the next interruption."""
         allowed = self._interruptions.count
         duration = profile.duration / speed
         began = time.monotonic()
@@ -171,15 +171,15 @@ class _Player:
             report(played if loop else min(played, duration), duration)
             if played >= duration and not loop:
                 return
-            # Commands that are late are left out, not made up for.
+            # Commands that are late are skipped.
             sent = max(sent + 1, int(played * self._rate))
             time.sleep(max(0.0, began + sent / self._rate - time.monotonic()))
 
-    def let_go(self, report: Callable[[float, float], None]) -> None:
-        """Bring the tendons from where they are to slack."""
+    def release(self, report: Callable[[float, float], None]) -> None:
+        """Bring the tensions smoothly to zero."""
         if self._newest.any():
-            way = transition(self._newest, np.zeros_like(self._newest), RELEASE_TIME)
-            self.play(way, 1.0, False, report)
+            ramp = transition(self._newest, np.zeros_like(self._newest), RELEASE_TIME)
+            self.play(ramp, 1.0, False, report)
 
     def _send(self, tensions: FloatArray) -> None:
         self._newest = tensions

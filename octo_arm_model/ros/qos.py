@@ -16,7 +16,7 @@ from rclpy.subscription import Subscription
 
 from octo_arm_model.core.errors import ConfigError
 
-# All that rclpy knows but for the naming convention, with which a topic would be another one.
+# All of rclpy but avoid_ros_namespace_conventions, which would change the name of the topic.
 POLICIES = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -29,7 +29,7 @@ POLICIES = (
 )
 MAX_DEPTH = 100_000
 _OVERRIDES = 'qos_overrides.'
-# What rclpy raises for values that a policy cannot have.
+# What rclpy raises for impossible values of a policy.
 _REFUSALS = (InvalidQosOverridesError, ParameterException, RuntimeError, ValueError, OverflowError)
 
 
@@ -53,9 +53,7 @@ def create_subscription(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Subscription of ``node``, every policy of ``qos`` a parameter.
-
-    But the lifespan, which is the publisher's.
+    """Subscription of ``node``, every policy of ``qos`` a parameter but the publisher's lifespan.
 
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
@@ -66,12 +64,12 @@ def create_subscription(
 
 
 def check_overrides(node: Node) -> None:
-    """Refuse overrides that no publisher or subscription of ``node`` has taken.
+    """Refuse overrides that no publisher or subscription of ``node`` uses.
 
     Raises:
         ConfigError: if there is one.
     """
-    # rclpy has no public name for what it was given.
+    # Private in rclpy.
     for name in sorted(node._parameter_overrides):
         if name.startswith(_OVERRIDES) and not _is_read_only(node, name):
             raise ConfigError(
@@ -86,7 +84,8 @@ def _create(
 ) -> Any:
     prefix = f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
     for policy in POLICIES:
-        # As the node declares it of itself, an override could be changed later, to no effect.
+        # Declared by the node itself it would not be read-only: a later change would be accepted
+        # and have no effect.
         name = prefix + policy.name.lower()
         if node.has_parameter(name) and not _is_read_only(node, name):
             node.undeclare_parameter(name)
@@ -103,7 +102,7 @@ def _is_read_only(node: Node, name: str) -> bool:
 
 
 def _check(qos: QoSProfile) -> SetParametersResult:
-    """Whether the depth and the durations can be had."""
+    """Whether the depth and the durations are possible."""
     result = SetParametersResult(successful=False)
     for name in ('deadline', 'lifespan', 'liveliness_lease_duration'):
         if (duration := getattr(qos, name).nanoseconds) < 0:

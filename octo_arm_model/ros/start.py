@@ -1,4 +1,4 @@
-"""How ROS starts in each of the programs, and what is said where it cannot."""
+"""Initialise ROS in a program; failures become one-line errors with a hint."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.errors import ConfigError
 
-# What to do about it, by a part of what rcl says.
+# What to do about an error of rcl, by a part of its text.
 _HINTS = {
     'ogging': 'logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: '
     'set one to a folder that can be written',
@@ -22,7 +22,7 @@ _HINTS = {
 def start_ros(
     arguments: Sequence[str] | None, signals: SignalHandlerOptions = SignalHandlerOptions.NO
 ) -> None:
-    """Start ROS with ``arguments``, those of the program if None.
+    """Initialise rclpy with ``arguments``, those of the program if None.
 
     Raises:
         ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.

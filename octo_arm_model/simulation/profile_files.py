@@ -44,9 +44,10 @@ class _LineError(Exception):
 def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
-    A CSV file has a header, ``time`` and the names of all tendons in any order, and below it
-    rows of numbers; it is played smoothly. A YAML file has ``times``, a list, ``tensions``, a list
-    of as many lists in the order of `Arm.tendon_names`, and maybe ``interpolation``.
+    A CSV file has a header, ``time`` and the names of all tendons in any order, with or without
+    their units (``time [s]``, ``tendon_1_1 [N]``), and below it rows of numbers; it is played
+    smoothly. A YAML file has ``times``, a list, ``tensions``, a list of as many lists in the order
+    of `Arm.tendon_names`, and maybe ``interpolation``.
 
     Raises:
         ProfileError: if the file cannot be read or is wrong; the message names it and the line.
@@ -99,7 +100,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             continue
         line = reader.line_num
         if header is None:
-            header = [cell.strip() for cell in cells]
+            header = [_without_unit(cell.strip()) for cell in cells]
             if sorted(header) != sorted(('time', *arm.tendon_names)):
                 expected = ', '.join(('time', *arm.tendon_names))
                 raise _LineError(line, f'header is {", ".join(header)}; expected {expected}')
@@ -110,6 +111,11 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
         value = dict(zip(header, cells))
         rows.append(_Row(line, value['time'], line, [value[name] for name in arm.tendon_names]))
     return rows, 'smooth'
+
+
+def _without_unit(name: str) -> str:
+    """The ``name`` of a column without its unit, s of the time and N of tensions."""
+    return name.removesuffix(' [s]' if name.startswith('time') else ' [N]')
 
 
 def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
@@ -167,6 +173,6 @@ def _scalar(node: yaml.Node) -> str:
 def write_csv(file: TextIO, times: FloatArray, tensions: FloatArray, arm: Arm) -> None:
     """Write ``times`` (n,) [s] and ``tensions`` (n, tendons) [N] as `read_profile` reads them."""
     writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(('time', *arm.tendon_names))
+    writer.writerow(('time [s]', *(f'{name} [N]' for name in arm.tendon_names)))
     for time, row in zip(times.tolist(), tensions.tolist(), strict=True):
         writer.writerow([repr(round(time, 9)), *map(repr, row)])

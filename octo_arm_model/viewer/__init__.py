@@ -1,1 +1,4 @@
-"""The arm in a browser: what its node publishes, and a hand on its tendons."""
+"""A page that shows an arm and commands its tendons, and the checks on requests to it.
+
+Imports viser, ros/client and all rooms below.
+"""

@@ -1,8 +1,8 @@
-"""Which pages may speak to the viewer: the rules for Host and Origin of a request.
+"""The rules for the headers Host and Origin of requests to the viewer.
 
-A browser sends, with every WebSocket it opens, the origin of the page that asks for it; a page of
-another origin is refused. A page whose own name was made to point at this machine (DNS rebinding)
-is of the same origin as the viewer, but its name then stands in Host: so names are checked too.
+A browser sends the origin of the page with every WebSocket that the page opens; other origins are
+refused. A page whose name resolves to this machine (DNS rebinding) has the origin of the viewer,
+but its name is in Host, which is checked too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _MOST_SHOWN = 80  # characters of what a request says
 
 
 class Access:
-    """What is allowed where a page is served on one host."""
+    """The allowed hosts and origins of a page served on one host."""
 
     def __init__(self, host: str, origins: Sequence[str] = ()) -> None:
         """Allow the page itself on ``host``, and pages of ``origins``, as http://arm.lab:8080.
@@ -29,7 +29,7 @@ class Access:
         """
         self._origins = {_origin_of(origin) for origin in origins}
         self._names = {*_THIS_MACHINE, host.lower(), *(name for _, name, _ in self._origins)}
-        # An address cannot be rebound. Served for this machine alone, others are not needed.
+        # An address cannot be rebound. On a loopback host no other address is needed.
         self._takes_addresses = not _is_loopback(host)
 
     def objection(self, hosts: Sequence[str], origins: Sequence[str]) -> str:
@@ -38,7 +38,7 @@ class Access:
         if host is None or not self._is_ours(host.hostname or ''):
             return f'host {_shown(hosts)} is not one that this page is served as'
         if not origins:
-            return ''  # no browser: those always say where a page comes from
+            return ''  # not from a browser, which always sends one
         page = _split(origins[0]) if len(origins) == 1 else None
         if page is None or page.scheme not in _DEFAULT_PORTS or page.path:
             return f'origin {_shown(origins)} is none'
@@ -53,7 +53,7 @@ class Access:
 
 
 def _origin_of(text: str) -> tuple[str, str, int]:
-    """Scheme, host and port of an origin that is allowed by name.
+    """Scheme, host and port of an origin.
 
     Raises:
         ConfigError: if it is none.
@@ -65,10 +65,10 @@ def _origin_of(text: str) -> tuple[str, str, int]:
 
 
 def _split(text: str) -> SplitResult | None:
-    """Parts of an address that consists of a scheme, a name and a port; None if of more."""
+    """Parts of a URL of scheme, host and port; None if it has further parts or is invalid."""
     try:
         parts = urlsplit(text)
-        parts.port  # noqa: B018 - what is no port is an error when asked for
+        parts.port  # noqa: B018 - raises if it is no port
     except ValueError:
         return None
     has_more = parts.query or parts.fragment or '@' in parts.netloc or not parts.netloc

@@ -1,4 +1,4 @@
-"""Where the page is served."""
+"""Serve a page on a host and the first free port."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ _TRIED = 100
 
 
 class AddressError(OctoArmError, ValueError):
-    """There is no such address to serve on, or no port of it is free."""
+    """The host or port is invalid, or no port is free."""
 
 
 @contextlib.contextmanager
 def serving(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser.ViserServer]:
-    """Serve a page on ``host``, at the first free port from ``port`` on, and say where.
+    """Serve a page on ``host``, at the first free port from ``port`` on, and print its URL.
 
-    That page alone may command, and pages of ``origins`` such as http://arm.lab:8080, by which
-    name this page is then served too.
+    Only that page may command, and pages of ``origins`` such as http://arm.lab:8080, whose host is
+    then a name of this page as well.
 
     Raises:
-        AddressError: if the host is none of this machine, the port is none, or all are in use.
+        AddressError: if ``host`` is no address of this machine, ``port`` is no port, or all are in
+            use.
         ConfigError: if one of ``origins`` is none.
-        GuardError: if the installed viser cannot be kept from serving others.
+        GuardError: if requests to the installed viser cannot be checked.
     """
     guard = Guard(Access(host, origins))
     free = free_port(host, port)
-    # What viser says of itself is said below, in one line.
+    # Without the banner of viser; one line is printed below.
     with guard.installed(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host, free, verbose=False)
     guard.requests.watch(server)
@@ -53,7 +54,8 @@ def free_port(host: str, port: int) -> int:
     """The first free port of ``host`` from ``port`` on.
 
     Raises:
-        AddressError: if the host is none of this machine, the port is none, or all are in use.
+        AddressError: if ``host`` is no address of this machine, ``port`` is no port, or all are in
+            use.
     """
     if not 1 <= port <= 65535:
         raise AddressError(f'port is {port}, expected 1 to 65535')
@@ -77,7 +79,7 @@ def free_port(host: str, port: int) -> int:
 
 
 def url(host: str, port: int) -> str:
-    """What to open in a browser."""
+    """URL to open in a browser."""
     if host in (LOOPBACK, '::1', '0.0.0.0', '::'):
         host = 'localhost'
     return f'http://{host}:{port}'

@@ -1,4 +1,4 @@
-"""The page: what the node publishes, drawn; what hands ask for, commanded."""
+"""The loop of the viewer: draw what the node publishes, and command what the page asks for."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ import viser
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
-from octo_arm_model.viewer.guard import Refusals
+from octo_arm_model.viewer.guard import RefusalLog
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.page import Page
 from octo_arm_model.viewer.page.theme import set_theme
 
 FRAME = 1.0 / 30.0  # [s] between pictures
-_IDLE = 0.2  # [s] between looks at the node while nobody looks at the page
+_IDLE = 0.2  # [s] between polls of the node while no browser is connected
 
 
 class Viewer:
-    """Shows one arm and commands it. All is done by the thread that calls `step`.
+    """Shows one arm and commands it; all work is done by the thread that calls `step`.
 
     Attributes:
-        pictures: how many were drawn.
+        pictures: number of pictures drawn.
     """
 
     def __init__(
         self, server: viser.ViserServer, client: ArmClient, *, always: bool = False
     ) -> None:
-        """Show on ``server`` what ``client`` hears.
+        """Show on ``server`` what ``client`` receives.
 
-        It listens to shapes while somebody looks, or ``always``.
+        It subscribes to shapes while a browser is connected, or ``always``.
         """
         self._always = always
         self._server, self._client = server, client
@@ -41,14 +41,14 @@ class Viewer:
         self._config: Config | None = None
         self._due = time.monotonic()
         self.pictures = 0
-        self._refusals = Refusals()
+        self._refusals = RefusalLog()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
-        # Who comes late is shown the newest picture at once.
+        # A new browser gets the newest picture at once.
         server.on_client_connect(lambda client: self._todo.put(self._refresh))
 
     def step(self) -> None:
-        """Do what hands ask for until the next picture is due; then draw it."""
+        """Handle requests of the page until the next picture is due; then draw it."""
         while (wait := self._due - time.monotonic()) > 0.0:
             try:
                 action = self._todo.get(timeout=wait)
@@ -67,7 +67,7 @@ class Viewer:
         self._due = max(self._due + (FRAME if is_busy else _IDLE), now)
 
     def _do(self, action: Callable[[], None]) -> None:
-        """Do what is asked for; what cannot be done is said, and the page lives on."""
+        """Run ``action``; an error is logged and shown on the page."""
         try:
             action()
         except OctoArmError as error:
@@ -88,7 +88,7 @@ class Viewer:
             self._page.draw()
 
     def _listen(self) -> bool:
-        """Take what the node published; whether there is something new."""
+        """Take what the node published, and build a page for a new arm; returns `poll`."""
         self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
         try:
             has_shape = self._client.poll()

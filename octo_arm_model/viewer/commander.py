@@ -1,4 +1,4 @@
-"""What the hand on the sliders wants, from moment to moment; nothing of ROS or of a screen."""
+"""The commanded tensions over time: set by sliders, in transition or played from a profile."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
 
 
 class Commander:
-    """Tensions to command: set by hand, on the way to others, or played from a profile.
+    """Tensions to command: constant, in transition to others, or played from a profile.
 
     Attributes:
         tensions: commanded last [N], (tendons,).
-        profile: what is being played; None where nothing is.
+        profile: the profile that is played; None for none.
     """
 
     def __init__(self, tensions: ArrayLike) -> None:
@@ -30,25 +30,25 @@ class Commander:
         self.tensions = np.array(tensions, dtype=np.float64)
         self.profile: CommandProfile | None = None
         self._speed, self._loop = 1.0, False
-        self._way: CommandProfile | None = None
+        self._transition: CommandProfile | None = None
         self._began = 0.0
         self._is_due = False
 
     def pull(self, tendon: int, tension: float) -> None:
-        """One tendon at once, all others as they are [N]; whatever was under way stops."""
+        """Set one tendon to ``tension`` [N] at once; a transition or profile is stopped."""
         self.stop()
         self.tensions[tendon] = tension
         self._is_due = True
 
     def move(self, tensions: ArrayLike, now: float, duration: float = MOVE_TIME) -> None:
-        """Smoothly to ``tensions`` [N] from ``now`` on, within ``duration`` [s]."""
+        """Begin a smooth transition to ``tensions`` [N] at ``now``, of ``duration`` [s]."""
         self.stop()
-        self._way, self._began = transition(self.tensions, tensions, duration), now
+        self._transition, self._began = transition(self.tensions, tensions, duration), now
 
     def play(
         self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
     ) -> None:
-        """Play ``profile`` from its beginning, after a smooth way there.
+        """Play ``profile`` from its beginning, after a smooth transition to it.
 
         Raises:
             ArmDefinitionError: if ``speed`` is not finite or not > 0.
@@ -58,32 +58,32 @@ class Commander:
         self.profile, self._speed, self._loop = profile, speed, loop
 
     def change_speed(self, speed: float, now: float) -> None:
-        """Go on from the same place at another ``speed``.
+        """Continue the profile at another ``speed``.
 
         Raises:
             ArmDefinitionError: if it is not finite or not > 0.
         """
         positive('speed', speed, '-')
-        if self.profile is not None and self._way is None:
+        if self.profile is not None and self._transition is None:
             self._began = now - (now - self._began) * self._speed / speed
         self._speed = speed
 
     def stop(self) -> None:
-        """Stay where it is."""
-        self.profile = self._way = None
+        """Hold the tensions."""
+        self.profile = self._transition = None
 
     @property
     def is_moving(self) -> bool:
-        """Whether something is under way."""
-        return self._way is not None or self.profile is not None
+        """Whether there is a transition or a profile is played."""
+        return self._transition is not None or self.profile is not None
 
     def advance(self, now: float) -> FloatArray | None:
-        """Tensions to command at ``now`` [s], (tendons,) [N]; None where nothing changed."""
-        if self._way is not None:
-            self._set(self._way.at(now - self._began))
-            if now - self._began >= self._way.duration:
-                self._began += self._way.duration
-                self._way = None
+        """Tensions to command at ``now`` [s], (tendons,) [N]; None if they have not changed."""
+        if self._transition is not None:
+            self._set(self._transition.at(now - self._began))
+            if now - self._began >= self._transition.duration:
+                self._began += self._transition.duration
+                self._transition = None
         elif self.profile is not None:
             time = (now - self._began) * self._speed
             self._set(self.profile.at(time, loop=self._loop))

@@ -1,8 +1,7 @@
-"""Stands before viser's server: who may connect, what may be asked, and how much of it.
+"""Checks on connections to viser's server: origin, contents, size, number and rate.
 
-viser checks neither. It opens its server by `websockets.asyncio.server.serve`, the one place
-through which every request and every message of a page comes; while a server starts, that is
-called here instead, with the checks added. A viser that does not call it is not served.
+viser has none. It opens its server with `websockets.asyncio.server.serve`, which is replaced while
+a server starts by a function that adds the checks. A viser that does not call it is refused.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ from octo_arm_model.viewer.access import Access
 from octo_arm_model.viewer.requests import Requests
 
 MOST_PAGES = 32
-_MOST_CONNECTIONS = 128  # those that have not said yet what they want among them
+_MOST_CONNECTIONS = 128  # including those without a request yet
 _MOST_BYTES = 1 << 16  # of a message; those of a page have some hundred
-_MOST_A_SECOND = 500  # messages of one page that are read; the others wait
-_PERIOD = 1.0  # [s] between lines about refusals
+_MOST_A_SECOND = 500  # messages that are read of one page; the others wait
+_PERIOD = 1.0  # [s] between log lines
 _LOG = logging.getLogger('octo_arm_model.viewer')
-# Close codes of what the other side did wrong: protocol, text that is none, size.
+# Close codes for faults of the peer: protocol, invalid text, size.
 _FAULTS = (1002, 1007, 1009)
 
 Handler = Callable[[ServerConnection], Awaitable[None]]
@@ -39,18 +38,18 @@ Process = Callable[[ServerConnection, Request], Response | None]
 
 
 class GuardError(OctoArmError, RuntimeError):
-    """The installed viser cannot be guarded, so it is not served."""
+    """The checks cannot be added to the installed viser, so it is not served."""
 
 
-class Refusals:
-    """Says what was refused, at most one line a second."""
+class RefusalLog:
+    """Logs refusals, at most one line a second."""
 
     def __init__(self) -> None:
-        """Begin."""
+        """Log the first one at once."""
         self._said, self._unsaid = -_PERIOD, 0
 
     def add(self, what: str) -> None:
-        """One more, of which ``what`` says why."""
+        """Log the refusal ``what``, or count it until the next line."""
         now = time.monotonic()
         if now - self._said < _PERIOD:
             self._unsaid += 1
@@ -64,23 +63,23 @@ class Guard:
     """The checks of one server.
 
     Attributes:
-        requests: checks messages; must be told which server it is.
+        requests: the checks of messages; its `watch` must be called with the server.
     """
 
     def __init__(self, access: Access) -> None:
-        """Let in whom ``access`` allows."""
+        """Accept the hosts and origins that ``access`` allows."""
         self.requests = Requests()
         self._access = access
-        self._refusals = Refusals()
+        self._refusals = RefusalLog()
         self._connections: set[object] = set()
         self._is_asked = False
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Guard the server that viser opens within the context.
+        """Add the checks to the server that viser opens within the context.
 
         Raises:
-            GuardError: if viser opened it in another way.
+            GuardError: if viser opened none through websockets.
         """
         opened = websockets_server.serve
         websockets_server.serve = self._guarding(opened)  # type: ignore[assignment,misc]
@@ -138,7 +137,7 @@ class Guard:
         connections, refusals, requests = self._connections, self._refusals, self.requests
 
         class Connection(ServerConnection):
-            """Hands on only what a page may ask, no quicker than it can be done."""
+            """Passes on only allowed messages, at a limited rate."""
 
             _second, _count = 0.0, 0
 
@@ -178,7 +177,7 @@ class Guard:
         return Connection
 
     def _make_logger(self) -> logging.Logger:
-        """What websockets complains of, as refusals: without the stack of each."""
+        """Logger of websockets that logs its errors as refusals, without stack traces."""
         logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
 
         class Shortened(logging.Handler):
@@ -196,8 +195,8 @@ class Guard:
 def _page_headers(host: str) -> dict[str, str]:
     """Headers of the page served as ``host``.
 
-    It connects to nothing but its own server, whatever stands in a link to it, and is shown in no
-    frame of another page, which could have its buttons pressed unseen.
+    They keep it from connecting to other servers, whatever a link to it says, and from frames of
+    other pages (clickjacking).
     """
     sources = f"connect-src 'self' ws://{host} wss://{host} data: blob:"
     return {

@@ -1,4 +1,4 @@
-"""The viewer as a program: `octo_arm_viewer`."""
+"""The program `octo_arm_viewer`."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve the page until told to stop; returns the exit status."""
+    """Serve the page until a signal comes; returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    # What ROS is told comes last, and is its own business.
+    # rcl parses all after --ros-args.
     own = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = build_parser().parse_args(given[:own])
     try:

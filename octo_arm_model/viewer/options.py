@@ -1,4 +1,4 @@
-"""Options of all programs that serve a page."""
+"""The command line options of all programs that serve a page."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a page may ask of the viewer, checked before viser acts on it.
+"""Check the messages of a page before viser acts on them.
 
-Of all messages that viser knows a page here needs four: where its camera is, the value of a
-control, and a point that is dragged, with its beginning and end. Everything else is refused:
-uploads, other attributes of a control, sharing over the internet, notes for other pages.
+A page here needs five of viser's messages: the camera, the value of a control, and a dragged point
+with the start and end of the drag. All others are refused: uploads, other attributes of a control,
+sharing over the internet, notifications of other pages.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import viser
 
-_FARTHEST = 1e6  # [m] of anything in the scene, or that looks at it
+_FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
 _MOST_PIXELS = 100_000  # along one side of a window
 _ROUNDING = 1e-9  # relative to the range of a slider
 _MOST_SHOWN = 80  # characters of a value in a refusal
@@ -24,7 +24,7 @@ _Rotation = tuple[float, float, float, float]
 
 
 class _Request(msgspec.Struct, tag_field='type', forbid_unknown_fields=True):
-    """What a page sends, as msgpack."""
+    """A message of a page, in msgpack."""
 
 
 class _Camera(_Request, tag='ViewerCameraMessage'):
@@ -75,14 +75,14 @@ _decoder = msgspec.msgpack.Decoder(_Camera | _Value | _Drag | _DragStart | _Drag
 
 
 class Requests:
-    """Checks what pages ask of one server."""
+    """Checks the messages of pages to one server."""
 
     def __init__(self) -> None:
-        """Refuse all that is about controls until `watch` says which there are."""
+        """Check values and drags only once `watch` is called."""
         self._server: viser.ViserServer | None = None
 
     def watch(self, server: viser.ViserServer) -> None:
-        """Check against the controls that ``server`` shows."""
+        """Check against the controls and points of ``server``."""
         self._server = server
 
     def objection(self, data: str | bytes) -> str:
@@ -104,7 +104,7 @@ class Requests:
             return f'{_shown(list(request.updates))} of a control, expected its value alone'
         control = self._control(request.uuid)
         if control is None:
-            return ''  # gone meanwhile, as when another arm is shown; viser passes over it
+            return ''  # removed meanwhile, as for another arm; viser ignores it
         return value_objection(control, request.updates['value'])
 
     def _control(self, uuid: str) -> object | None:
@@ -112,7 +112,7 @@ class Requests:
             return None
         clients = self._server.get_clients().values()
         for gui in (self._server.gui, *(client.gui for client in clients)):
-            # viser has no public way from the name in a message to its control.
+            # viser has no public lookup of a control by its uuid.
             control: object | None = gui._gui_input_handle_from_uuid.get(uuid)
             if control is not None:
                 return control
@@ -130,7 +130,7 @@ class Requests:
 
 
 def value_objection(control: object, value: object) -> str:
-    """Why ``value`` is none of ``control``; empty if it is one."""
+    """Why ``value`` is refused for ``control``; empty if it is not."""
     for kind, expected_of in _EXPECTED.items():
         if isinstance(control, kind):
             expected = expected_of(control, value)
@@ -139,7 +139,7 @@ def value_objection(control: object, value: object) -> str:
     return f'a value for a {type(control).__name__}, which takes none from a page'
 
 
-# What was expected of a value where it is something else; empty where it is as expected.
+# For each type of control: the expected value, in words; empty if ``value`` is as expected.
 
 
 def _of_slider(control: Any, value: object) -> str:

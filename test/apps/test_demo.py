@@ -4,8 +4,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import uuid
 from pathlib import Path
 
@@ -14,34 +12,23 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from live_nodes import DEADLINE, new_domain, start
+
 from octo_arm_model.apps import demo
 from octo_arm_model.config.presets import preset_path
 
 pytestmark = pytest.mark.slow
 
-DEADLINE = 30.0  # [s]
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
-DOMAIN = str(41 + os.getpid() % 40)
 
 
 class Program:
     """A program, and all that it starts."""
 
     def __init__(self, module, *arguments):
-        self._mark = f'OCTO_ARM_TEST={uuid.uuid4()}'
-        name, value = self._mark.split('=')
-        self.process = subprocess.Popen(
-            [sys.executable, '-m', f'octo_arm_model.apps.{module}', *arguments],
-            env={
-                **os.environ,
-                'ROS_DOMAIN_ID': DOMAIN,
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                name: value,
-            },
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        mark = str(uuid.uuid4())
+        self._mark = f'OCTO_ARM_TEST={mark}'
+        self.process = start(f'apps.{module}', *arguments, domain=new_domain(), OCTO_ARM_TEST=mark)
 
     def family(self):
         """Processes that carry its mark, itself among them."""

@@ -334,7 +334,7 @@ def test_what_cannot_be_answered_is_left_out_and_reported(
         (samples(ARM, np.ones((3, 12))), ('--topics', '/pulls'), 2, 'no topic /pulls for tens'),
         (samples(ARM, np.ones((3, 12))), ('--config', 'octopus'), 2, "no preset arm 'octopus'"),
         (samples(ARM, np.ones((3, 12))), ('--config', 'renda2012_prototype'), 2,
-         'could be answered, the first as unknown tendon tendon_2_1'),
+         'could be answered, 3 as unknown tendon tendon_2_1'),
         (samples(ARM, np.ones((3, 12))), ('--config', 'rao2021', '--model', 'renda2012'), 2,
          "model is 'renda2012', which does not cover"),
     ],
@@ -495,24 +495,19 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    from ros.node import test_node
+    from live_nodes import OUTPUTS, running
 
     tensions = random_tensions(ARM, 25)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--lengths']) == 0
-    domain = next(test_node.DOMAINS)
-    process = test_node.start_node(domain)
-    client = test_node.Client(domain)
-    try:
+    with running('ros.node.main') as client:
         client.connect()
-        raw: dict[str, list[bytes]] = {topic: [] for topic in test_node.OUTPUTS}
-        for topic, kind in test_node.OUTPUTS.items():
-            client.node.create_subscription(kind, topic, raw[topic].append, 100, raw=True)
+        raw = {topic: client.hear(kind, topic, raw=True) for topic, kind in OUTPUTS.items()}
         publisher = client.publishers['tendon_tensions']
 
         def is_heard() -> bool:
             client.send('tendon_tensions', np.zeros((3, 4)))
-            client.executor.spin_once(timeout_sec=0.1)
+            client.spin(0.1)
             return all(raw.values())
 
         client.wait(is_heard, 'an answer')
@@ -527,8 +522,5 @@ def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Pa
             client.wait(lambda answers=answers: all(answers()), 'an answer')
             for got, (answer,) in zip(found.values(), answers(), strict=True):
                 got.append(answer)
-    finally:
-        client.close()
-        test_node.stop(process)
     for topic, got in found.items():
         assert got == [data for *_, data in content_of(tmp_path / 'out', f'/{topic}')], topic

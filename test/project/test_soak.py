@@ -1,6 +1,5 @@
 """The node under abuse, for as long as a test may take; `benchmarks/soak.py` has the rest."""
 
-import os
 import sys
 
 import pytest
@@ -12,14 +11,13 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 import soak
+from live_nodes import new_domain
 
 pytestmark = pytest.mark.slow
 
-DOMAIN = 82 + 2 * (os.getpid() % 8)
-
 
 def test_the_node_stands_abuse(capfd):
-    rows = soak.run(0.004, DOMAIN)
+    rows = soak.run(0.004, new_domain())
     outcome = dict(row[-2:] for row in rows)
     assert outcome['killed and started again'].endswith('s later')
     assert 'no wrong shape' in outcome['5 changes of parameters']

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from checkout import ROOT
 
 SHARED = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
@@ -76,21 +75,6 @@ def test_the_shared_functions_read_what_is_shared() -> None:
     ]
     assert set(ast.literal_eval(table)) == OF_ONE_ARM
     assert set(names_in(calls_of(SHARED), *READERS)) <= OF_ONE_ARM
-
-
-def test_a_view_of_eight_arms_shows_the_markers_of_each() -> None:
-    one, eight = (
-        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
-        for name in ('octo_arm', 'octopus')
-    )
-    topics = [
-        display['Topic']['Value']
-        for display in eight['Displays']
-        if display['Class'].endswith('/MarkerArray')
-    ]
-    assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
-    assert eight['Global Options']['Fixed Frame'] == 'octopus'
-    assert eight['Tools'] == one['Tools']
 
 
 def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
@@ -23,7 +21,7 @@ from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.qos import POLICIES
 from octo_arm_model.ros.simulator_node import SimulatorNode
 
-README = Path(__file__).resolve().parents[2] / 'README.md'
+MANUAL = ROOT / 'docs' / 'node.md'
 CONFIG_FILE = preset_path('renda2012_table4')
 NODES = {'node': OctoArmNode, 'managed': ManagedOctoArmNode, 'simulator': SimulatorNode}
 # Of rclpy itself.
@@ -38,14 +36,6 @@ WANTED = {
     'liveliness': ('manual_by_topic', LivelinessPolicy.MANUAL_BY_TOPIC),
     'liveliness_lease_duration': (5 * 10**9, Duration(seconds=5)),
 }
-
-
-@pytest.fixture
-def context() -> Iterator[object]:
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=1 + os.getpid() % 80)
-    yield context
-    rclpy.shutdown(context=context)
 
 
 def make(kind: str, context: object, *overrides: str) -> rclpy.node.Node:
@@ -148,9 +138,9 @@ def test_overrides_that_cannot_be_are_refused(
     assert '\n' not in str(error.value)
 
 
-def test_the_readme_names_every_topic(context: object) -> None:
+def test_the_manual_names_every_topic(context: object) -> None:
     node = make('node', context)
-    text = README.read_text().split('### Services')[0]
+    text = MANUAL.read_text().split('## Services')[0]
     named = set(re.findall(r'^\| `([a-z_/]+)` \|', text, re.MULTILINE))
     found = {key[1] for key in entities(node)}
     # Where tf2_msgs is not installed there are no frames.

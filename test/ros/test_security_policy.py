@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from xml.etree import ElementTree
 
 import pytest
@@ -23,14 +22,6 @@ from octo_arm_model.ros.simulator_node import SimulatorNode
 POLICY = ROOT / 'config' / 'sros2' / 'octo_arm_policy.xml'
 KINDS = ('publish', 'subscribe', 'reply', 'request')
 Names = dict[str, set[str]]
-
-
-@pytest.fixture
-def context() -> Iterator[object]:
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=1 + os.getpid() % 80)
-    yield context
-    rclpy.shutdown(context=context)
 
 
 def granted(text: str, enclave: str) -> tuple[str, str, Names]:

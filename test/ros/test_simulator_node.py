@@ -1,10 +1,7 @@
 """The simulator as a process of its own, commanded over real DDS."""
 
 import itertools
-import os
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -13,117 +10,52 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from diagnostic_msgs.msg import DiagnosticArray
+from live_nodes import (
+    CONFIG,
+    CONFIG_FILE,
+    DEADLINE,
+    INPUTS,
+    NAMES,
+    RosClient,
+    check_end,
+    new_domain,
+    running,
+    start,
+    start_node,
+    stop,
+    tensions_message,
+)
 from octo_arm_msgs.msg import TendonTensions
-from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
-from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS
 
 pytestmark = pytest.mark.slow
 
-DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
-CONFIG_FILE = preset_path('renda2012_table4')
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
-CONFIG = load_config(CONFIG_FILE)
-NAMES = list(CONFIG.arm.tendon_names)
 SLACK = np.zeros(12)
 PLANE, SPACE = np.ravel(FETCHING_IN_PLANE), np.ravel(FETCHING_IN_SPACE)
 COMMANDS = {
-    'tendon_commands': TendonTensions,
-    'tendon_commands/array': Float64MultiArray,
-    'tendon_commands/joint_state': JointState,
+    topic.replace('tendon_tensions', 'tendon_commands'): kind for topic, kind in INPUTS.items()
 }
-# Every test with nodes of its own gets a domain of its own.
-DOMAINS = itertools.count(101 + os.getpid() % 80)
-os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
-def make_executor(context):
-    """The quickest there is: the simulator publishes much."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return rclpy.executors.SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
-
-
-def start(module, *arguments, domain):
-    return subprocess.Popen(
-        [sys.executable, '-m', f'octo_arm_model.{module}', *arguments],
-        env=dict(os.environ, ROS_DOMAIN_ID=str(domain), ROS_PYTHON_CHECK_FIELDS='1'),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def start_node(module, domain, *parameters, files=(CONFIG_FILE,)):
-    arguments = [word for file in files for word in ('--params-file', str(file))]
-    arguments += [word for parameter in parameters for word in ('-p', parameter)]
-    return start(f'ros.{module}', '--ros-args', *arguments, domain=domain)
-
-
-def stop(process, how=signal.SIGINT):
-    process.send_signal(how)
-    _, complaints = process.communicate(timeout=DEADLINE)
-    assert 'Traceback' not in complaints, complaints
-    assert process.returncode == 0, complaints
-
-
-class Controller:
+class Controller(RosClient):
     """Commands tensions and keeps what the load cells read."""
 
-    def __init__(self, domain):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(f'controller_{domain}', context=self.context)
-        self.executor = make_executor(self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, domain, node='octo_arm_sim'):
+        super().__init__(domain, node)
         self.publishers = {
             topic: self.node.create_publisher(kind, topic, 10) for topic, kind in COMMANDS.items()
         }
         self.measured = self.hear(TendonTensions, 'tendon_tensions')
         self.effective = self.hear(TendonTensions, 'ground_truth/tendon_tensions')
-        self.health = self.hear(DiagnosticArray, '/diagnostics')
-        self.logs = self.hear(Log, '/rosout')
-
-    def hear(self, kind, topic):
-        heard = []
-        self.node.create_subscription(kind, topic, heard.append, 1000)
-        return heard
-
-    def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-    def wait(self, condition, what):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
-            # Each call is one message: none may wait for long.
-            self.executor.spin_once(timeout_sec=0.05)
-            for _ in range(20):
-                self.executor.spin_once(timeout_sec=0.0)
 
     def command(self, tensions, topic='tendon_commands', names=NAMES):
-        values = np.ravel(np.asarray(tensions, dtype=float))
-        if topic == 'tendon_commands':
-            message = TendonTensions(name=names, tension=values)
-        elif topic == 'tendon_commands/array':
-            message = Float64MultiArray(data=values)
-        else:
-            message = JointState(name=names, effort=values)
-        self.publishers[topic].publish(message)
+        self.publishers[topic].publish(tensions_message(topic, tensions, names))
 
     def reach(self, tensions, topic='tendon_commands', tolerance=1e-9):
         """Command tensions until they are measured; returns what was on the way there."""
@@ -138,39 +70,19 @@ class Controller:
         self.wait(is_there, f'tensions {tensions}')
         return np.array([message.tension for message in self.measured])
 
-    def call(self, kind, name, request):
-        service = self.node.create_client(kind, name)
-        self.wait(service.service_is_ready, f'the service {name}')
-        answer = service.call_async(request)
-        self.wait(answer.done, f'an answer of {name}')
-        return answer.result()
 
-    def change(self, **values):
-        """Set parameters together; returns whether they were taken, and why not."""
-        parameters = [
-            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-            for name, value in values.items()
-        ]
-        request = SetParametersAtomically.Request(parameters=parameters)
-        name = 'octo_arm_sim/set_parameters_atomically'
-        result = self.call(SetParametersAtomically, name, request).result
-        return result.successful, result.reason
+def simulating(*arguments, files=(CONFIG_FILE,)):
+    return running('ros.simulator_node', *arguments, files=files, client=Controller,
+                   node='octo_arm_sim')  # fmt: skip
 
 
 @pytest.fixture(scope='module')
 def shared():
-    domain = next(DOMAINS)
-    process = start_node('simulator_node', domain)
-    controller = Controller(domain)
-    try:
+    with simulating() as controller:
         for topic in COMMANDS:
             controller.reach(PLANE, topic)
             controller.reach(SLACK, topic)
         yield controller
-        assert process.poll() is None, 'the simulator died'
-    finally:
-        controller.close()
-        stop(process)
 
 
 @pytest.fixture
@@ -281,11 +193,11 @@ def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
 ) -> None:
     values, names, reason = BAD[case]
     controller.reach(SPACE)
-    controller.health.clear()
+    controller.diagnostics.clear()
 
     def is_told():
         controller.command(values, names=names)
-        told = [status.message for message in controller.health for status in message.status]
+        told = [status.message for message in controller.diagnostics for status in message.status]
         logged = [log.msg for log in controller.logs]
         return all(
             any('refused: ' in m and reason in m for m in those) for those in (told, logged)
@@ -363,8 +275,7 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
     from geometry_msgs.msg import PoseWithCovarianceStamped
 
     tips = controller.hear(PoseWithCovarianceStamped, 'tip_pose')
-    domain = controller.context.get_domain_id()
-    process = start_node('node.main', domain)
+    process = start_node('ros.node.main', controller.domain)
     solver = CONFIG.solver()
     try:
         assert controller.change(winches__lag=0.05) == (True, '')
@@ -386,8 +297,9 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
 
 
 def test_a_profile_is_played_from_the_command_line(controller) -> None:
-    domain = controller.context.get_domain_id()
-    process = start('cli.main', 'play', 'fetching_in_plane', '--speed', '10', domain=domain)
+    process = start(
+        'cli.main', 'play', 'fetching_in_plane', '--speed', '10', domain=controller.domain
+    )
     controller.measured.clear()
     controller.wait(lambda: process.poll() is not None, 'the end of the profile')
     assert (*process.communicate(), process.returncode) == ('', '', 0)
@@ -398,9 +310,8 @@ def test_a_profile_is_played_from_the_command_line(controller) -> None:
 
 def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -> None:
     heard = controller.hear(TendonTensions, 'tendon_commands')
-    domain = controller.context.get_domain_id()
     process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', domain=domain
+        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', domain=controller.domain
     )
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
     process.send_signal(signal.SIGINT)
@@ -415,34 +326,28 @@ def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -
 
 def test_nobody_to_play_to_is_an_error_that_says_what_to_start() -> None:
     process = start(
-        'cli.main', 'play', 'ramps', '--topic', 'unheard', '--wait', '0.1', domain=next(DOMAINS)
+        'cli.main', 'play', 'ramps', '--topic', 'unheard', '--wait', '0.1', domain=new_domain()
     )
-    _, complaints = process.communicate(timeout=DEADLINE)
-    assert process.returncode == 2
+    complaints = check_end(process, 2)
     assert complaints.startswith('octo-arm: error: nobody subscribes to /unheard: start octo_arm_')
 
 
 def test_under_simulated_time_winches_move_with_that_clock() -> None:
-    domain = next(DOMAINS)
-    process = start_node('simulator_node', domain, 'use_sim_time:=true', 'winches.rate_limit:=1.0')
-    controller = Controller(domain)
-    clock = controller.node.create_publisher(Clock, '/clock', 10)
+    arguments = ('-p', 'use_sim_time:=true', '-p', 'winches.rate_limit:=1.0')
     later = itertools.count(0, 20_000_000)  # [ns]: two readings a look
+    with simulating(*arguments) as controller:
+        clock = controller.node.create_publisher(Clock, '/clock', 10)
 
-    def advanced(second):
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = second, next(later) % 1_000_000_000
-        clock.publish(message)
-        controller.command(PLANE)
-        return controller.measured and controller.measured[-1].header.stamp.sec == second
+        def advanced(second):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = second, next(later) % 1_000_000_000
+            clock.publish(message)
+            controller.command(PLANE)
+            return controller.measured and controller.measured[-1].header.stamp.sec == second
 
-    try:
         # A bag that begins anew plays an earlier clock.
         for second in (5000, 5003, 4000, 4002):
             controller.wait(lambda second=second: advanced(second), f'a reading at {second} s')
-    finally:
-        controller.close()
-        stop(process)
     at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
     force = np.array([message.tension[10] for message in controller.measured])
     assert force[-1] > 4.0
@@ -458,24 +363,13 @@ def test_under_simulated_time_winches_move_with_that_clock() -> None:
     ],
 )
 def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(parameter, complaint):
-    process = start_node('simulator_node', next(DOMAINS), parameter)
-    _, complaints = process.communicate(timeout=DEADLINE)
-    assert process.returncode == 1
-    assert complaint in complaints
-    assert 'Traceback' not in complaints
+    process = start_node('ros.simulator_node', new_domain(), '-p', parameter)
+    assert complaint in check_end(process, 1)
 
 
 def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters() -> None:
-    domain = next(DOMAINS)
-    process = start(
-        'ros.simulator_node', '--ros-args', '--params-file', str(CONFIG_FILE), '--params-file',
-        str(EXAMPLE), '-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down', domain=domain,
-    )  # fmt: skip
-    controller = Controller(domain)
-    try:
+    arguments = ('-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down')
+    with simulating(*arguments, files=(CONFIG_FILE, EXAMPLE)) as controller:
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
         controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
         assert heard[-1].tension[0] <= 0.03
-    finally:
-        controller.close()
-        stop(process)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import PRESETS
 
 import octo_arm_model
 from octo_arm_model import ArmDefinitionError, ConfigError, TensionError, load_config
@@ -20,13 +21,6 @@ from octo_arm_model.simulation.limits import (
 )
 from octo_arm_model.simulation.profile import CommandProfile
 
-PRESETS = (
-    'renda2012_fem',
-    'renda2012_prototype',
-    'renda2012_table2',
-    'renda2012_table4',
-    'rao2021',
-)
 TABLE4 = preset_path('renda2012_table4')
 CONFIG = load_config(TABLE4)
 

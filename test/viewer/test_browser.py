@@ -15,8 +15,9 @@ pytest.importorskip('selenium', reason='needs selenium')
 image = pytest.importorskip('PIL.Image', reason='needs pillow')
 
 from browser import CHROMEDRIVER, CHROMIUM, Browser
+from live_nodes import CONFIG, CONFIG_FILE, DEADLINE
 from selenium.webdriver.common.keys import Keys
-from viewer_setup import CONFIG_FILE, DEADLINE, SOLVER, Setup
+from viewer_setup import Setup
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -28,6 +29,7 @@ if not (CHROMIUM and CHROMEDRIVER):
     pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 
 REST = [450.0, 0.0, 0.0]
+SOLVER = CONFIG.solver()
 
 
 @pytest.fixture(scope='module')

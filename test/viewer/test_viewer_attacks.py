@@ -15,8 +15,9 @@ viser = pytest.importorskip('viser', reason='needs viser')
 
 import msgspec
 import zstandard
+from live_nodes import CONFIG, DEADLINE
 from octo_arm_msgs.msg import TendonTensions
-from viewer_setup import CONFIG, DEADLINE, Setup
+from viewer_setup import Setup
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 

@@ -38,6 +38,10 @@ class Law(Protocol):
     def widens(self) -> bool:
         """Whether a compressed section gets wider; if not, `widening` is not asked."""
 
+    @property
+    def meant_for(self) -> str:
+        """The arms it is meant for, in a word or two."""
+
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
 
@@ -84,7 +88,7 @@ def incompressible_widening(stretch: Number) -> tuple[Number, Number, Number]:
 class LinearElastic:
     """Linear elasticity, the paper's (3): 1/2 E A q^2 + 1/2 E J kappa^2, nothing widens."""
 
-    widens = False
+    widens, meant_for = False, 'stiff'
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``; J = A R^2 / 4."""
@@ -103,7 +107,7 @@ class NeoHookean:
     2 / (lambda + w). Volume is kept, so a section compressed to lambda widens by lambda^-1/2.
     """
 
-    widens = True
+    widens, meant_for = True, 'soft'
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""

@@ -52,6 +52,7 @@ class Identification:
             the camera's noise, in parts of the length [-]; None likewise.
         parameters: of the fitted arm; see `Config.from_parameters`.
         alignment: transform camera to base.
+        tensions: those of each step by the fitted load cells, (steps, tendons) [N].
     """
 
     model: str
@@ -68,6 +69,7 @@ class Identification:
     tip_stddev: float | None
     parameters: Mapping[str, Any]
     alignment: Alignment
+    tensions: FloatArray
 
     @property
     def is_trustworthy(self) -> bool:
@@ -132,7 +134,7 @@ def identify(
         progress(total, total)
         return Identification(
             model, loss, estimates, None, tuple(left_out.values()), (), before, None, None, (),
-            None, None, parameters, alignment,
+            None, None, parameters, alignment, tensions,
         )  # fmt: skip
     loose = _needed(problem, next(iter(fitted.values()))[0], folds, loads, tensions)
     used = [] if loose else folds
@@ -197,7 +199,10 @@ def _identification(
         tip_stddev=tip_stddev,
         parameters=unknowns.parameters(x),
         alignment=unknowns.alignment(x),
-    )
+        tensions=np.array([
+            unknowns.tensions(x, shape.window.tensions) for shape in problem.shapes
+        ]),
+    )  # fmt: skip
 
 
 def _residuals(problem: Problem, x: FloatArray) -> list[FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,7 +18,12 @@ from octo_arm_model.experiment.recording.markers import mean_markers
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule, steady_windows
+from octo_arm_model.experiment.recording.steady_windows import (
+    SteadyRule,
+    Window,
+    ramp_windows,
+    steady_windows,
+)
 
 
 @dataclass(frozen=True)
@@ -30,12 +36,16 @@ class Pairing:
             and lies at least that far inside its window [s].
         offset: added to the stamps of frames [s]; None to find it from the motion.
         base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
+        is_ramp: whether tensions change slowly, instead of in steps, see `ramp_windows`.
+        ramp_width: of the windows of a ramp [N]; None for the default.
     """
 
     steady: SteadyRule = field(default_factory=SteadyRule)
     tolerance: float = 0.1
     offset: float | None = None
     base_end: str | None = None
+    is_ramp: bool = False
+    ramp_width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,27 +76,35 @@ def observe(
     config = Config.from_parameters(recording.parameters)
     frames = _base_first(recording, pairing, config, known, notes)
     offset = _offset(recording, pairing, config, frames, notes)
-    windows = steady_windows(recording.tension_time, recording.tensions, pairing.steady)
+    time, sampled = recording.tension_time, recording.tensions
+    if pairing.is_ramp:
+        windows = ramp_windows(time, sampled, pairing.ramp_width)
+    else:
+        windows = steady_windows(time, sampled, pairing.steady)
     duration = pairing.steady.duration
     if not windows:
         raise SolveError(
             f'nothing to compare: no tension stays within '
-            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s'
+            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s; '
+            'where it changes slowly instead of in steps, say --ramp'
         )
     time = recording.frame_time + offset
     usable = _distance(time, recording.tension_time) <= pairing.tolerance
     shapes = []
+    margin = 0.0 if pairing.is_ramp else pairing.tolerance
     for window in windows:
-        begun = time >= window.start + pairing.tolerance
-        inside = usable & begun & (time <= window.stop - pairing.tolerance)
+        inside = usable & (time >= window.start + margin) & (time <= window.stop - margin)
         if inside.any():
+            if pairing.is_ramp:
+                window = _at_frames(window, time[inside], recording)
             shown = list(itertools.compress(frames, inside))
             if recording.marker_s is None:
                 shapes.append(mean_shape(window, shown))
             elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
                 shapes.append(markers)
     used = sum(shape.frames + shape.outliers for shape in shapes)
-    steady = f'{len(windows)} steady steps'
+    what = 'windows of a ramp' if pairing.is_ramp else 'steady steps'
+    steady = f'{len(windows)} {what}'
     if not shapes:
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {time[0]:.3f} to '
@@ -142,6 +160,12 @@ def _offset(
         return 0.0
     notes.append(f'clock offset {found:+.2f} s on the stamps of frames, found from the motion')
     return found
+
+
+def _at_frames(window: Window, times: FloatArray, recording: Recording) -> Window:
+    """The ``window`` of a ramp, with the mean tensions at the ``times`` of its frames [s]."""
+    columns = [np.interp(times, recording.tension_time, one) for one in recording.tensions.T]
+    return dataclasses.replace(window, tensions=np.stack(columns, axis=1).mean(axis=0))
 
 
 def _unseen(recording: Recording) -> list[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.arm.validation import not_negative, positive
+from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 
 # The default tolerance: this part of the highest tension, or so many times the noise.
@@ -15,6 +16,8 @@ _TIMES_NOISE = 4.0
 # Of normal noise the standard deviation is so many times the median of the absolute values.
 MAD = 1.4826
 _FIRST_BLOCK = 64
+_RAMP_PART = 0.05  # of the highest tension
+MOST_WINDOWS = 1000  # of a ramp
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,37 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
         first = stop
     windows = [_window(time, tensions, samples, band, rule) for samples in ranges]
     return [window for window in windows if window is not None]
+
+
+def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) -> list[Window]:
+    """Windows of ``tensions`` (n, tendons) [N] that change slowly, each within a band of tension.
+
+    For quasi-static recordings: the arm is taken to be in equilibrium all the time. A window
+    begins where the one before ends, as some tension has left its band of ``width`` [N], by
+    default a twentieth of the highest tension, or eight times the noise.
+
+    Raises:
+        ArmDefinitionError: if the width is not > 0.
+        MeasurementError: if there are too many windows.
+    """
+    if width is None:
+        noise = 2.0 * SteadyRule().tolerance_for(tensions) if len(time) > 1 else 0.0
+        width = max(float(tensions.max(initial=0.0)) * _RAMP_PART, noise, 1e-9)
+    positive('--ramp', width, 'N')
+    gap = max(1.0, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
+    windows: list[Window] = []
+    first = 0
+    while first < len(time):
+        if len(windows) == MOST_WINDOWS:
+            raise MeasurementError(
+                f'more than {MOST_WINDOWS} windows of {width:g} N, expected a wider --ramp'
+            )
+        stop = _end_of_band(time, tensions, first, width, gap)
+        part = tensions[first:stop]
+        ends = float(time[first]), float(time[stop - 1])
+        windows.append(Window(*ends, part.mean(axis=0), np.zeros(tensions.shape[1])))
+        first = stop
+    return windows
 
 
 def _window(

@@ -1,1 +1,4 @@
-"""What an arm publishes, as whoever watches sees it. Imports ros/messages."""
+"""Read what the node of an arm publishes, and publish commands for its tendons.
+
+Imports the node's topics and QoS, config and simulation.
+"""

@@ -1,4 +1,4 @@
-"""What an arm's node publishes, as whoever watches sees it, and commands for its tendons."""
+"""The client of an arm's node: its newest shape, strains and problems, and tension commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
-# What to listen to: shapes, and what else is known of them.
+# Topics of the backbone, and of further quantities at the same stations, with their types.
 POSES: dict[str, Any] = {'backbone/poses': PoseArray}
 DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
@@ -36,14 +36,14 @@ DETAILS: dict[str, Any] = {
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Shape(NamedTuple):
+class PublishedShape(NamedTuple):
     """One shape as the node published it.
 
     Attributes:
         position: of the stations in `base_frame`, base first, (stations, 3) [m].
         quaternion: their orientation x, y, z, w, (stations, 4).
-        stamp: time of the tensions it belongs to [s].
-        received: time it arrived here [s].
+        stamp: stamp of the tensions it was solved for [s].
+        received: time of arrival [s].
     """
 
     position: FloatArray
@@ -52,7 +52,7 @@ class Shape(NamedTuple):
     received: float
 
 
-class Strains(NamedTuple):
+class PublishedStrains(NamedTuple):
     """Strains as the node published them, each (stations,); see `Backbone`."""
 
     model: str
@@ -64,19 +64,19 @@ class Strains(NamedTuple):
 
 
 class ArmClient:
-    """Watches one arm's node, and commands its tendons.
+    """Subscribes to the topics of one arm's node and publishes commands for its tendons.
 
     Attributes:
         command_topic: full name of the topic of the commands.
-        config: the arm, as the node describes it; None until it does.
-        shape: newest shape of that arm; None until there is one.
-        strains: newest strains; None until there are some.
-        tensions: those that the newest shape belongs to [N], (tendons,), None until known.
+        config: the arm, from the topic arm_description; None until received.
+        shape: newest shape of that arm; None until received.
+        strains: newest strains; None until received.
+        tensions: tensions of the newest shape [N], (tendons,); None until received.
         tip_deviation: standard deviation of the tip's position along x, y, z [m], (3,).
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
-        """Speak on ``node``, to the arm in ``namespace``, by default the node's own."""
+        """Create the entities on ``node``, for the arm in ``namespace``, by default the node's."""
         self._node = node
         self._prefix = f'{namespace}/' if namespace else ''
         self.command_topic = node.resolve_topic_name(self._prefix + TOPIC)
@@ -84,24 +84,24 @@ class ArmClient:
         self._commands = CommandPublisher(node, self._prefix + TOPIC)
         description = self._prefix + 'arm_description'
         self._description = Topic(node, String, description, LATCHED_QOS)
-        self._health = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
+        self._diagnostics = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
         self._topics: dict[str, Topic] = {}
-        self._complaints: dict[str, str] = {}
+        self._problems: dict[str, str] = {}
         self._meter, self._counted = Meter(), 0
         self._text = ''
         self.config: Config | None = None
         self._forget()
 
     def _forget(self) -> None:
-        self.shape: Shape | None = None
-        self.strains: Strains | None = None
+        self.shape: PublishedShape | None = None
+        self.strains: PublishedStrains | None = None
         self.tensions: FloatArray | None = None
         self.tip_deviation = np.zeros(3)
 
     def listen(self, topics: Mapping[str, Any]) -> None:
-        """Listen to ``topics``, such as `POSES` and `DETAILS`, and to no others of the shape.
+        """Subscribe to ``topics``, such as `POSES` and `DETAILS`, and unsubscribe from others.
 
-        Every topic that is listened to takes a little of the node's time.
+        Every subscription costs the arm's node time for each shape.
         """
         for name in self._topics.keys() - topics.keys():
             self._topics.pop(name).close(self._node)
@@ -111,15 +111,15 @@ class ArmClient:
             self._forget()
 
     def poll(self) -> bool:
-        """Take what has arrived; returns whether there is a new shape.
+        """Take the messages that have arrived; returns whether there is a new shape.
 
         Raises:
-            OctoArmError: if a node describes an arm that cannot be.
+            OctoArmError: if the description of the arm is invalid.
         """
         for message in self._description.take():
             self._describe(message.data)
-        for message in self._health.take():
-            self._diagnose(message)
+        for message in self._diagnostics.take():
+            self._read_status(message)
         before = self.shape
         for name, topic in self._topics.items():
             for data, info in topic.take_raw():
@@ -135,7 +135,7 @@ class ArmClient:
         message = deserialize_message(data, DETAILS[name])
         if name == 'strains':
             values = (message.s, message.tau, message.xi, message.k, message.q)
-            self.strains = Strains(message.model, *map(np.asarray, values))
+            self.strains = PublishedStrains(message.model, *map(np.asarray, values))
         elif name == 'tendon_lengths':
             self._read_tensions(message, self.config.arm)
         else:
@@ -143,27 +143,27 @@ class ArmClient:
 
     @property
     def problem(self) -> str:
-        """What the nodes of the arm last complained of; empty where all is well."""
-        return '; '.join(complaint for complaint in self._complaints.values() if complaint)
+        """Warnings and errors in the newest diagnostics of the arm's nodes; empty for none."""
+        return '; '.join(problem for problem in self._problems.values() if problem)
 
     def rate(self) -> float:
-        """Shapes the node publishes a second [Hz], those passed over here among them."""
+        """Shapes the node publishes per second [Hz], including those skipped here."""
         return self._meter.rate(time.time())
 
     @property
     def latency(self) -> float:
-        """From the stamp of the tensions to the arrival of their shape [s]; NaN if none came."""
+        """Time from the stamp of the tensions to the arrival of their shape [s]; NaN for none."""
         return self.shape.received - self.shape.stamp if self.shape else np.nan
 
     def age(self) -> float:
-        """Time since the newest shape arrived [s]; infinite if none did."""
+        """Time since the newest shape arrived [s]; infinite for none."""
         return time.time() - self.shape.received if self.shape else np.inf
 
     def command(self, tensions: FloatArray) -> None:
         """Command ``tensions`` [N] of all tendons, in the arm's order.
 
         Raises:
-            TensionError: if one is none, or beyond its limit; then nothing is commanded.
+            TensionError: if one is not finite, negative or beyond its limit; nothing is published.
         """
         assert self.config is not None
         self._commands.publish(tensions, self._node.get_clock().now().to_msg())
@@ -177,29 +177,29 @@ class ArmClient:
         self._commands.use(config)
         self.config = config
 
-    def _diagnose(self, message: DiagnosticArray) -> None:
+    def _read_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.hardware_id.rpartition('/')[0] != self._namespace:
                 continue
             what = status.name.rpartition(': ')[2]
-            self._complaints[status.name] = ''
-            # That the newest wins is as it should be.
+            self._problems[status.name] = ''
+            # The output warns of skipped tensions, which are expected at high rates.
             if status.level != DiagnosticStatus.OK and what != 'output':
-                self._complaints[status.name] = f'{what}: {status.message}'
+                self._problems[status.name] = f'{what}: {status.message}'
 
     def _read_tensions(self, message: JointState, arm: Arm) -> None:
         try:
             self.tensions = JOINT_STATE.read(message, arm).ravel()
         except OctoArmError:
-            self.tensions = None  # of another arm, whose description is still under way
+            self.tensions = None  # of another arm, whose description has not arrived yet
 
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
         stamp, poses = read_poses(data)
         if len(poses) < 2:
-            return  # no arm
+            return  # not the poses of a backbone
         received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
-        self.shape = Shape(poses[:, :3], poses[:, 3:], stamp, received)
-        # The publisher counts for us; where the middleware does not tell, only what is taken is.
+        self.shape = PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
+        # The publisher's sequence number counts skipped shapes as well; some middleware has none.
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
         self._meter.count(received, number)

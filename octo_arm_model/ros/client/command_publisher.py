@@ -1,4 +1,4 @@
-"""The one place that publishes commanded tensions: none leaves it beyond a tendon's limit."""
+"""Publisher of commanded tensions, which refuses those beyond a tendon's limit."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ class CommandPublisher:
     """Publishes tensions for the tendons of one arm at a time.
 
     Attributes:
-        publisher: that of ROS, for who has to wait for subscribers.
+        publisher: the ROS publisher, to count its subscriptions.
     """
 
     def __init__(self, node: Node, topic: str, config: Config | None = None) -> None:
-        """Publish on ``topic`` of ``node``, for the arm of ``config`` once there is one."""
+        """Publish on ``topic`` of ``node``, for the arm of ``config`` or that of `use`."""
         self.publisher: Any = node.create_publisher(TendonTensions, topic, OUTPUT_QOS)
         self._config: Config | None = None
         if config is not None:
             self.use(config)
 
     def use(self, config: Config) -> None:
-        """From now on pull the tendons of ``config``, up to their limits."""
+        """Command the tendons of ``config`` from now on, up to their limits."""
         self._config, self._limits = config, tendon_limits(config)
 
     def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> None:
         """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N] of all tendons.
 
         Raises:
-            TensionError: if they are none of this arm, or one is beyond its limit; then nothing
-                is published.
+            TensionError: if they do not fit this arm, or one is beyond its limit; then nothing is
+                published.
         """
         assert self._config is not None
         arm = self._config.arm

@@ -1,1 +1,4 @@
-"""The node: subscriptions, publishers, services and diagnostics around a solver."""
+"""The node of an arm: subscriptions, publishers, services and diagnostics around a solver.
+
+Imports core, config, analysis, wire and the modules of ros beside it.
+"""

@@ -20,8 +20,8 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.checked_node import WARNING_PERIOD
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
-from octo_arm_model.ros.node.backbone_publishers import Outbox
-from octo_arm_model.ros.node.diagnostics import Health
+from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
+from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import (
     TOPICS,
@@ -72,13 +72,13 @@ class ArmServer:
         self._node = node
         self._live = LiveParameters(node, PARAMETERS, Prepared.of, self._use)
         self._prepared: Prepared | None = None
-        self._health = Health(node)
-        self._health.end('unconfigured')
+        self._diagnostics = Diagnostics(node)
+        self._diagnostics.end('unconfigured')
         self._warned = -math.inf
         self._inputs: list[TensionSubscription] = []
         self._wrenches: LatestSubscription | None = None
         self._services: list[Any] = []
-        self._outbox: Outbox | None = None
+        self._publishers: BackbonePublishers | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
 
@@ -90,9 +90,9 @@ class ArmServer:
                 together.
             ArmDefinitionError: if the arm cannot exist.
         """
-        self._outbox = Outbox(self._node)
+        self._publishers = BackbonePublishers(self._node)
         self._live.begin()
-        self._health.end('inactive')
+        self._diagnostics.end('inactive')
 
     def activate(self) -> None:
         """Start answering.
@@ -107,8 +107,8 @@ class ArmServer:
             )
             for topic in TOPICS
         ]
-        self._health.publishers = {one.topic: one.count_publishers for one in self._inputs}
-        self._health.begin()
+        self._diagnostics.publishers = {one.topic: one.count_publishers for one in self._inputs}
+        self._diagnostics.begin()
         self._wrenches = LatestSubscription(node, WrenchStamped, 'tip_wrench', self._on_wrench)
         self._services = [
             node.create_service(Solve, 'solve', self._on_solve),
@@ -125,29 +125,29 @@ class ArmServer:
         for service in self._services:
             self._node.destroy_service(service)
         self._inputs, self._wrenches, self._services = [], None, []
-        if self._outbox is not None:
-            self._outbox.pause()
-        self._health.end('inactive')
+        if self._publishers is not None:
+            self._publishers.pause()
+        self._diagnostics.end('inactive')
         self._last = self._tip_wrench = None
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
         self._live.end()
-        if self._outbox is not None:
-            self._outbox.close()
-        self._outbox = self._prepared = None
-        self._health.end('unconfigured')
+        if self._publishers is not None:
+            self._publishers.close()
+        self._publishers = self._prepared = None
+        self._diagnostics.end('unconfigured')
 
     def _use(self, prepared: Prepared, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
-        assert self._outbox is not None
+        assert self._publishers is not None
         config = prepared.config
         self._check_wrench_of_before(prepared)
         self._prepared, self._last = prepared, None
-        self._health.model, self._health.limits = config.model, config.limits
-        self._health.is_compiled = prepared.solver.is_compiled
-        self._outbox.describe(prepared.solver, config)
-        self._outbox.announce(parameters_as_yaml(prepared.values))
+        self._diagnostics.model, self._diagnostics.limits = config.model, config.diagnostic_limits
+        self._diagnostics.is_compiled = prepared.solver.is_compiled
+        self._publishers.describe(prepared.solver, config)
+        self._publishers.announce(parameters_as_yaml(prepared.values))
         how = ' (compiled)' if prepared.solver.is_compiled else ''
         self._node.get_logger().info(
             f'{config.model}{how}, {len(config.arm.sections)} section(s), {config.arm.length} m, '
@@ -166,17 +166,17 @@ class ArmServer:
 
     def _answer(self, given: TensionInput) -> None:
         if given.older:
-            self._health.skipped(given.older)
+            self._diagnostics.skipped(given.older)
         if self._wrenches is not None:
             self._wrenches.answer_latest()
-        prepared, outbox = self._prepared, self._outbox
+        prepared, outbox = self._prepared, self._publishers
         if prepared is None or outbox is None:
             return
         if isinstance(given.tensions, OctoArmError):
             self._refuse(given.topic, given.tensions)
             return
         try:
-            if self._health.received(given.topic, given.stamp):
+            if self._diagnostics.received(given.topic, given.stamp):
                 self._last = None  # stamps start over: do not continue from the last shape
             began = time.perf_counter()
             config = prepared.config
@@ -189,7 +189,7 @@ class ArmServer:
             self._refuse(given.topic, error)
             return
         outbox.publish(backbone, covariance, self._stamp(given.stamp))
-        self._health.answered(backbone, duration)
+        self._diagnostics.answered(backbone, duration)
 
     def _on_wrench(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""
@@ -235,7 +235,7 @@ class ArmServer:
         return answer_find_tensions(request, response, self._prepared.solver, frame, now)
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
-        self._health.refused(topic, error)
+        self._diagnostics.refused(topic, error)
         # The logger's own throttle looks up the calling line, which takes longer than to solve an
         # arm, so that a flood of refused messages would delay the others.
         now = time.monotonic()

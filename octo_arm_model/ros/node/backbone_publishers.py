@@ -1,4 +1,4 @@
-"""Shapes as they go out: every topic the node publishes its answers on."""
+"""The publishers of the node: backbone, strains, tip, tendon lengths, frames and markers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
-# Whoever comes late still hears what the arm is.
+# Transient local: late subscribers receive the description too.
 LATCHED_QOS = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -40,11 +40,11 @@ _TOPICS = (
 )
 
 
-class Outbox:
-    """Publishers of one node."""
+class BackbonePublishers:
+    """Publishes solved backbones on all topics of one node."""
 
     def __init__(self, node: Node) -> None:
-        """Open them on ``node``."""
+        """Create the publishers on ``node``."""
         self._node = node
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
         self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
@@ -60,7 +60,7 @@ class Outbox:
         return create_publisher(self._node, kind, topic, qos)
 
     def close(self) -> None:
-        """Close them."""
+        """Destroy the publishers."""
         self._drawing.stop()
         others = (self._lengths, self._description, self._markers, self._transforms)
         for publisher in (*self._publishers, *others):
@@ -68,11 +68,11 @@ class Outbox:
                 self._node.destroy_publisher(publisher)
 
     def pause(self) -> None:
-        """Publish nothing of the answers so far any more."""
+        """Drop the backbone that waits for the markers' timer."""
         self._drawing.forget()
 
     def describe(self, solver: Solver, config: Config) -> None:
-        """Answers to come are those of ``solver``, as ``config`` wants them."""
+        """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
         arm, grid, frame = solver.arm, solver.grid, config.base_frame
         self._solver = solver
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
@@ -81,14 +81,14 @@ class Outbox:
         self._drawing.describe(markers, config.markers_rate)
 
     def announce(self, description: str) -> None:
-        """Publish what the arm is, as a ROS parameter file."""
+        """Publish ``description``, the arm as a ROS parameter file."""
         self._description.publish(String(data=description))
 
     def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Stamp) -> None:
-        """Publish one answer: on every topic, but what takes longer only if somebody listens."""
+        """Publish one backbone; tendon lengths and markers only if there is a subscription."""
         assert self._writer is not None and self._solver is not None
         writer = self._writer
-        # Each leaves before the next is written: who waits for one does not wait for all.
+        # Published before the next one is serialised, for the least latency of each.
         path, poses, strains, tip = self._publishers
         path.publish(writer.path(backbone, *stamp))
         poses.publish(writer.poses(backbone, *stamp))

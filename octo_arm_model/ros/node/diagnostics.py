@@ -1,4 +1,4 @@
-"""How the node is doing, on ``/diagnostics``: its solver, its input and its output."""
+"""Diagnostics of the node on ``/diagnostics``: a status each of solver, input and output."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from octo_arm_model.wire.stamp import Stamp
 TOPIC = '/diagnostics'
 QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
-# A message may come just before the next of /clock, and one of /clock may be lost.
+# Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
 _STEPS = 2.0
 
 
-class Health:
-    """Counts what comes in, what goes out and what goes wrong; reports once a period.
+class Diagnostics:
+    """Counts messages received, answered, skipped, refused and failed; reports once a period.
 
     Attributes:
         model: name of the model that solves.
-        is_compiled: whether it does so in machine code.
-        limits: what to warn of.
-        publishers: how many publishers there are of each topic that is listened to.
+        is_compiled: whether the compiled solver is used.
+        limits: thresholds of the warnings.
+        publishers: counts the publishers of each input topic.
     """
 
     def __init__(self, node: Node) -> None:
@@ -59,23 +59,23 @@ class Health:
             min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
         )
         self._jumps = self._clock.create_jump_callback(every_step, post_callback=self._on_step)
-        # Time of ROS may stand still or jump; silence has to be noticed all the same.
+        # Steady: ROS time may stand still or jump.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)
 
     def begin(self) -> None:
-        """The node listens from now on, so that silence means something."""
+        """The node is subscribed to its inputs from now on."""
         self._idle, self._heard = '', time.monotonic()
 
     def end(self, state: str) -> None:
-        """The node does not listen, being ``state``."""
+        """The node is not subscribed, being in ``state``."""
         self._idle, self.publishers = state, {}
         self._newest = None
 
     def _on_step(self, jump: TimeJump) -> None:
-        """Keep how far the time of a simulation moves at once."""
+        """Record the last step of simulated time."""
         step = 1e-9 * jump.delta.nanoseconds
-        # The first step is that from no time at all.
+        # Not the first one, from zero.
         self._step = step if self._seconds() > step else 0.0
 
     def _seconds(self) -> float:
@@ -89,7 +89,7 @@ class Health:
         """Count a message with its ``stamp``, None where it has none.
 
         Returns:
-            Whether time has gone back since the last one, as when a bag begins anew.
+            Whether the stamp is earlier than the last one, as when a bag is played again.
         """
         self._received += 1
         self._heard = time.monotonic()
@@ -110,18 +110,18 @@ class Health:
         return is_back
 
     def skipped(self, number: int) -> None:
-        """Count messages that were passed over for a newer one."""
+        """Count messages dropped for a newer one."""
         self._count('skipped', number)
 
     def answered(self, backbone: Backbone, duration: float) -> None:
-        """Count a solution and the ``duration`` of solving [s]."""
+        """Count a solved backbone and the ``duration`` of solving [s]."""
         self._count('answered')
         self._busy += duration
         self._residual = float(backbone.residual)
         self._iterations = int(backbone.iterations)
 
     def refused(self, topic: str, error: OctoArmError) -> None:
-        """Count a message that was not answered, and why."""
+        """Count a message that was not answered because of ``error``."""
         if isinstance(error, SolveError):
             self._count('failed')
             self._failure = in_short(error)

@@ -1,4 +1,4 @@
-"""Where the frames of the arm go for TF; `FramesWriter` writes them."""
+"""The publisher of the arm's frames on /tf; `FramesWriter` serialises them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rclpy.qos import QoSProfile
 
 from octo_arm_model.ros.qos import create_publisher
 
-# What tf2_ros publishes and listens with; frames of many nodes share the topic.
+# As in tf2_ros; frames of many nodes share the topic.
 TF_TOPIC = '/tf'
 TF_QOS = QoSProfile(depth=100)
 
@@ -16,8 +16,7 @@ TF_QOS = QoSProfile(depth=100)
 def make_broadcaster(node: Node) -> Publisher | None:
     """Publisher of ``tf2_msgs/msg/TFMessage`` on ``/tf``; None, and a log line, without tf2_msgs.
 
-    tf2_msgs is in every ROS installation but not among its Python wheels, beside which
-    ``tools/prepare.py`` builds it.
+    tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
     """
     try:
         from tf2_msgs.msg import TFMessage

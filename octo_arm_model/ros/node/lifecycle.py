@@ -1,6 +1,6 @@
-"""The node ``octo_arm_lifecycle_node``: the same, for stacks that supervise their nodes.
+"""The node ``octo_arm_lifecycle_node``: the node as a managed node.
 
-Configure loads and validates the arm, activate starts answering, deactivate stops, cleanup frees.
+Configure loads and validates the arm, activate subscribes, deactivate unsubscribes, cleanup frees.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from octo_arm_model.ros.node.main import run
 
 
 class ManagedOctoArmNode(CheckedNode, LifecycleNode):
-    """Publishes the shape of the arm for every valid tension message while it is active."""
+    """Publishes the backbone of the arm for the tensions it receives while it is active."""
 
     def __init__(self, **options: Any) -> None:
         """Declare the parameters; the arm is loaded when it is configured.
@@ -40,7 +40,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         request: ChangeState.Request,
         response: ChangeState.Response,
     ) -> ChangeState.Response:
-        """Change the state as `LifecycleNode` does, which raises if it cannot from this state."""
+        """Change the state; a transition that is impossible from this state is refused."""
         try:
             return change(request, response)
         except RuntimeError as error:
@@ -51,7 +51,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
             return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load and validate the arm; a failure leaves the node as it was."""
+        """Load and validate the arm; a failure leaves the node unconfigured."""
         try:
             self._server.configure()
         except OctoArmError as error:
@@ -61,7 +61,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start answering; a failure leaves the node as it was."""
+        """Subscribe and offer the services; a failure leaves the node inactive."""
         try:
             self._server.activate()
         except OctoArmError as error:
@@ -71,17 +71,17 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop answering."""
+        """Unsubscribe and withdraw the services."""
         self._server.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Free the arm."""
+        """Free the arm and its publishers."""
         self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and free, from whichever state."""
+        """Deactivate and clean up, from any state."""
         self._server.deactivate()
         self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS

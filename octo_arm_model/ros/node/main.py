@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import signal
 import sys
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -18,19 +18,20 @@ from rclpy.signals import SignalHandlerOptions
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
+from octo_arm_model.ros.interruption import install, interruptible
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.start import start_ros
 
-LONGEST_WAIT = 0.5  # [s] between looks at whether to go on
-LONGEST_END = 4.0  # [s] for ROS to let go of a node
+LONGEST_WAIT = 0.5  # [s] between checks for shutdown
+LONGEST_END = 4.0  # [s] for ROS to destroy a node
 
 
 class OctoArmNode(CheckedNode):
-    """Publishes the shape of the arm for every valid tension message."""
+    """Publishes the backbone of the arm for the tensions it receives."""
 
     def __init__(self, **options: Any) -> None:
-        """Read the parameters, prepare the arm and start listening.
+        """Read the parameters, prepare the arm and create all ROS entities.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type, or they do not go
@@ -43,20 +44,18 @@ class OctoArmNode(CheckedNode):
         self._server.activate()
 
 
-def make_executor() -> Executor:
-    """The quickest executor there is."""
+def make_executor(context: Context | None = None) -> Executor:
+    """The events executor where rclpy has it, else the single-threaded one."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
-    """Run a node until it is told to stop; returns the exit status."""
-    # rclpy ends its context at SIGINT, which ends the loop below. Python would raise as well, in
-    # the middle of whatever is being solved, and the executor would report that as a fault.
-    signal.signal(signal.SIGINT, lambda number, frame: None)
+    """Run a node until SIGINT or SIGTERM; returns the exit status."""
+    install()  # rclpy then ends its context at a signal, which ends the loop below
     bound_memory()
     try:
         start_ros(arguments, SignalHandlerOptions.ALL)
@@ -66,11 +65,12 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
     try:
-        node = make_node()
+        node = interruptible(make_node)()
+        if node is None:
+            return 0
         executor = make_executor()
         executor.add_node(node)
-        # Not `spin`: a signal that arrives just before the executor waits does not wake it, and
-        # it would wait for ever.
+        # Not `spin`: a signal just before the executor waits does not wake it.
         while rclpy.ok():
             executor.spin_once(timeout_sec=LONGEST_WAIT)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -84,9 +84,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     except MemoryError:
         return _fail(name, 'out of memory')
     finally:
-        # Where many participants leave at once Fast DDS may wait for itself for ever, and nothing
-        # of Python runs meanwhile. Then this ends the process with status 1 and says where it was.
-        with contextlib.suppress(RuntimeError):  # Without memory for it: the error says more.
+        # Fast DDS may deadlock in C++ while many participants leave. This thread then ends the
+        # process with status 1 and prints where it was.
+        with contextlib.suppress(RuntimeError):  # no memory for the thread; report the first error
             faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:
             node.destroy_node()

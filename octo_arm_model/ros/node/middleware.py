@@ -1,4 +1,4 @@
-"""What Fast DDS is told before it starts: to give back the memory of messages that are gone."""
+"""Configuration of Fast DDS: free the memory of messages that have left its queues."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 PROFILES = Path(__file__).with_name('fastdds.xml')
 _FILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _FROM_XML = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
-# Who has set one of these, or has a file of this name where the node starts, has decided.
+# A user who sets one of these, or has one of these files, has configured Fast DDS.
 _DECISIONS = (*_FILES, _FROM_XML, 'RMW_FASTRTPS_PUBLICATION_MODE')
 _LOCAL_FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 
@@ -17,13 +17,13 @@ _LOCAL_FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 def bound_memory(
     environment: MutableMapping[str, str] = os.environ, folder: Path = Path()
 ) -> bool:
-    """Let Fast DDS take `PROFILES` when it starts, in this process.
+    """Let Fast DDS load `PROFILES` in this process, by its environment variables.
 
-    By default every place of every queue keeps the memory of the largest message that it has ever
-    held, so that some hundreds of large messages of anybody are never given back.
+    By default every slot of every queue keeps the memory of the largest message it has held, so
+    the memory of some hundred large messages is never freed.
 
     Returns:
-        Whether it will; not where the user has set Fast DDS up.
+        False where the user has configured Fast DDS, whose settings then stay.
     """
     if any(name in environment for name in _DECISIONS):
         return False

@@ -1,4 +1,4 @@
-"""The services of the node: a request and a solver in, a response out."""
+"""The services of the node: solve for tensions, and find tensions for a target."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.interruption import interruptible
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
@@ -67,7 +68,7 @@ class LatestSubscription:
             executor = self._node.executor
             assert executor is not None  # it called this
             self._is_due = True
-            executor.create_task(self._answer_due)
+            executor.create_task(interruptible(self._answer_due))
 
     def _answer_due(self) -> None:
         self._is_due = False

@@ -1,1 +1,4 @@
-"""What is on the page: scene, controls, plots and numbers. Imports ros/client."""
+"""The contents of the page: scene, controls, plots and numbers.
+
+Imports ros/client, analysis, simulation and all rooms below.
+"""

@@ -1,4 +1,4 @@
-"""Sliders, figures and profiles: the hand on the tendons."""
+"""The controls of the tensions: sliders, figures of the paper, profiles, and copies as text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from octo_arm_model.simulation.limits import check_profile, figures, tendon_limi
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 
-# Callbacks come from many threads; what they ask for is done by one, in turn.
+# viser calls back in many threads; this queues a function for the thread of the viewer.
 Later = Callable[[Callable[[], None]], None]
 _STEPS = 200  # of a slider
 _COPY = (
@@ -29,10 +29,10 @@ _COPY = (
 
 
 class Controls:
-    """What commands the tensions of one arm.
+    """The controls for the tensions of one arm.
 
     Attributes:
-        highest: limit of each tendon [N], (tendons,); as far as its slider goes.
+        highest: limit of each tendon and end of its slider [N], (tendons,).
     """
 
     def __init__(
@@ -43,38 +43,38 @@ class Controls:
         topic: str,
         later: Later,
     ) -> None:
-        """Add them to the page of ``server``; commands go out on ``topic``."""
+        """Add them to the page of ``server``; commands are published on ``topic``."""
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._topic, self._later = topic, later
         self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
-        self._add_postures()
+        self._add_figures()
         self._add_sliders()
         self._add_copies()
         self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
-        """Let the sliders stand where the commands are."""
+        """Set the sliders to the commanded tensions."""
         for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
-            # To the digits that are shown, but no further than it goes. mypy misses the setter.
+            # Rounding may exceed the end of the slider. mypy misses the setter.
             slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
 
     def complain(self, problem: object) -> None:
-        """Say what could not be done, until something else is asked for."""
+        """Show ``problem`` until the next command."""
         self._problem.content = numbers.failed(problem)
 
-    def _add_postures(self) -> None:
+    def _add_figures(self) -> None:
         slack = self._gui.add_button('Let all go slack')
         rest = np.zeros(len(self._arm.tendons))
         slack.on_click(lambda event: self._move(rest))
-        postures = figures(self._arm)
-        if postures:
+        tensions_of = figures(self._arm)
+        if tensions_of:
             group = self._gui.add_button_group(
-                'Figure', tuple(postures), hint='Tensions of the figures of Renda et al. 2012'
+                'Figure', tuple(tensions_of), hint='Tensions of the figures of Renda et al. 2012'
             )
-            group.on_click(lambda event: self._move(postures[event.target.value]))
+            group.on_click(lambda event: self._move(tensions_of[event.target.value]))
 
     def _move(self, tensions: FloatArray) -> None:
         def move() -> None:
@@ -107,7 +107,7 @@ class Controls:
 
         @slider.on_update
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-            if event.client_id is not None:  # a hand, not `follow`
+            if event.client_id is not None:  # from a browser, not by `follow`
                 value = event.target.value
                 self._later(lambda: self._pull(tendon, value))
 
@@ -116,7 +116,7 @@ class Controls:
         self._commander.pull(tendon, tension)
 
     def add_profiles(self) -> None:
-        """Add what plays movements, in a place of its own."""
+        """Add the controls that play movements, within the current container."""
         names = profile_names(self._arm)
         chosen = self._gui.add_dropdown('Movement', tuple(names))
         text = self._gui.add_html(numbers.note(names[chosen.value]))
@@ -126,7 +126,7 @@ class Controls:
         self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
 
         def play() -> None:
-            # By listed name alone: other names are paths of files.
+            # Listed names only: others would be read as paths of files.
             if chosen.value not in names:
                 raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
             profile = find_profile(chosen.value, self._arm)
@@ -160,7 +160,7 @@ class Controls:
 
 
 def _show_copy(gui: viser.GuiApi, text: str) -> None:
-    """A window with ``text`` to be copied, for one browser."""
+    """Show ``text`` to be copied, in a window of one browser."""
     modal = gui.add_modal('Commanded tensions [N]')
     with modal:
         gui.add_html(_COPY.format(text=html.escape(text)))

@@ -1,4 +1,4 @@
-"""What the page says in numbers, for people: millimetres, degrees, and what is wrong."""
+"""The texts of the page as HTML: numbers in millimetres and degrees, problems and notes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from octo_arm_model.analysis.self_intersection import Overlap
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.ros.client.client import ArmClient, Shape
+from octo_arm_model.ros.client.client import ArmClient, PublishedShape
 
-STALE = 1.0  # [s] without a shape after which the picture is no longer the arm
+STALE = 1.0  # [s] without a shape after which the arm is hidden
 _STYLE = (
     '<div class="octo-arm" style="padding:0 1em 0.4em;font-size:0.85em;line-height:1.5;'
     'font-variant-numeric:tabular-nums">{}</div>'
@@ -23,18 +23,18 @@ _PROBLEM = 'color:#b4410e;min-height:1.5em'
 
 
 def waiting(topic: str) -> str:
-    """The page before an arm is known."""
+    """Text until the description of an arm arrives."""
     text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{_safe(topic)}</code> …'
     return _STYLE.format(f'<span class="octo-arm-state">{text}</span>')
 
 
 def refused(problem: object) -> str:
-    """The page where what the node describes is no arm."""
+    """Text for an invalid description of an arm."""
     return _STYLE.format(_warning(str(problem)))
 
 
 def live(client: ArmClient) -> str:
-    """Tip, rate and latency of the newest shape, and what is wrong with it."""
+    """Tip, rate and latency of the newest shape, and the node's problems."""
     shape = client.shape
     if shape is None:
         text = 'no shape yet'
@@ -62,7 +62,7 @@ def live(client: ArmClient) -> str:
 
 
 def overlapping(overlap: Overlap | None) -> str:
-    """That the arm passes through itself; nothing where it does not."""
+    """Warning that the arm passes through itself; empty if it does not."""
     if overlap is None:
         return ''
     first, second = (1e3 * s for s in overlap.s)
@@ -73,7 +73,7 @@ def overlapping(overlap: Overlap | None) -> str:
     )
 
 
-def tip_angle(shape: Shape | Backbone) -> float:
+def tip_angle(shape: PublishedShape | Backbone) -> float:
     """Angle between the tangents of base and tip [deg]."""
     tangent = Quaternions.from_xyzw(shape.quaternion[[0, -1]]).matrix()[:, 0]
     cosine = float(np.clip(tangent[:, 0] @ tangent[:, 1], -1.0, 1.0))
@@ -91,12 +91,12 @@ def compared(tip: FloatArray, other: Backbone) -> str:
 
 
 def searching() -> str:
-    """While tensions are being looked for."""
+    """Text while tensions for a target are searched."""
     return _STYLE.format('<span class="octo-arm-search">searching …</span>')
 
 
 def found(answer: Inverse) -> str:
-    """What came of it."""
+    """Result of the search for a target."""
     if answer.reached:
         text = f'reached: the tip is within {_length(answer.error)} of the target'
     else:
@@ -108,17 +108,17 @@ def found(answer: Inverse) -> str:
 
 
 def failed(problem: object) -> str:
-    """A comparison or search that has no answer."""
+    """An error of a command, a comparison or a search."""
     return _STYLE.format(_warning(str(problem)))
 
 
 def note(text: str) -> str:
-    """Words that explain."""
+    """Explanatory text, in HTML."""
     return _STYLE.format(f'<span style="opacity:0.7">{text}</span>')
 
 
 def _milliseconds(latency: float) -> str:
-    # Other clocks: a bag, simulated time.
+    # Stamps of a bag or of simulated time.
     if not -0.01 < latency < 10.0:
         return 'stamps are of another clock'
     return f'{1e3 * latency:.1f} ms from tension to shape'
@@ -129,7 +129,7 @@ def _length(error: float) -> str:
 
 
 def _warning(text: str) -> str:
-    # Room is kept for it, so that nothing jumps where it comes and goes.
+    # Of constant height, so that the page does not move.
     return f'<div class="octo-arm-problem" style="{_PROBLEM}">{_safe(text)}</div>'
 
 

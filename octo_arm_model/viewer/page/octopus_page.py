@@ -1,4 +1,4 @@
-"""The page of a whole octopus: its arms and how quickly they answer."""
+"""The page of `octo_arm_octopus`: eight arms, their rates and latency."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import viser
 from octo_arm_model.analysis.octopus_layout import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.page import numbers
-from octo_arm_model.viewer.page.scene import BODY_COLOUR, ArmScene, Live, set_stage
+from octo_arm_model.viewer.page.scene import BODY_COLOUR, ArmScene, LiveShape, set_scene
 from octo_arm_model.viewer.page.theme import set_theme
 from octo_arm_model.viewer.page.view import View
 
 _READING = 0.5  # [s] between numbers
-_VIEW = (1.12, -0.94, 1.02)  # from which the middle is seen at first, in 1.6 lengths
+_VIEW = (1.12, -0.94, 1.02)  # initial position of the camera, in units of 1.6 lengths
 
 
 class OctopusPage:
@@ -28,7 +28,7 @@ class OctopusPage:
         clients: Sequence[ArmClient],
         describe: Callable[[], str],
     ) -> None:
-        """Show on ``server`` what ``clients`` hear, and what ``describe`` says of it."""
+        """Show on ``server`` the arms of ``clients``, and the text that ``describe`` returns."""
         self._server, self._clients, self._describe = server, clients, describe
         self._arms: list[ArmScene | None] = [None] * len(clients)
         self._stamps = [np.nan] * len(clients)
@@ -45,7 +45,7 @@ class OctopusPage:
         )
 
     def draw(self) -> None:
-        """Show what is new."""
+        """Draw new shapes and update the text, while a browser is connected."""
         if not self._server.get_clients():
             return
         with self._server.atomic():
@@ -64,7 +64,7 @@ class OctopusPage:
             if not any(self._arms):
                 length = config.arm.length
                 view = View(1.6 * length * np.array(_VIEW), np.zeros(3))
-                set_stage(self._server, view, np.zeros(3), 1.6 * length, length)
+                set_scene(self._server, view, np.zeros(3), 1.6 * length, length)
             arm = ArmScene(
                 self._server.scene,
                 f'arm_{index + 1}',
@@ -75,4 +75,4 @@ class OctopusPage:
             self._arms[index] = arm
         if shape.stamp != self._stamps[index] and len(strains.s) == len(shape.position):
             self._stamps[index] = shape.stamp
-            arm.show(Live(shape.position, shape.quaternion, strains.q), np.zeros(0))
+            arm.show(LiveShape(shape.position, shape.quaternion, strains.q), np.zeros(0))

@@ -1,4 +1,4 @@
-"""All that is on the page for one arm."""
+"""The page of one arm: scene, controls, plots, numbers and the dragged target."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.client.client import ArmClient, Shape, Strains
+from octo_arm_model.ros.client.client import ArmClient, PublishedShape, PublishedStrains
 from octo_arm_model.simulation.limits import tendon_limits
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.page import numbers
-from octo_arm_model.viewer.page.comparison import Comparison
 from octo_arm_model.viewer.page.controls import Controls, Later
+from octo_arm_model.viewer.page.model_overlay import ModelOverlay
 from octo_arm_model.viewer.page.plots import StrainPlots
 from octo_arm_model.viewer.page.scene import (
     GHOST_COLOUR,
     GHOST_OPACITY,
     ArmScene,
-    Live,
+    LiveShape,
     middle_of,
     set_base,
-    set_stage,
+    set_scene,
 )
-from octo_arm_model.viewer.page.target import Answer, Search
+from octo_arm_model.viewer.page.target import Answer, TargetSearch
 from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
 
-_READING = 0.2  # [s] between numbers: people cannot read quicker
-_PLOTTING = 0.1  # [s] between plots
-_APPROACH = 0.3  # [s] to tensions that were found
+_READING = 0.2  # [s] between updates of the numbers
+_PLOTTING = 0.1  # [s] between updates of the plots
+_APPROACH = 0.3  # [s] of the transition to tensions that were found
 
 
 class Page:
-    """The arm, its numbers, its plots, and what commands it.
+    """The page of one arm, drawn and read by one thread.
 
     Attributes:
-        commander: what the hands command.
+        commander: the commanded tensions.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Page:
         length = config.arm.length
         self._points = reached(config, tendon_limits(config))
         view = framing(self._points, tangent_of(config))
-        set_stage(server, view, middle_of(config), length, 0.55 * length)
+        set_scene(server, view, middle_of(config), length, 0.55 * length)
         set_base(server.scene, config)
         self._arm = ArmScene(server.scene, 'arm', self._solver)
         self._add_ghost()
@@ -81,14 +81,14 @@ class Page:
         with tabs.add_tab('Target'):
             self._add_target(config)
         with tabs.add_tab('Models'):
-            self._comparison = Comparison(server, config, self._later)
+            self._comparison = ModelOverlay(server, config, self._later)
         panel = gui.add_panel()
         with panel.add_tab('Strains over s [mm]'):
             self._plots = StrainPlots(gui, self._solver.grid.s)
         panel.dock_left()
 
     def close(self) -> None:
-        """End what works in the background; what is still to be done is left undone."""
+        """End the thread of the search; queued actions are dropped."""
         self._is_closed = True
         self._search.close()
 
@@ -96,24 +96,24 @@ class Page:
         self._queue(lambda: None if self._is_closed else action())
 
     def command(self) -> None:
-        """Publish what the hands command, if that is anything new."""
+        """Publish the commanded tensions if they have changed."""
         tensions = self.commander.advance(time.monotonic())
         if tensions is not None:
             self._is_ours = True
             self._client.command(tensions)
 
     def refuse(self, problem: object) -> None:
-        """Stay where the tendons are, and say what could not be done."""
+        """Hold the tensions and show ``problem``."""
         self.commander.stop()
         self._controls.complain(problem)
 
     @property
     def is_stale(self) -> bool:
-        """Whether the numbers have to be told again though no shape came."""
+        """Whether the numbers are to be updated without a new shape."""
         return time.monotonic() - self._read > 1.0
 
     def draw(self) -> None:
-        """Show the newest shape and what belongs to it."""
+        """Draw the newest shape, its strains and its numbers."""
         now = time.monotonic()
         client, shape, strains = self._client, self._client.shape, self._client.strains
         count = self._solver.grid.s.size
@@ -127,15 +127,15 @@ class Page:
                 self._text.content = numbers.live(client)
                 self._controls.follow()
 
-    def _draw_arm(self, shape: Shape, strains: Strains, now: float) -> None:
+    def _draw_arm(self, shape: PublishedShape, strains: PublishedStrains, now: float) -> None:
         tensions = self._client.tensions
         if tensions is None:
             tensions = np.zeros(self._controls.highest.size)
         pull = tensions / self._controls.highest
-        self._arm.show(Live(shape.position, shape.quaternion, strains.q), pull)
+        self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
         self._comparison.show(tensions, pull, shape.position[-1])
         if not self._is_ours and not self.commander.is_moving:
-            # Whoever else commands: a hand takes over from where the arm is.
+            # Another node commands: begin at its tensions.
             self.commander.tensions = tensions.copy()
         if now - self._plotted > _PLOTTING:
             self._plotted = now
@@ -148,7 +148,7 @@ class Page:
         return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
 
     def _look(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        """Let the browser that asks for it see all that the arm reaches."""
+        """Move the camera of one browser so that it sees all that the arm reaches."""
         if event.client is None:
             return
         camera = event.client.camera
@@ -163,7 +163,7 @@ class Page:
         try:
             unloaded = self._solver.solve(rest)
         except OctoArmError:
-            return  # Loads alone are too much for it: there is nothing to show.
+            return  # no equilibrium under the loads alone
         ghost = ArmScene(
             self._server.scene,
             'ghost',
@@ -180,7 +180,7 @@ class Page:
         self._found = gui.add_html(
             numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
         )
-        self._search = Search(self._solver, self._controls.highest, self._deliver)
+        self._search = TargetSearch(self._solver, self._controls.highest, self._deliver)
         target = self._server.scene.add_transform_controls(
             '/target',
             scale=0.18 * config.arm.length,
@@ -196,7 +196,7 @@ class Page:
 
         def look() -> None:
             self._found.content = numbers.searching()
-            self._search.look_for(target.position, self.commander.tensions)
+            self._search.request(target.position, self.commander.tensions)
 
         shown.on_update(lambda event: self._later(show))
 

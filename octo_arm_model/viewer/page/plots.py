@@ -1,4 +1,4 @@
-"""Strains along the arm as curves."""
+"""The plots of the strains over the arc coordinate."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _LABELS = (
     ('longitudinal strain q [%]', 'q', 100.0),
 )
 _NODE, _OTHER = '#c8553d', '#4f7cac'
-# Shown at least, so that a curve which is nothing but rounding is flat.
+# Least range of an axis, so that rounding errors are a flat curve.
 _LEAST = 1.0
 
 
 class Curves(Protocol):
-    """What can be plotted, such as a `Backbone`; each (stations,)."""
+    """Strains that can be plotted, such as those of a `Backbone`; each (stations,)."""
 
     @property
     def s(self) -> FloatArray:
@@ -45,10 +45,10 @@ class Curves(Protocol):
 
 
 class StrainPlots:
-    """Four plots over s, of the node and, where one is compared, of another model."""
+    """Four plots over s, of the node and of another model if one is chosen."""
 
     def __init__(self, gui: viser.GuiApi, s: FloatArray) -> None:
-        """Add them where ``gui`` is, for the stations ``s`` [m]."""
+        """Add them to ``gui``, for the stations ``s`` [m]."""
         self._s = 1e3 * s
         end = {'pad': 0.1, 'mode': 1}
         self._plots = [
@@ -68,7 +68,7 @@ class StrainPlots:
                 axes=(
                     uplot.Axis(size=30),
                     uplot.Axis(size=44),
-                    # Room above, for the upper half of the topmost number.
+                    # Space for the upper half of the topmost number.
                     uplot.Axis(
                         side=0,
                         size=8,
@@ -85,8 +85,8 @@ class StrainPlots:
         ]
 
     def show(self, node: Curves, other: Curves | None) -> None:
-        """Draw the strains of the node, and those of another model if there are any."""
+        """Plot the strains of the node, and those of another model if given."""
         for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
-            # Where there is no other it lies below that of the node.
+            # Without another model its curve is hidden below that of the node.
             below = other or node
             plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))

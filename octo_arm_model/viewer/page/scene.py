@@ -1,4 +1,4 @@
-"""Arms in the scene: body, anchorage discs, tendons, and the stage they stand on."""
+"""The scene: body, discs and tendons of arms, base frame, floor, light and camera."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ OTHER_COLOUR: Colour = (112, 152, 196)
 GHOST_COLOUR: Colour = (150, 150, 155)
 DISC_COLOUR: Colour = (62, 62, 74)
 _SIDES = 24
-_THICKER = 1.5  # tendons here than in RViz, as the body dims them
-_BODY_OPACITY = 0.45  # the tendons inside show through
+_THICKER = 1.5  # factor on the width of tendons in RViz: here they are seen through the body
+_BODY_OPACITY = 0.45  # tendons inside are visible
 GHOST_OPACITY = 0.16
 
 
-class Posture(Protocol):
-    """What can be drawn, such as a `Backbone`; all arrays are for the stations of one arm."""
+class ShapeLike(Protocol):
+    """Arrays needed to draw an arm, such as those of a `Backbone`."""
 
     @property
     def position(self) -> FloatArray:
@@ -42,8 +42,8 @@ class Posture(Protocol):
         """Longitudinal strain (stations,) [-]."""
 
 
-class Live(NamedTuple):
-    """A shape as a node published it, to be drawn."""
+class LiveShape(NamedTuple):
+    """The published shape and stretch of an arm, to be drawn."""
 
     position: FloatArray
     quaternion: FloatArray
@@ -64,10 +64,10 @@ class ArmScene:
         has_tendons: bool = True,
         offset: FloatArray | None = None,
     ) -> None:
-        """Place the arm of ``solver`` under ``name``; it shows with its first shape.
+        """Add the arm of ``solver`` under ``name``; it is visible from the first `show` on.
 
-        Tendons come with their anchorage discs, and show through a body of some ``opacity``;
-        ``offset`` moves all of it (3,) [m].
+        With ``has_tendons`` tendons and anchorage discs are drawn, ``opacity`` is that of the
+        body (None for opaque) and ``offset`` (3,) [m] moves the arm.
         """
         self._scene, self._colour, self._opacity = scene, colour, opacity
         self._has_tendons = has_tendons
@@ -81,15 +81,15 @@ class ArmScene:
         self._discs: viser.MeshHandle | None = None
         self._tendons: viser.LineSegmentsHandle | None = None
 
-    def show(self, posture: Posture, pull: FloatArray) -> None:
-        """Draw ``posture``; ``pull`` (tendons,) is the part of its highest tension, 0 to 1."""
-        drawn = self._drawing.draw(posture.position, posture.quaternion, posture.q)
+    def show(self, shape: ShapeLike, pull: FloatArray) -> None:
+        """Draw ``shape``; ``pull`` (tendons,) is each tension over its limit, 0 to 1."""
+        drawn = self._drawing.draw(shape.position, shape.quaternion, shape.q)
         self._show_body(drawn.vertices.astype(np.float32))
         if not self._has_tendons:
             return
         self._show_discs(drawn)
         points = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
-        # By the root, so that a slight pull is seen as well.
+        # The square root makes low tensions visible.
         colours = (255.0 * tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
         counts = [len(part) for part in points]
         self._show_tendons(
@@ -138,7 +138,7 @@ class ArmScene:
         self._tendons.colors = colours
 
     def remove(self) -> None:
-        """Take the arm away."""
+        """Remove the arm from the scene."""
         self.root.remove()
 
 
@@ -161,19 +161,19 @@ def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
 
 
-def set_stage(
+def set_scene(
     server: viser.ViserServer, view: View, middle: FloatArray, length: float, depth: float
 ) -> None:
-    """Floor, light and first view.
+    """Set floor, light and initial camera.
 
     Args:
-        server: what shows it.
-        view: from where it is looked at first.
-        middle: of what is to be seen (3,) [m].
-        length: its size [m].
-        depth: of the floor below the middle [m].
+        server: the server of the scene.
+        view: initial camera.
+        middle: centre of the arms (3,) [m].
+        length: size of the arms [m].
+        depth: of the floor below ``middle`` [m].
     """
-    # Shadows cost as much as all the rest where there is no graphics card.
+    # Without a graphics card shadows take half of the rendering time.
     server.scene.configure_default_lights(cast_shadow=False)
     cell = 10.0 ** np.floor(np.log10(length)) / 2.0
     server.scene.add_grid(
@@ -195,7 +195,7 @@ def set_stage(
 
 
 def set_base(scene: viser.SceneApi, config: Config) -> None:
-    """The base frame: t red, n green, b blue."""
+    """Add the base frame: t red, n green, b blue."""
     length = config.arm.length
     scene.add_frame(
         '/base',
@@ -208,10 +208,10 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
 
 
 def middle_of(config: Config) -> FloatArray:
-    """About which the arm moves (3,) [m]: it shortens and curls up towards its base."""
+    """Centre of the arm's motion (3,) [m], nearer to the base because the arm curls up."""
     return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
 
 
 def beside(config: Config) -> FloatArray:
-    """Where a second arm stands to be compared, from the first (3,) [m]."""
+    """Offset of a second arm from the first, for comparison (3,) [m]."""
     return 0.5 * config.arm.length * across(tangent_of(config))

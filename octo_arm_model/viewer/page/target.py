@@ -1,4 +1,4 @@
-"""A point to drag: tensions that bring the tip there are looked for while the page lives on."""
+"""The search for tensions that bring the tip to a dragged target, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
 
 Answer = Inverse | OctoArmError
-Wanted = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]
+Request = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]
 
 
-class Search:
-    """Looks for tensions in a thread of its own; of several targets waiting the newest counts.
+class TargetSearch:
+    """Finds tensions for the newest of the requested targets; older ones are dropped.
 
     Attributes:
-        thread: the thread; it may end with the process, nothing is lost.
+        thread: the thread of the search, a daemon.
     """
 
     def __init__(
@@ -32,23 +32,23 @@ class Search:
         self._solver = solver
         self._highest = highest.reshape(solver.arm.tension_shape)
         self._deliver = deliver
-        self._last: Wanted | None = None
-        self._wanted: queue.SimpleQueue[Wanted | None] = queue.SimpleQueue()
+        self._last: Request | None = None
+        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self.thread = threading.Thread(target=self._work, name='search', daemon=True)
         self.thread.start()
 
-    def look_for(self, tip: FloatArray, start: FloatArray) -> None:
-        """Bring the tip to ``tip`` (3,) [m], beginning at ``start`` (tendons,) [N]."""
+    def request(self, tip: FloatArray, start: FloatArray) -> None:
+        """Search tensions that bring the tip to ``tip`` (3,) [m] from ``start`` (tendons,) [N]."""
         self._last = np.array(tip), np.array(start)
-        self._wanted.put(self._last)
+        self._requests.put(self._last)
 
     def close(self) -> None:
-        """End after what was asked for last."""
-        self._wanted.put(None)
+        """End the thread after the last request."""
+        self._requests.put(None)
 
     def _work(self) -> None:
-        while (wanted := self._newest()) is not None:
-            tip, start = wanted
+        while (request := self._newest()) is not None:
+            tip, start = request
             shape = self._solver.arm.tension_shape
             start = np.clip(start.reshape(shape), 0.0, self._highest)
             try:
@@ -57,16 +57,16 @@ class Search:
                 )
             except OctoArmError as error:
                 answer = error
-            # Of a target that was left behind nobody wants to know.
-            if wanted is self._last:
+            # Drop the result if there is a newer target.
+            if request is self._last:
                 self._deliver(answer)
 
-    def _newest(self) -> Wanted | None:
-        wanted = self._wanted.get()
-        while wanted is not None and not self._wanted.empty():
-            following = self._wanted.get()
+    def _newest(self) -> Request | None:
+        request = self._requests.get()
+        while request is not None and not self._requests.empty():
+            following = self._requests.get()
             if following is None:
-                self._wanted.put(None)
+                self._requests.put(None)
                 break
-            wanted = following
-        return wanted
+            request = following
+        return request

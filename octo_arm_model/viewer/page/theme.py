@@ -1,4 +1,4 @@
-"""How every page looks."""
+"""The colours and panel of every page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _BRAND = (200, 85, 61)
 
 
 def set_theme(gui: viser.GuiApi, title: str) -> None:
-    """Colours, title, and the panel at the right edge."""
+    """Set the colours and the title, and dock the panel at the right edge."""
     gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
     gui.set_panel_label(title)
     gui.main_panel.dock_right()

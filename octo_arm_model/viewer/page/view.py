@@ -1,4 +1,4 @@
-"""From where an arm is looked at, so that all of it is seen wherever its tendons bring it."""
+"""The camera position that has all that an arm reaches in the picture."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from octo_arm_model.core.solver import Solver
 
 FIELD = 0.7  # [rad] seen from top to bottom
 ASPECT = 0.9  # width over height of the scene between the panels of a usual window
-_DIRECTION = (0.6, -1.0, 0.6)  # towards who looks: along the arm, across it and up
+_DIRECTION = (0.6, -1.0, 0.6)  # towards the camera: along the arm, across it and up
 _MARGIN = 1.12
 _STATIONS = 31
-_CURLED = 0.2  # of the length: how far from the base an arm is that is curled up
-_PULL = 0.15  # of the limits, where a tip swings out widest; beyond that the arm curls up
+_CURLED = 0.2  # of the length: extent of a curled arm from its base
+_PULL = 0.15  # of the limits: tension at which the tip is farthest from the axis
 
 
 class View(NamedTuple):
-    """Where who looks is, and at what, each (3,) [m]."""
+    """Position of the camera and the point it looks at, each (3,) [m]."""
 
     position: FloatArray
     look_at: FloatArray
 
 
 def across(tangent: FloatArray) -> FloatArray:
-    """Level direction (3,) across an arm along ``tangent`` (3,); x where it stands or hangs."""
+    """Horizontal direction (3,) normal to ``tangent`` (3,); x if that is vertical."""
     found = np.cross([0.0, 0.0, 1.0], tangent)
     size = float(np.linalg.norm(found))
     return np.asarray(found / size if size > 1e-3 else np.array([1.0, 0.0, 0.0]))
@@ -41,9 +41,9 @@ def tangent_of(config: Config) -> FloatArray:
 
 
 def reached(config: Config, limits: FloatArray) -> FloatArray:
-    """Points (points, 3) [m] of the arm at rest, curled up, and with one tendon pulled at a time.
+    """Points (points, 3) [m] of the arm at rest, curled, and with one tendon tensioned at a time.
 
-    Without its loads; of an arm that the model closed_form does not cover, at rest alone.
+    Without loads. For an arm that the model closed_form does not cover, those at rest and curled.
     """
     base, arm = np.array(config.base.position), config.arm
     rest = np.linspace(base, base + arm.length * tangent_of(config), _STATIONS)
@@ -58,9 +58,9 @@ def reached(config: Config, limits: FloatArray) -> FloatArray:
 
 
 def framing(points: FloatArray, tangent: FloatArray, aspect: float = ASPECT) -> View:
-    """The nearest view that has all ``points`` (points, 3) [m] within it, and in its middle.
+    """The nearest view with all ``points`` (points, 3) [m] in the picture, and centred.
 
-    ``tangent`` (3,) is the direction of the arm, which is seen from its side, and ``aspect`` the
+    ``tangent`` (3,) is the direction of the arm, which is seen from the side; ``aspect`` is the
     width of the picture over its height.
     """
     along, side, up = _DIRECTION
@@ -71,8 +71,8 @@ def framing(points: FloatArray, tangent: FloatArray, aspect: float = ASPECT) -> 
     axes = np.stack([right, np.cross(towards, right), towards])
     seen = points @ axes.T
     half = np.tan(0.5 * FIELD) * np.array([aspect, 1.0]) / _MARGIN
-    # A point at the edge is at x = half (distance - z) from the middle, on either side: what is
-    # nearer to who looks takes more room.
+    # Perspective: a point at depth z is at the edge of the picture if it is at
+    # half (distance - z) from the middle, on either side.
     low, high = seen[:, :2] + np.outer(seen[:, 2], half), seen[:, :2] - np.outer(seen[:, 2], half)
     most, least = low.max(axis=0), high.min(axis=0)
     middle, distance = 0.5 * (most + least), float(np.max(0.5 * (most - least) / half))

@@ -44,6 +44,9 @@ def test_the_steps_solved_by_the_fitted_file_have_the_misfit_of_the_fit(
     misfit = misfit_of(away, config.arm.length)
     assert misfit.rms == pytest.approx(fitted.after.rms, rel=1e-6)
     assert misfit.tip_error == pytest.approx(fitted.after.tip_error, rel=1e-6)
+    read = np.array([step.window.tensions for step in steps])
+    known = config.load_cells.scale_and_offset(read)
+    np.testing.assert_allclose(fitted.tensions, known, rtol=1e-12)
     # Without the calibration it is another.
     wrong = [
         residuals(step.points, solver.solve(step.window.tensions[np.newaxis]).position)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from experiments import HELD, staircase
 
-from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule, Window, steady_windows
+from octo_arm_model.core.errors import ArmDefinitionError, MeasurementError
+from octo_arm_model.experiment.recording.steady_windows import (
+    SteadyRule,
+    Window,
+    ramp_windows,
+    steady_windows,
+)
 
 
 def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
@@ -25,6 +32,27 @@ def test_every_held_tension_is_a_window_and_no_way_between_is() -> None:
         # From half a second after it is reached, within what the tolerance lets in of the ramp.
         assert window.start == pytest.approx(4.0 * number + 0.5, abs=0.2)
         assert window.stop == pytest.approx(4.0 * number + 3.0, abs=0.2)
+
+
+def test_a_ramp_is_cut_into_windows_of_tension() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    pulled = np.interp(time, [0.0, 10.0, 20.0], [0.0, 3.0, 0.0])[:, np.newaxis]
+    found = ramp_windows(time, pulled, 0.25)
+    for window in found[:-1]:
+        inside = pulled[(time >= window.start) & (time <= window.stop)]
+        assert np.ptp(inside) <= 0.25
+        assert window.tensions == pytest.approx([inside.mean()])
+    assert len(found) == pytest.approx(2 * 3.0 / 0.25, abs=2)
+    # Each sample is in one of them.
+    assert [b.start - a.stop for a, b in itertools.pairwise(found)] == pytest.approx(
+        [0.01] * (len(found) - 1)
+    )
+    assert 0.1 < np.ptp(pulled[time <= ramp_windows(time, pulled, None)[0].stop]) <= 0.15
+    assert ramp_windows(np.zeros(0), np.zeros((0, 1)), None) == []
+    with pytest.raises(MeasurementError, match=r'more than 1000 windows of 0.001 N, expected a w'):
+        ramp_windows(time, pulled, 0.001)
+    with pytest.raises(ArmDefinitionError, match='--ramp is -1'):
+        ramp_windows(time, pulled, -1.0)
 
 
 def test_a_ramp_is_steady_nowhere() -> None:

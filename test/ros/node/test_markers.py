@@ -1,291 +1,71 @@
-"""What is drawn of the arm: markers, frames, and the files that start and show them."""
+"""The markers of the arm, over DDS."""
 
-import itertools
-import re
-import sys
-
-import numpy as np
 import pytest
-import yaml
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
 
-from builtin_interfaces.msg import Time
-from checkout import ROOT
-from rclpy.serialization import deserialize_message
-from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
-from octo_arm_model import load_config
-from octo_arm_model.analysis.arm_mesh import MOST_RINGS, anchorage_stations, tension_colours
-from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.frames import make_broadcaster
-from octo_arm_model.ros.node.markers import TOPIC
-from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-STAMP = Time(sec=12, nanosec=34)
-CONFIG = load_config(preset_path('renda2012_table4'))
-ARM = CONFIG.arm
-SOLVER = CONFIG.solver('exact')
-S = SOLVER.grid.s
-SHAPE = SOLVER.solve(FETCHING_IN_SPACE)
+pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(autouse=True)
-def check_fields(monkeypatch):
-    """Let messages check the types they are given, as serialisation would."""
-    for name, module in list(sys.modules.items()):
-        if re.search(r'_msgs?\.msg\._|interfaces\.msg\._', name):
-            monkeypatch.setattr(module, 'ros_python_check_fields', '1', raising=False)
+def test_the_arm_is_drawn_for_whoever_looks(client):
+    drawn = []
+    looking = client.node.create_subscription(MarkerArray, 'markers', drawn.append, 10)
+
+    def seen():
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        return drawn and len(drawn[-1].markers) > 1
+
+    client.wait(seen, 'a drawing')
+    client.node.destroy_subscription(looking)
+    kinds = {marker.ns for marker in drawn[-1].markers}
+    assert kinds == {'body', 'anchorages', 'tendons'}
+    assert {marker.header.frame_id for marker in drawn[-1].markers} == {'arm_base'}
 
 
-def draw(backbone=SHAPE, arm=ARM, largest=None, **options):
-    writer = MarkersWriter(arm, backbone.s, 'arm_base', **options)
-    return read(writer.write(backbone, STAMP.sec, STAMP.nanosec, largest))
+@pytest.fixture
+def drawn(client):
+    """Stamps of the markers that come [s]; None for what clears the screen."""
+    stamps = []
+
+    def look(message):
+        first = message.markers[0]
+        stamps.append(first.header.stamp.sec if first.action == first.ADD else None)
+
+    looking = client.node.create_subscription(MarkerArray, 'markers', look, 100)
+    yield stamps
+    client.node.destroy_subscription(looking)
+    assert client.change(markers_rate=30.0) == (True, '')
 
 
-def read(data):
-    return deserialize_message(data, MarkerArray)
+def ask_until_drawn(client, drawn):
+    """Whether somebody has drawn what was asked just now."""
+    stamp = client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec
+    client.spin(0.05)
+    return stamp in drawn
 
 
-def named(message, namespace):
-    return [marker for marker in message.markers if marker.ns == namespace]
+def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, drawn):
+    assert client.change(markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    assert client.change(markers_rate=0.5) == (True, '')
+    drawn.clear()
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(20)
+    ]
+    client.wait(lambda: stamps[-1] in drawn, 'a drawing of the last shape')
+    assert drawn[:2] == [None, stamps[0]]  # another arm may have been there before
+    assert len(drawn) < 20
 
 
-def coordinates(points):
-    return np.array([[point.x, point.y, point.z] for point in points])
-
-
-def axes(quaternion):
-    """Columns t, n, b, written out independently of the package."""
-    x, y, z, w = quaternion
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + 2.0 * w * skew + 2.0 * skew @ skew
-
-
-FRAMES = np.array([axes(quaternion) for quaternion in SHAPE.quaternion])
-
-
-@pytest.mark.parametrize('widen', [False, True])
-def test_vertices_of_the_body_lie_on_its_surface(widen):
-    (body,) = named(draw(widen=widen), 'body')
-    vertices = np.unique(coordinates(body.points), axis=0)
-    # In the plane of the nearest cross section that they are in at all.
-    local = np.einsum('nji,vnj->vni', FRAMES, vertices[:, np.newaxis] - SHAPE.position)
-    distance = np.linalg.norm(local[..., 1:], axis=-1)
-    radius = ARM.body.radius(S) * ((1.0 + SHAPE.q) ** -0.5 if widen else 1.0)
-    on_surface = (np.abs(local[..., 0]) < 1e-12) & (np.abs(distance - radius) < 1e-12)
-    centres = (np.linalg.norm(local, axis=-1) < 1e-12).any(axis=1)
-    assert (on_surface.any(axis=1) | centres).all()
-    assert on_surface.any(axis=0).all()  # every station has its ring
-    assert on_surface.sum() == 12 * S.size
-    assert centres.sum() == 2
-
-
-def test_the_body_is_closed_and_its_triangles_wind_outwards():
-    (body,) = named(draw(), 'body')
-    triangles = coordinates(body.points).reshape(-1, 3, 3)
-    first, second, third = triangles.transpose(1, 0, 2)
-    normal = np.cross(second - first, third - first)
-    assert (np.linalg.norm(normal, axis=1) > 0.0).all()
-    # Every edge is shared by two triangles that run along it in opposite directions.
-    edges = {}
-    for corners in triangles.tolist():
-        corners = [tuple(corner) for corner in corners]
-        for a, b in zip(corners, corners[1:] + corners[:1]):
-            edges[a, b] = edges.get((a, b), 0) + 1
-    assert set(edges.values()) == {1}
-    assert all((b, a) in edges for a, b in edges)
-    # Away from the midline, but for the two ends, which face along it.
-    middle = triangles.mean(axis=1)
-    nearest = np.linalg.norm(middle[:, np.newaxis] - SHAPE.position, axis=-1).argmin(axis=1)
-    outward = np.einsum('ti,ti->t', normal, middle - SHAPE.position[nearest])
-    side = slice(0, -24)
-    assert (outward[side] > 0.0).all()
-    assert (normal[-24:-12] @ FRAMES[0, :, 0] < 0.0).all()
-    assert (normal[-12:] @ FRAMES[-1, :, 0] > 0.0).all()
-    # The volume enclosed is that of a cone with polygons of twelve sides for circles. Bending
-    # does not change it (Pappus), stretching does.
-    volume = np.einsum('ti,ti->', first, np.cross(second, third)) / 6.0
-    area = 6.0 * np.sin(np.pi / 6.0) * ARM.body.radius(S) ** 2
-    slices = area * (1.0 + SHAPE.q)
-    expected = 0.5 * np.diff(S) @ (slices[1:] + slices[:-1])
-    assert volume == pytest.approx(expected, rel=5e-3)
-
-
-@pytest.mark.parametrize('widen', [False, True])
-def test_tendons_follow_their_offsets_up_to_their_anchorage(widen):
-    tendons = named(draw(widen=widen), 'tendons')
-    assert len(tendons) == len(ARM.tendons)
-    along_n, along_b = ARM.tendon_offsets(S)
-    width = (1.0 + SHAPE.q) ** -0.5 if widen else np.ones(S.size)
-    for index, marker in enumerate(tendons):
-        end = ARM.sections[ARM.tendon_section[index] - 1].anchorage
-        inside = end + 1e-12 >= S
-        points = coordinates(marker.points)
-        assert marker.type == Marker.LINE_STRIP
-        assert len(points) == inside.sum()
-        local = np.einsum('nji,nj->ni', FRAMES[inside], points - SHAPE.position[inside])
-        expected = np.array([0.0 * S, along_n[index] * width, along_b[index] * width]).T
-        np.testing.assert_allclose(local, expected[inside], atol=1e-14)
-        assert S[inside][-1] == pytest.approx(end, abs=1e-12)
-
-
-def test_discs_lie_across_the_arm_at_the_anchorages():
-    discs = named(draw(), 'anchorages')
-    stations = anchorage_stations(ARM, S)
-    assert [S[i] for i in stations] == [section.anchorage for section in ARM.sections]
-    for station, marker in zip(stations, discs, strict=True):
-        pose = marker.pose
-        assert marker.type == Marker.CYLINDER
-        np.testing.assert_array_equal(coordinates([pose.position])[0], SHAPE.position[station])
-        turned = axes([getattr(pose.orientation, name) for name in 'xyzw'])
-        np.testing.assert_allclose(turned[:, 2], FRAMES[station, :, 0], atol=1e-12)
-        np.testing.assert_allclose(turned[:, 1], FRAMES[station, :, 1], atol=1e-12)
-        assert marker.scale.x == marker.scale.y
-        assert 1.0 < marker.scale.x / (2.0 * ARM.body.radius(S[station])) < 1.1
-
-
-def test_discs_that_lead_tendons_outside_are_as_wide_as_they_are(rod):
-    shape = rod.solver().solve(np.zeros((2, 3)))
-    discs = named(draw(shape, rod.arm), 'anchorages')
-    assert [disc.scale.x > 2.0 * rod.arm.body.disc_radius for disc in discs] == [True, True]
-
-
-def test_colours_rise_from_grey_to_red_with_tension():
-    tensions = np.array([0.0, 1.0, 2.0, 4.0, 8.0])
-    colours = tension_colours(tensions, 4.0)
-    assert len(set(colours[0, :3])) == 1
-    np.testing.assert_array_equal(colours[3:], [[1.0, 0.0, 0.0, 1.0]] * 2)
-    assert (np.diff(colours[:4, 0]) > 0.0).all()
-    assert (np.diff(colours[:4, 1]) < 0.0).all()
-    np.testing.assert_array_equal(colours[:, 1], colours[:, 2])
-    np.testing.assert_array_equal(tension_colours(tensions)[-1], [1.0, 0.0, 0.0, 1.0])
-    slack = tension_colours(np.zeros(3))
-    assert np.isfinite(slack).all()
-    np.testing.assert_array_equal(slack, colours[[0, 0, 0]])
-
-
-@pytest.mark.parametrize('largest', [None, 40.0])
-def test_tendons_have_the_colour_of_their_tension(largest):
-    tendons = named(draw(largest=largest), 'tendons')
-    drawn = [[m.color.r, m.color.g, m.color.b, m.color.a] for m in tendons]
-    expected = tension_colours(SHAPE.tensions.ravel(), largest)
-    np.testing.assert_allclose(drawn, expected, atol=1e-6)
-    reddest = np.argmax([m.color.r for m in tendons])
-    assert reddest == SHAPE.tensions.argmax()
-
-
-def test_ids_are_unique_and_stay_from_shape_to_shape():
-    writer = MarkersWriter(ARM, S, 'arm_base')
-    keys = []
-    for tensions in (np.zeros((3, 4)), FETCHING_IN_SPACE):
-        message = read(writer.write(SOLVER.solve(tensions), 1, 2))
-        keys.append([(marker.ns, marker.id, marker.type) for marker in message.markers])
-    assert keys[0] == keys[1]
-    assert len({key[:2] for key in keys[0]}) == len(keys[0]) == 1 + 3 + 12
-
-
-def test_every_marker_can_be_drawn_by_rviz():
-    for marker in draw().markers:
-        assert (marker.header.stamp, marker.header.frame_id) == (STAMP, 'arm_base')
-        assert marker.action == Marker.ADD
-        assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)
-        assert marker.color.a > 0.0
-        orientation = [getattr(marker.pose.orientation, name) for name in 'xyzw']
-        assert np.linalg.norm(orientation) == pytest.approx(1.0)
-        scale = [marker.scale.x, marker.scale.y, marker.scale.z]
-        assert all(scale if marker.type != Marker.LINE_STRIP else scale[:1])
-        if marker.type == Marker.TRIANGLE_LIST:
-            assert len(marker.points) % 3 == 0
-        elif marker.type == Marker.LINE_STRIP:
-            assert len(marker.points) >= 2
-
-
-@pytest.mark.parametrize('stations', [5, 1001])
-def test_any_number_of_stations_can_be_drawn(stations):
-    solver = CONFIG.solver('closed_form', stations)
-    message = draw(solver.solve(FETCHING_IN_SPACE))
-    (body,) = named(message, 'body')
-    vertices = np.unique(coordinates(body.points), axis=0)
-    assert len(vertices) <= 12 * (MOST_RINGS + 3) + 2
-    tip = coordinates(named(message, 'tendons')[0].points)[-1]
-    shape = solver.solve(FETCHING_IN_SPACE)
-    offset = ARM.sections[0].offset_anchorage
-    assert np.linalg.norm(tip - shape.tip) == pytest.approx(offset, abs=1e-12)
-
-
-def test_frames_are_those_of_the_backbone():
-    data = FramesWriter(ARM, S, 'arm_base', 'left_').write(SHAPE, STAMP.sec, STAMP.nanosec)
-    frames = deserialize_message(data, TFMessage).transforms
-    stations = [S.size - 1, *anchorage_stations(ARM, S)]
-    names = ['left_tip', 'left_anchorage_1', 'left_anchorage_2', 'left_anchorage_3']
-    assert [frame.child_frame_id for frame in frames] == names
-    for frame, station in zip(frames, stations, strict=True):
-        assert (frame.header.stamp, frame.header.frame_id) == (STAMP, 'arm_base')
-        translation, rotation = frame.transform.translation, frame.transform.rotation
-        offset = coordinates([translation])[0]
-        turn = axes([getattr(rotation, name) for name in 'xyzw'])
-        # A point given in the child frame, here on the body along n, comes out where it is.
-        radius = ARM.body.radius(S[station])
-        expected = SHAPE.position[station] + radius * FRAMES[station, :, 1]
-        np.testing.assert_allclose(turn @ [0.0, radius, 0.0] + offset, expected, atol=1e-14)
-
-
-class Recorder:
-    """As much of a node as it takes to look for tf2_msgs; keeps what it is told."""
-
-    def __init__(self):
-        self.lines = []
-
-    def get_logger(self):
-        return self
-
-    def warning(self, line):
-        self.lines.append(line)
-
-
-def test_without_tf2_msgs_there_is_no_broadcaster_but_a_line_in_the_log(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
-    node = Recorder()
-    assert make_broadcaster(node) is None
-    assert len(node.lines) == 1
-    assert 'tf2_msgs' in node.lines[0]
-
-
-def test_octopus_has_its_arms_evenly_around_its_body():
-    poses = [base_pose(number, 0.05) for number in range(1, ARMS + 1)]
-    positions = np.array([position for position, _ in poses])
-    np.testing.assert_allclose(np.linalg.norm(positions, axis=1), 0.05)
-    gaps = [np.linalg.norm(a - b) for a, b in itertools.pairwise([*positions, positions[0]])]
-    np.testing.assert_allclose(gaps, gaps[0])
-    for position, quaternion in poses:
-        turn = axes(quaternion)
-        np.testing.assert_allclose(turn[:, 0] * 0.05, position, atol=1e-15)
-        np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
-
-
-def test_rviz_shows_what_the_node_publishes():
-    view = yaml.safe_load((ROOT / 'rviz' / 'octo_arm.rviz').read_text(encoding='utf-8'))
-    manager = view['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == CONFIG.base_frame == 'arm_base'
-    topics = {
-        display['Class'].split('/')[1]: display.get('Topic', {}).get('Value')
-        for display in manager['Displays']
-    }
-    assert topics == {
-        'Grid': None,
-        'MarkerArray': TOPIC,
-        'Path': 'backbone/path',
-        'PoseArray': 'backbone/poses',
-        'TF': None,
-    }
-    sources = (ROOT / 'octo_arm_model' / 'ros').rglob('*.py')
-    code = '\n'.join(source.read_text(encoding='utf-8') for source in sources)
-    for topic in ('backbone/path', 'backbone/poses'):
-        assert f"'{topic}'" in code
+def test_every_shape_is_drawn_if_that_is_wanted(client, drawn):
+    assert client.change(markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(5)
+    ]
+    client.wait(lambda: set(stamps) <= set(drawn), 'drawings of all')

@@ -1,4 +1,4 @@
-"""Another model beside the node: the same tensions, solved here, as a second arm."""
+"""A second arm beside that of the node: another model, solved in the viewer for its tensions."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from octo_arm_model.viewer.page.scene import OTHER_COLOUR, ArmScene, beside
 NONE = 'none'
 
 
-class Comparison:
-    """A second arm beside that of the node, while a model is chosen.
+class ModelOverlay:
+    """The second arm, shown while a model is chosen.
 
     Attributes:
-        backbone: its shape; None while there is none.
+        backbone: its backbone; None for none.
     """
 
     def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
@@ -64,7 +64,10 @@ class Comparison:
         self._label = self._server.scene.add_label('/other_name', model, position=above + offset)
 
     def show(self, tensions: FloatArray, pull: FloatArray, tip: FloatArray) -> None:
-        """Solve and draw for ``tensions`` (tendons,) [N]; ``tip`` (3,) [m] is that of the node."""
+        """Solve and draw for ``tensions`` (tendons,) [N].
+
+        ``pull`` (tendons,) is the tension over its limit, ``tip`` (3,) [m] the tip of the node.
+        """
         if self._solver is None or self._arm is None:
             return
         try:

@@ -1,0 +1,105 @@
+"""What a parameter is: its name, type, default and meaning, declared once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from octo_arm_model.core.arm.validation import is_text
+from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.core.limits import MAX_NAME, MAX_TABLE_POINTS
+
+Values = Mapping[str, Any]  # of all parameters, by their names
+
+# The end of the meaning of arc coordinates of a table.
+TABLE_BOUND = f'; at most {MAX_TABLE_POINTS}'
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        name: dotted name, as in ROS.
+        kind: type of a value, or of the elements where ``is_array``.
+        description: what it is, with its unit in brackets.
+        default: value where none is given; None means it must be given.
+        is_array: whether it is a list.
+        unless: name of the parameter that replaces it; if that one is given it may be missing.
+        range: allowed values, in words; the core checks them.
+    """
+
+    name: str
+    kind: type
+    description: str
+    default: Any = None
+    is_array: bool = False
+    unless: str = ''
+    range: str = ''
+
+    @property
+    def type_name(self) -> str:
+        """Type in the words of ROS, e.g. ``double[]``."""
+        word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
+        return word + '[]' if self.is_array else word
+
+    @property
+    def default_or_none_given(self) -> Any:
+        """Value in ROS, where every parameter has one, if none is given.
+
+        The default, or zero or an empty list for a parameter without one.
+        """
+        if self.default is not None:
+            return self.default
+        return () if self.is_array else self.kind()
+
+    @property
+    def table_row(self) -> str:
+        """Row of a Markdown table: name, type, default and meaning."""
+        default = list(self.default or ()) if self.is_array else self.default
+        shown = 'empty' if default in ([], '') else f'`{default}`'
+        if self.default is None:
+            shown = f'required, or `{self.unless}`' if self.unless else 'required'
+        return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
+
+    def convert(self, value: object) -> Any:
+        """Return ``value`` as this parameter's type; an integer is accepted for a double.
+
+        Raises:
+            ConfigError: if the type is another.
+        """
+        if self.is_array and isinstance(value, (list, tuple)):
+            return tuple(self._convert_one(element, value) for element in value)
+        return self._convert_one(value, value) if not self.is_array else self._refuse(value)
+
+    def _convert_one(self, element: object, value: object) -> Any:
+        if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
+            try:
+                return float(element)
+            except OverflowError:
+                return self._refuse(value)
+        if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
+            if self.kind is str and not is_text(element):
+                return self._refuse(value, f' of at most {MAX_NAME} characters, without NUL')
+            return element
+        return self._refuse(value)
+
+    def _refuse(self, value: object, what: str = '') -> Any:
+        raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
+
+
+def as_markdown(parameters: Sequence[Parameter]) -> str:
+    """Table of ``parameters`` in Markdown."""
+    head = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
+    return '\n'.join((*head, *(parameter.table_row for parameter in parameters))) + '\n'
+
+
+def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
+    """Check that the list ``name`` has ``count`` values.
+
+    Raises:
+        ConfigError: if not; ``what`` says what they are.
+    """
+    if len(column) != count:
+        raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')

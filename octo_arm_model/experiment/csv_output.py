@@ -1,0 +1,89 @@
+"""Tidy CSV files of a comparison, units in their headers."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.compare import ModelComparison, StepComparison
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
+from octo_arm_model.experiment.recording.curves import lengths_along
+from octo_arm_model.experiment.recording.midlines import fraction_at_start
+
+_AXES = ('x', 'y', 'z')
+MIDLINES = (
+    'model', 'step', 's [m]',
+    *(f'{name}_{axis} [m]' for name in ('measured', 'model', 'residual') for axis in _AXES),
+)  # fmt: skip
+STATIONS = ('model', 'step', 's [m]', *(f'{axis} [m]' for axis in _AXES),
+            'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]')  # fmt: skip
+
+
+def write_tables(
+    folder: Path, comparisons: Sequence[ModelComparison], tendons: Sequence[str]
+) -> list[str]:
+    """Write midlines.csv, stations.csv and tensions.csv into ``folder``; returns their names.
+
+    midlines.csv has a row for each measured point of each step: where it was, where the model has
+    it, and the difference, in base_frame. stations.csv has the model's shape and strains.
+    tensions.csv has the start and the end of each step, as `octo-arm play` reads it.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    tables: dict[str, tuple[Sequence[str], Iterator[list[Any]]]] = {
+        'midlines.csv': (MIDLINES, _midlines(comparisons)),
+        'stations.csv': (STATIONS, _stations(comparisons)),
+        'tensions.csv': (
+            ('time [s]', *(f'{name} [N]' for name in tendons)), _tensions(comparisons[0])
+        ),
+    }  # fmt: skip
+    for name, (header, rows) in tables.items():
+        with (folder / name).open('w', encoding='utf-8', newline='') as file:
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow(header)
+            writer.writerows(rows)
+    return list(tables)
+
+
+def _midlines(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
+    for comparison in comparisons:
+        for step in comparison.steps:
+            away = shape_residuals(step.shape, step.measured, step.backbone)
+            numbers = np.column_stack([_places(step), step.measured, step.measured - away, away])
+            for row in numbers.tolist():
+                yield [comparison.model, step.number, *row]
+
+
+def _places(step: StepComparison) -> FloatArray:
+    """Arc coordinates of the points of the model that those measured are paired with [m]."""
+    if step.shape.s is not None:
+        return step.shape.s
+    count, backbone = len(step.measured), step.backbone
+    start = fraction_at_start(step.measured, backbone.position)
+    fraction = np.linspace(start, 1.0, count) if count > 1 else np.ones(1)
+    along = lengths_along(backbone.position)
+    return np.interp(fraction * along[-1], along, backbone.s)
+
+
+def _stations(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
+    for comparison in comparisons:
+        for step in comparison.steps:
+            one = step.backbone
+            columns = [one.s, one.position, one.tau, one.xi, one.k, one.q]
+            for row in np.column_stack(columns).tolist():
+                yield [comparison.model, step.number, *row]
+
+
+def _tensions(comparison: ModelComparison) -> Iterator[list[float]]:
+    """Start and end of each step, the first at time 0."""
+    origin = comparison.steps[0].shape.window.start
+    for step in comparison.steps:
+        window = step.shape.window
+        for time in (window.start, window.stop):
+            yield [round(time - origin, 9), *window.tensions.tolist()]

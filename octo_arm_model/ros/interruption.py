@@ -1,0 +1,57 @@
+"""End callbacks of a node at a signal: the solver may be seconds away from its result.
+
+Python runs signal handlers between its instructions, so an exception raised by the handler ends a
+solve after the NumPy call in progress, less than a second at the largest sizes of `core.limits`.
+It is raised within callbacks only, and caught there: executors log what callbacks raise.
+"""
+
+from __future__ import annotations
+
+import functools
+import signal
+from collections.abc import Callable
+from typing import Any
+
+
+class _Interruption(BaseException):
+    """A signal came while a callback was running."""
+
+
+class _State:
+    has_come = False
+    is_running = False
+
+
+def install() -> None:
+    """Handle SIGINT and SIGTERM in this process; call it before rclpy adds its own handlers."""
+    _State.has_come = _State.is_running = False
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _on_signal)
+
+
+def _on_signal(number: int, frame: object) -> None:
+    _State.has_come = True
+    if _State.is_running:
+        _State.is_running = False  # raised once: a second signal must not interrupt the clean-up
+        raise _Interruption
+
+
+def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """``callback``, ended by a signal and not called after one.
+
+    It then returns its last argument: the response, if it is the callback of a service.
+    """
+
+    @functools.wraps(callback)
+    def run(*arguments: Any) -> Any:
+        if _State.has_come:
+            return arguments[-1] if arguments else None
+        try:
+            _State.is_running = True
+            return callback(*arguments)
+        except _Interruption:
+            return arguments[-1] if arguments else None
+        finally:
+            _State.is_running = False
+
+    return run

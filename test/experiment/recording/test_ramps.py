@@ -1,0 +1,65 @@
+"""Quasi-static recordings without steps, of the arm that finite elements have."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+from experiments import bag_of, description, nanoseconds, path_sample, tension_samples
+from labs import STATIONS, TENSIONS, TIP_ERRORS, at_any
+
+from octo_arm_model.cli.main import main
+
+STILL = ['--clock-offset', '0', '--json']
+
+
+@pytest.fixture(scope='module')
+def ramp(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A bag: pulled for 30 s and let go for 30 s, at a steady rate; midlines at 5 Hz."""
+    time = np.arange(0.0, 60.0, 0.02)
+    pulled = np.interp(time, [0.0, 30.0, 60.0], [TENSIONS[0], TENSIONS[-1], TENSIONS[0]])
+    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    for at in np.arange(0.1, 59.9, 0.2):
+        line = at_any(float(np.interp(at, time, pulled)), STATIONS)
+        samples.append(path_sample(line, nanoseconds(at)))
+    return str(bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
+
+
+def test_what_has_no_steps_is_refused_with_the_way_to_read_it(
+    ramp: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # At the defaults the turn at the top counts as a step.
+    assert main(['compare', ramp, '--steady', '0.02', *STILL]) == 1
+    err = capsys.readouterr().err
+    assert 'no tension stays within' in err
+    assert 'where it changes slowly instead of in steps, say --ramp' in err
+
+
+@pytest.mark.parametrize('width', [[], ['0.3']])
+def test_a_ramp_has_the_errors_of_its_tensions(
+    width: list[str], ramp: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['compare', ramp, '--ramp', *width, *STILL]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert len(said['steps']) > 20
+    for step in said['steps']:
+        expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
+    assert any('windows of a ramp' in note for note in said['notes'])
+
+
+def test_an_arm_is_fitted_to_a_ramp(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['identify', ramp, '--ramp', '1.2', *STILL]) == 0
+    fitted = json.loads(capsys.readouterr().out)
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.02)
+
+
+def test_windows_that_are_too_many_are_refused(
+    ramp: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['compare', ramp, '--ramp', '1e-4', *STILL]) == 2
+    assert 'more than 1000 windows of 0.0001 N, expected a wider' in capsys.readouterr().err

@@ -1,0 +1,336 @@
+"""Nodes as processes of their own, and clients that talk to them over DDS.
+
+Every process started here is in a ROS domain of its own, which `new_domain` hands out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
+from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Path
+from octo_arm_msgs.msg import SectionStrains
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from sensor_msgs.msg import JointState
+
+from octo_arm_model import load_config
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.main import make_executor
+from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+
+DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
+PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
+CONFIG_FILE = preset_path('renda2012_table4')
+CONFIG = load_config(CONFIG_FILE)
+NAMES = list(CONFIG.arm.tendon_names)
+# Modules of the nodes, and their names.
+NODES = {
+    'node': ('ros.node.main', 'octo_arm'),
+    'lifecycle': ('ros.node.lifecycle', 'octo_arm'),
+    'simulator': ('ros.simulator_node', 'octo_arm_sim'),
+}
+INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
+OUTPUTS = {
+    'backbone/path': Path,
+    'backbone/poses': PoseArray,
+    'strains': SectionStrains,
+    'tip_pose': PoseWithCovarianceStamped,
+    'tendon_lengths': JointState,
+}
+_LARGEST_DOMAIN = 100  # beyond it the ports of DDS are among those that Linux hands out
+_domains = itertools.count(7 * os.getpid())
+
+
+def new_domain():
+    """A ROS domain that no process of this test run is in."""
+    return 1 + next(_domains) % _LARGEST_DOMAIN
+
+
+def environment(domain, **more):
+    """Variables of a process in ``domain``."""
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_PYTHON_CHECK_FIELDS': '1',
+        **more,
+    }
+
+
+def start(module, *arguments, domain, **variables):
+    """Run a module of the package as a process."""
+    return subprocess.Popen(
+        [sys.executable, '-m', f'octo_arm_model.{module}', *map(str, arguments)],
+        env=environment(domain, **variables),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def start_node(module, domain, *arguments, files=(CONFIG_FILE,)):
+    """Run a node with parameter ``files`` and further ROS ``arguments``."""
+    given = [word for file in files for word in ('--params-file', file)]
+    return start(module, '--ros-args', *given, *arguments, domain=domain)
+
+
+def stop(process, how=signal.SIGINT):
+    """End a process by a signal; returns what it wrote to stderr."""
+    process.send_signal(how)
+    return check_end(process, 0)
+
+
+def check_end(process, status):
+    """Wait for the end of a process, check its status; returns what it wrote to stderr."""
+    _, complaints = process.communicate(timeout=DEADLINE)
+    assert process.returncode == status, complaints
+    assert 'Traceback' not in complaints, complaints
+    return complaints
+
+
+def tensions_message(topic, tensions, names=NAMES):
+    """Tensions as a message of the type of ``topic``, without a stamp."""
+    measured = topic.replace('tendon_commands', 'tendon_tensions')
+    kind, message = TENSION_TOPICS[measured], INPUTS[measured]()
+    setattr(message, kind.tensions, np.ravel(np.asarray(tensions, dtype=float)).tolist())
+    if kind.names is not None:
+        setattr(message, kind.names, names)
+    return message
+
+
+class RosClient:
+    """A ROS node in the domain of a process, with what tests need of it."""
+
+    def __init__(self, domain, node='octo_arm'):
+        self.domain, self.name = domain, node
+        self.context = rclpy.Context()
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('client', context=self.context)
+        self.executor = make_executor(self.context)
+        self.executor.add_node(self.node)
+        self.diagnostics = self.hear(DiagnosticArray, '/diagnostics')
+        self.logs = self.hear(Log, '/rosout')
+        self._parameters = None
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def hear(self, kind, topic, depth=1000, **options):
+        """The list that messages are appended to."""
+        heard = []
+        self.node.create_subscription(kind, topic, heard.append, depth, **options)
+        return heard
+
+    def spin(self, seconds=0.05):
+        """Take what has arrived, or wait for it."""
+        self.executor.spin_once(timeout_sec=seconds)
+        # The events executor takes one event a call.
+        for _ in range(20):
+            self.executor.spin_once(timeout_sec=0.0)
+
+    def wait(self, condition, what):
+        end = time.monotonic() + DEADLINE
+        while not (found := condition()):
+            assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
+            self.spin()
+        return found
+
+    def call(self, kind, name, request):
+        service = self.node.create_client(kind, name)
+        self.wait(service.service_is_ready, f'the service {name}')
+        return self.result(service.call_async(request), name)
+
+    def result(self, future, name):
+        self.wait(future.done, f'an answer of {name}')
+        return future.result()
+
+    def change(self, **values):
+        """Set parameters of the node together; returns whether it took them, and why not."""
+        parameters = [
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        name = f'{self.name}/set_parameters_atomically'
+        result = self.call(SetParametersAtomically, name, request).result
+        return result.successful, result.reason
+
+    def transition(self, number):
+        """Ask a managed node for a transition; returns whether it succeeded."""
+        request = ChangeState.Request()
+        request.transition.id = number
+        return self.call(ChangeState, f'{self.name}/change_state', request).success
+
+    @property
+    def parameters(self):
+        """rclpy's own client of the node's parameters, its services ready."""
+        if self._parameters is None:
+            self._parameters = AsyncParameterClient(self.node, self.name)
+        self.wait(self._parameters.services_are_ready, f'the services of {self.name}')
+        return self._parameters
+
+    def ask_parameters(self, ask, *arguments):
+        """Result of ``ask``, a method of `parameters`."""
+        return self.result(ask(*arguments), self.name)
+
+    def parameter_names(self):
+        return sorted(self.ask_parameters(self.parameters.list_parameters).result.names)
+
+    def dump(self):
+        """All parameters by name, asked for as `ros2 param dump` does."""
+        names = self.parameter_names()
+        values = self.ask_parameters(self.parameters.get_parameters, names).values
+        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
+
+    def parameter_types(self):
+        names = self.parameter_names()
+        types = self.ask_parameters(self.parameters.get_parameter_types, names).types
+        return dict(zip(names, types, strict=True))
+
+    def status(self, part):
+        """A status of ``part`` of the node that began after this call, and its values."""
+        seen = len(self.diagnostics)
+        self.wait(lambda: len(self.diagnostics) > seen + 1, 'a diagnosis')
+        (status,) = [
+            s for s in self.diagnostics[-1].status if s.name == f'{self.name}: {part}'
+        ]  # fmt: skip
+        return status, {value.key: value.value for value in status.values}
+
+    def log(self, words):
+        """Wait for a line of the log that has ``words``."""
+        self.wait(lambda: any(words in log.msg for log in self.logs), f'{words} in the log')
+
+
+class NodeClient(RosClient):
+    """Publishes tensions and keeps what the node answers."""
+
+    def __init__(self, domain, node='octo_arm'):
+        super().__init__(domain, node)
+        self.publishers = {
+            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in INPUTS.items()
+        }
+        self.answers = {topic: self.hear(kind, topic, 100) for topic, kind in OUTPUTS.items()}
+        self.wrench = self.node.create_publisher(WrenchStamped, 'tip_wrench', 10)
+        self.stamps = itertools.count(1)
+
+    def connect(self):
+        """Ask until each input reaches the node and each output comes back."""
+        for topic in INPUTS:
+            self.forget()
+
+            def answered(topic=topic):
+                self.send(topic, np.zeros((3, 4)))
+                self.spin(0.1)
+                return all(self.answers.values())
+
+            self.wait(answered, f'an answer to {topic}')
+        # Leave nothing under way that a test could take for its answer.
+        counts = None
+        while counts != (counts := [len(got) for got in self.answers.values()]):
+            for _ in range(10):
+                self.spin()
+
+    def forget(self):
+        for got in self.answers.values():
+            got.clear()
+
+    def send(self, topic, tensions, names=NAMES):
+        """Publish tensions; returns the seconds of the stamp, None where there is none."""
+        message = tensions_message(topic, tensions, names)
+        second = None
+        if hasattr(message, 'header'):
+            second = message.header.stamp.sec = next(self.stamps)
+            message.header.frame_id = 'of the load cells'
+        self.publishers[topic].publish(message)
+        return second
+
+    def send_wrench(self, z, frame='arm_base'):
+        """Publish a force along z on the tip [N]."""
+        message = WrenchStamped()
+        message.header.frame_id = frame
+        message.wrench.force.z = z
+        self.wrench.publish(message)
+
+    def ask(self, topic, tensions, names=NAMES):
+        """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
+        before = {name: len(got) for name, got in self.answers.items()}
+        stamp = self.send(topic, tensions, names)
+
+        def answered():
+            if stamp is None:
+                return all(len(got) > before[name] for name, got in self.answers.items())
+            return all(got and got[-1].header.stamp.sec == stamp for got in self.answers.values())
+
+        self.wait(answered, f'an answer to {topic}')
+        return [self.answers[name][-1] for name in OUTPUTS]
+
+
+@contextlib.contextmanager
+def running(module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm'):
+    """A node in a domain of its own, and its client, which has its ``process``."""
+    domain = new_domain()
+    process = start_node(module, domain, *arguments, files=files)
+    connected = client(domain, node)
+    connected.process = process
+    try:
+        yield connected
+        if process.returncode is None:  # else the test itself has waited for the end
+            assert process.poll() is None, process.communicate()[1]
+    except BaseException:
+        process.kill()
+        process.communicate()
+        raise
+    finally:
+        connected.close()
+    if process.returncode is None:
+        stop(process)
+
+
+def assert_is_backbone(answers, tensions):
+    """Check that the ``answers`` of the node of table 4 are those of the core."""
+    path, poses, strains, tip, lengths = answers
+    solver = CONFIG.solver(compiled=None)
+    expected = solver.solve(tensions)
+    assert tip.pose.pose == poses.poses[-1]
+    assert lengths.name == NAMES
+    np.testing.assert_array_equal(lengths.position, solver.tendon_lengths(expected).ravel())
+    np.testing.assert_array_equal(lengths.effort, np.ravel(tensions))
+    points = [pose.pose.position for pose in path.poses]
+    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in points], expected.position)
+    turns = [pose.orientation for pose in poses.poses]
+    np.testing.assert_array_equal([[r.x, r.y, r.z, r.w] for r in turns], expected.quaternion)
+    np.testing.assert_array_equal(strains.k, expected.k)
+    np.testing.assert_array_equal(strains.section, expected.section)
+    assert {answer.header.frame_id for answer in answers} == {'arm_base'}
+
+
+def tip_of(answers):
+    """Position of the tip (3,) [m] in what `NodeClient.ask` returns."""
+    place = answers[3].pose.pose.position
+    return [place.x, place.y, place.z]
+
+
+def file_with(folder, old, new):
+    """The parameter file of table 4 with one text replaced."""
+    text = CONFIG_FILE.read_text()
+    assert old in text
+    path = folder / 'changed.yaml'
+    path.write_text(text.replace(old, new))
+    return path

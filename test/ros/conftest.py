@@ -1,0 +1,60 @@
+"""Running nodes that the tests of a module share."""
+
+import numpy as np
+import pytest
+
+from octo_arm_model import load_config
+
+LOADED = """\
+/**:
+  ros__parameters:
+    model: exact
+    material: {youngs_modulus: 110000.0, density: 1080.0, youngs_modulus_stddev: 0.05}
+    body: {length: 0.27, radius_base: 0.015, radius_tip: 0.0074}
+    sections: {anchorage: [0.27], offset_base: [0.005], offset_anchorage: [0.0025]}
+    loads: {gravity: [0.0, 0.0, -9.81], fluid_density: 1000.0}
+    tension_stddev: 0.02
+"""
+
+
+@pytest.fixture
+def context():
+    """A context of rclpy in a domain of its own, for nodes within the test."""
+    import rclpy
+    from live_nodes import new_domain
+
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=new_domain())
+    yield context
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture(scope='module')
+def client():
+    """Client of a node with the arm of table 4 and the model renda2012."""
+    from live_nodes import running
+
+    with running('ros.node.main') as client:
+        client.connect()
+        yield client
+
+
+@pytest.fixture(scope='module')
+def loaded(tmp_path_factory):
+    """Client of a node with a loaded arm of the model exact, its ``config`` and ``pull`` [N]."""
+    from live_nodes import running
+
+    path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
+    path.write_text(LOADED)
+    with running('ros.node.main', files=[path]) as client:
+        client.config = load_config(path)
+        client.names = list(client.config.arm.tendon_names)
+        client.pull = np.array([[1.0, 0.3, 0.0, 0.0]])
+
+        def asked():
+            client.send('tendon_tensions', client.pull, client.names)
+            client.spin(0.1)
+            return all(client.answers.values())
+
+        client.wait(asked, 'an answer')
+        yield client

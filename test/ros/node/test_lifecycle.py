@@ -1,0 +1,73 @@
+"""The managed node, over DDS."""
+
+import signal
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from live_nodes import assert_is_backbone, check_end, file_with, running
+
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def managed():
+    with running('ros.node.lifecycle') as client:
+        yield client
+
+
+def test_a_managed_node_answers_while_it_is_active(managed):
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: managed.node.count_publishers('backbone/path') == 1, 'a configured node')
+    assert managed.node.count_subscribers('tendon_tensions') == 0
+    for _ in range(2):
+        assert managed.transition(Transition.TRANSITION_ACTIVATE)
+        managed.connect()
+        assert_is_backbone(managed.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+        assert managed.transition(Transition.TRANSITION_DEACTIVATE)
+        managed.wait(
+            lambda: managed.node.count_subscribers('tendon_tensions') == 0, 'an inactive node'
+        )
+    assert managed.transition(Transition.TRANSITION_CLEANUP)
+    managed.wait(
+        lambda: managed.node.count_publishers('backbone/path') == 0, 'a node without publishers'
+    )
+
+
+def test_a_managed_node_that_does_not_answer_says_so(managed):
+    def says(words, level=DiagnosticStatus.WARN):
+        parts = managed.diagnostics[-1].status if managed.diagnostics else []
+        return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
+
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert managed.transition(Transition.TRANSITION_ACTIVATE)
+    managed.wait(lambda: says('waiting', DiagnosticStatus.OK), 'the diagnosis of an active node')
+    assert managed.transition(Transition.TRANSITION_DEACTIVATE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert managed.transition(Transition.TRANSITION_CLEANUP)
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+
+
+def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
+    files = [file_with(tmp_path, 'length: 0.45', 'length: 0.1')]
+    with running('ros.node.lifecycle', files=files) as client:
+        assert not client.transition(Transition.TRANSITION_CONFIGURE)
+        assert client.change(body__length=0.45) == (True, '')
+        assert client.transition(Transition.TRANSITION_CONFIGURE)
+        client.process.send_signal(signal.SIGINT)
+        complaints = check_end(client.process, 0)
+    assert 'not configured: sections[1].anchorage is 0.45' in complaints
+
+
+def test_a_managed_node_refuses_a_transition_that_is_none_and_goes_on(managed):
+    for impossible in (Transition.TRANSITION_ACTIVATE, 200):
+        assert not managed.transition(impossible)
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)

@@ -1,0 +1,80 @@
+"""The start and the end of the node as a process."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import DEADLINE, check_end, environment, file_with, new_domain, running, start_node
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
+def test_node_ends_cleanly(how):
+    with running('ros.node.main') as client:
+        client.connect()
+        client.process.send_signal(how)
+        check_end(client.process, 0)
+
+
+def test_a_middleware_that_does_not_let_go_does_not_keep_the_node():
+    # Waits in C, as Fast DDS does, where Python's threads and signal handlers get no turn.
+    program = """
+import ctypes, os, signal
+from rclpy.node import Node
+from octo_arm_model.ros.node import main as node
+class Stuck(Node):
+    def __init__(self):
+        super().__init__('stuck')
+        self.create_timer(0.01, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(1000)
+node.LONGEST_END = 0.2
+node.run('stuck', Stuck)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], env=environment(new_domain()),
+        capture_output=True, text=True, timeout=DEADLINE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'in destroy_node' in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'complaint'),
+    [
+        ('length: 0.45', 'length: 1', 'body.length is an integer, expected double'),
+        ('length: 0.45', 'length: -1.0', 'body.length is -1.0, expected a finite number > 0 [m]'),
+        ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of the arm'),
+        ('length: 0.45', '', 'body.length is missing'),
+        ('length: 0.45', 'length: [0.45', 'parse'),
+        ('0.45, 0.315', '1, 0.315', 'a list of doubles needs 1.0, not 1'),
+        ('model: renda2012', 'model: octopus', "model is 'octopus', expected one of renda2012"),
+        ('stations: 101', 'stations: 3', 'stations is 3, expected at least 4'),
+        ('length: 0.45', 'length: long', "body.length is 'long', expected double"),
+        ('length: 0.45', 'length: []', 'body.length is [], expected double'),
+        ('stations: 101', 'stations: []', 'stations is [], expected integer'),
+        ('stations: 101', 'tendon_names: [1, 2]', 'tendon_names is [1, 2], expected string[]'),
+        ('stations: 101', 'use_sim_time: 5', 'use_sim_time'),
+    ],
+)
+def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, new, complaint):
+    files = [file_with(tmp_path, old, new)]
+    process = start_node('ros.node.main', new_domain(), files=files)
+    assert complaint in check_end(process, 1)
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
+)
+def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments):
+    complaints = check_end(start_node('ros.node.main', new_domain(), *arguments, files=[]), 1)
+    assert arguments[-1] in complaints
+    assert '1.0, not 1' not in complaints
+    assert ('seen from' in complaints) == (arguments[-1] == 'nowhere.yaml')

@@ -1,0 +1,115 @@
+"""The command load: another arm for a client node."""
+
+import contextlib
+import threading
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import CONFIG_FILE, DEADLINE, NODES, assert_is_backbone, file_with, running, start
+
+from octo_arm_model import load_config
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.config.presets import preset_path
+
+pytestmark = pytest.mark.slow
+
+
+def load(client, *arguments):
+    """Run `octo-arm load`; returns its status and what it wrote to stdout and stderr."""
+    process = start('cli.main', 'load', *arguments, domain=client.domain)
+    said, complaints = process.communicate(timeout=DEADLINE)
+    return process.returncode, said, complaints
+
+
+def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client):
+    before = client.dump()
+    assert client.change(loads__point_s=[0.1], loads__point_force=[0.0, 0.0, 0.01],
+                  model='exact', stations=51) == (True, '')  # fmt: skip
+    status, said, complaints = load(client, 'renda2012_table2')
+    assert (status, complaints) == (0, '')
+    assert '/octo_arm has the arm of' in said
+    after = client.dump()
+    # What the file does not name is as if it had never been set.
+    assert after['loads.point_s'] == after['loads.point_force'] == []
+    wanted = load_config(preset_path('renda2012_table2'))
+    assert after['model'] == wanted.model
+    assert after['sections.anchorage'] == [section.anchorage for section in wanted.arm.sections]
+    status, _, complaints = load(client, CONFIG_FILE)
+    assert (status, complaints) == (0, '')
+    assert client.dump() == before
+    answers = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    assert_is_backbone(answers, FETCHING_IN_PLANE)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'complaint'),
+    [
+        ('length: 0.45', 'length: -1.0', 'body.length is -1.0, expected a finite number > 0 [m]'),
+        ('length: 0.45', '', 'body.length is missing, expected double'),
+        ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of arm or simulator; did you'),
+        ('stations: 101', 'stations: 3', '/octo_arm stays as it is: stations is 3, expected'),
+        ('/**:', 'nothing', 'not valid YAML'),
+    ],
+)
+def test_a_file_that_is_no_arm_changes_nothing(client, tmp_path, old, new, complaint):
+    before = client.dump()
+    status, _, complaints = load(client, file_with(tmp_path, old, new))
+    assert status == 2
+    assert complaint in complaints
+    assert complaints.count('\n') == 1
+    assert client.dump() == before
+
+
+class SpinningNode:
+    """A node without an arm that answers."""
+
+    def __init__(self, domain):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        node = rclpy.create_node('other', context=self.context)
+        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(node)
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
+
+    def spin(self):
+        with contextlib.suppress(rclpy.executors.ExternalShutdownException):
+            self.executor.spin()
+
+    def close(self):
+        rclpy.shutdown(context=self.context)
+        self.thread.join()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        (('--node', '/nobody', '--wait', '0.1'), 'no node /nobody within 0.1 s'),
+        (('--node', '/not a name'), "--node is '/not a name', expected the name of a node"),
+        (('--node', '/other'), '/other has no arm'),
+        (('--wait', 'nan'), '--wait is nan'),
+    ],
+)
+def test_a_node_that_has_no_arm_is_told(client, arguments, complaint):
+    other = SpinningNode(client.domain)
+    try:
+        status, _, complaints = load(client, CONFIG_FILE, *arguments)
+    finally:
+        other.close()
+    assert status == 2
+    assert complaint in complaints
+    assert complaints.count('\n') == 1
+
+
+def test_the_simulator_keeps_what_is_its_own():
+    module, name = NODES['simulator']
+    with running(module, '-p', 'winches.lag:=0.5', node=name) as simulator:
+        simulator.dump()
+        status, _, complaints = load(simulator, 'renda2012_prototype', '--node', '/octo_arm_sim')
+        assert (status, complaints) == (0, '')
+        after = simulator.dump()
+        assert after['winches.lag'] == 0.5
+        assert after['sections.anchorage'] == [0.27]

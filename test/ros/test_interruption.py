@@ -1,0 +1,60 @@
+"""A signal ends a node in the middle of a solve, however long that would take."""
+
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import CONFIG, CONFIG_FILE, NodeClient, check_end, environment, new_domain
+from octo_arm_msgs.srv import FindTensions
+
+pytestmark = pytest.mark.slow
+
+# The solver sends the signal itself and then never returns.
+PROGRAM = """
+import os, signal, sys, time
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.node import main as node, services
+def endless(*given, **named):
+    os.kill(os.getpid(), signal.{signal})
+    time.sleep(1000)
+{patch} = endless
+sys.exit(node.main(['--ros-args', '--params-file', {config!r}]))
+"""
+PATCHES = {
+    'start': 'Solver.solve',
+    'tensions': 'Solver.follow',
+    'service': 'services.find_tensions',
+}
+
+
+@pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])
+@pytest.mark.parametrize('what', PATCHES)
+def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
+    domain = new_domain()
+    program = PROGRAM.format(patch=PATCHES[what], signal=name, config=str(CONFIG_FILE))
+    process = subprocess.Popen(
+        [sys.executable, '-c', program], env=environment(domain),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    client = NodeClient(domain)
+    service = client.node.create_client(FindTensions, 'find_tensions')
+
+    def has_ended():
+        if what == 'tensions':
+            client.send('tendon_tensions', CONFIG.solver().rest_lengths)
+        elif what == 'service' and service.service_is_ready():
+            service.call_async(FindTensions.Request())
+        return process.poll() is not None
+
+    try:
+        client.wait(has_ended, 'the end of the node')
+        complaints = check_end(process, 0)
+        assert 'xception' not in complaints, complaints
+    finally:
+        client.close()
+        process.kill()
+        process.communicate()

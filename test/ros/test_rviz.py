@@ -1,0 +1,50 @@
+"""The configurations of RViz show what the nodes publish."""
+
+import pytest
+import yaml
+from checkout import ROOT
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from octo_arm_model import load_config
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.markers import TOPIC
+
+CONFIG = load_config(preset_path('renda2012_table4'))
+
+
+def test_rviz_shows_what_the_node_publishes():
+    view = yaml.safe_load((ROOT / 'rviz' / 'octo_arm.rviz').read_text(encoding='utf-8'))
+    manager = view['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == CONFIG.base_frame == 'arm_base'
+    topics = {
+        display['Class'].split('/')[1]: display.get('Topic', {}).get('Value')
+        for display in manager['Displays']
+    }
+    assert topics == {
+        'Grid': None,
+        'MarkerArray': TOPIC,
+        'Path': 'backbone/path',
+        'PoseArray': 'backbone/poses',
+        'TF': None,
+    }
+    sources = (ROOT / 'octo_arm_model' / 'ros').rglob('*.py')
+    code = '\n'.join(source.read_text(encoding='utf-8') for source in sources)
+    for topic in ('backbone/path', 'backbone/poses'):
+        assert f"'{topic}'" in code
+
+
+def test_a_view_of_eight_arms_shows_the_markers_of_each() -> None:
+    one, eight = (
+        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
+        for name in ('octo_arm', 'octopus')
+    )
+    topics = [
+        display['Topic']['Value']
+        for display in eight['Displays']
+        if display['Class'].endswith('/MarkerArray')
+    ]
+    assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
+    assert eight['Global Options']['Fixed Frame'] == 'octopus'
+    assert eight['Tools'] == one['Tools']

@@ -1,0 +1,41 @@
+"""The figures and the range of the sliders."""
+
+import numpy as np
+import pytest
+from checkout import PRESETS
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+pytest.importorskip('viser', reason='needs viser')
+
+
+from octo_arm_model import load_config
+from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.apps.demo import movement_of
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.limits import figures, highest_tensions
+
+CONFIG = load_config(preset_path('renda2012_table4'))
+
+
+def test_figures_are_those_of_the_paper_on_its_arms_alone():
+    bends = figures(load_config(preset_path('renda2012_table2')).arm)
+    assert list(bends) == ['11 A', '11 B', '11 C']
+    np.testing.assert_array_equal(bends['11 B'], np.ravel(BENDING['B']))
+    fetching = figures(CONFIG.arm)
+    np.testing.assert_array_equal(fetching['14'], np.ravel(FETCHING_IN_PLANE))
+    np.testing.assert_array_equal(fetching['15'], np.ravel(FETCHING_IN_SPACE))
+    assert figures(load_config(preset_path('renda2012_prototype')).arm) == {}
+
+
+@pytest.mark.parametrize('name', PRESETS)
+def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
+    arm = load_config(preset_path(name)).arm
+    highest = highest_tensions(arm)
+    assert (highest >= default_highest(arm).ravel()).all()
+    assert (highest <= 1.25 * default_highest(arm).ravel()).all()
+    for tensions in figures(arm).values():
+        assert (tensions <= highest + 1e-12).all()
+    find_profile(movement_of(arm), arm)
