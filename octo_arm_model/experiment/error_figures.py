@@ -27,7 +27,7 @@ def draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
         bend = comparison.bend_percent
         signed.plot(tension, bend, '-', color=colour, linewidth=width, alpha=0.6)
         ways = np.array([step.direction for step in comparison.steps])
-        for way in dict.fromkeys(ways):
+        for way in dict.fromkeys(ways[np.isfinite(bend)]):
             marker, is_full, label = _MARKERS.get(way, ('o', True, str(way)))
             at = ways == way
             signed.plot(
