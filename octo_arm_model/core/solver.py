@@ -164,8 +164,9 @@ class Solver:
         flat = checked.reshape(batch, len(self.arm.tendons))
         flat_wrenches = wrenches.reshape(batch, 6)
         # One arm goes without the axis of a batch, which NumPy is much quicker with.
-        results = Results(lead and (batch,), self.grid, self._base)
-        if self._compiled is not None:
+        read_out = self._compiled.read_out if self._compiled is not None else None
+        results = Results(lead and (batch,), self.grid, self._base, read_out)
+        if self._compiled is not None and not self._statics.is_loaded(wrench):
             # NumPy solves the few that the kernels do not converge for, or reports them.
             parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results)]
         else:

@@ -1,4 +1,4 @@
-"""The paper's models in machine code, many times as quick for one arm; see `numba_build`.
+"""Models in machine code, many times as quick for one arm; see `numba_build`.
 
 Shapes are those of NumPy to rounding.
 """
@@ -9,20 +9,31 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numba_build import find_shapes
-from octo_arm_model.core.compiled.tables import Tables, march_tables, no_march, packed
+from octo_arm_model.core.compiled.compiled_rod import CompiledNewton
+from octo_arm_model.core.compiled.numba_build import evaluate_sections, find_shapes, read_out
+from octo_arm_model.core.compiled.section_tables import (
+    SectionTables,
+    exact_tables,
+    section_tables,
+)
+from octo_arm_model.core.compiled.tables import Tables, march_tables, no_arm, packed
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.equilibrium import Evaluate
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.models.closed_form import ClosedForm
+from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.papers_model import PapersModel
 from octo_arm_model.core.models.renda2012 import Renda2012
 from octo_arm_model.core.models.statics import Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
+from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
+from octo_arm_model.core.section.energy import SectionEnergy
 
 
 class Compiled:
-    """Shapes of one arm by a model of the paper."""
+    """Shapes of one arm under its tendons alone."""
 
     def __init__(self, statics: Statics, grid: StationGrid, base: Frame) -> None:
         """Tabulate the arm of ``statics`` on ``grid``, standing on ``base``.
@@ -31,29 +42,44 @@ class Compiled:
             ModuleNotFoundError: if numba is not installed.
             Exception: whatever a numba that does not work raises.
         """
-        assert isinstance(statics, PapersModel)
-        self._find_shapes = find_shapes()
-        equations = statics.equations
-        assert isinstance(equations, ClosedForm | Renda2012)
-        march = march_tables(equations.march) if isinstance(equations, Renda2012) else no_march()
+        self._find_shapes, self._read_out = find_shapes(), read_out()
         a, b = (complex(part) for part in base.rotation)
-        tables = Tables(
-            weights=packed(equations.weights.matrices),
-            stiffness=np.array(equations.stiffness),
-            march=march,
+        tables = no_arm()._replace(
             step=grid.step,
             station_node=grid.station_node,
             base=np.array([*base.position, a.real, a.imag, b.real, b.imag]),
         )
+        if isinstance(statics, Exact):
+            tables = tables._replace(exact=exact_tables(statics))
+        elif isinstance(statics, PapersModel):
+            equations = statics.equations
+            assert isinstance(equations, ClosedForm | Renda2012)
+            tables = tables._replace(
+                weights=packed(equations.weights.matrices),
+                stiffness=np.array(equations.stiffness),
+            )
+            if isinstance(equations, Renda2012):
+                tables = tables._replace(march=march_tables(equations.march))
         self._tables: Tables = _own(tables)
+
+        if isinstance(statics, Exact):
+            statics.use(_speed_up)
+
+    def read_out(
+        self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
+    ) -> None:
+        """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
+        self._read_out(self._tables, np.ascontiguousarray(twist), strains, position, quaternion)
 
     @staticmethod
     def covers(statics: Statics) -> bool:
         """Whether the kernels cover the model and the arm.
 
-        They do where tendons make neither mixed second moment nor routing torque, see
-        `TendonSums`; the paper's make neither.
+        Of the paper's models they do where tendons make neither mixed second moment nor routing
+        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
         """
+        if isinstance(statics, Exact):
+            return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
         if not isinstance(statics, PapersModel):
             return False
         equations = statics.equations
@@ -71,6 +97,33 @@ class Compiled:
             others = tuple(array[np.newaxis] for array in others)
         without = self._find_shapes(self._tables, tensions, results.twist, strains, *others)
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
+
+
+def _speed_up(rod: LoadedRod) -> None:
+    """Have a ``rod`` evaluate its sections and iterate in machine code."""
+    rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
+    if not rod.equilibrium.loads.others:
+        rod.newton = CompiledNewton(rod.equilibrium, _own)
+
+
+def _evaluation(energy: SectionEnergy) -> Evaluate:
+    """`Evaluate` for the cross sections ``energy``, compiled."""
+    tables: SectionTables = _own(section_tables(energy))
+    machine = evaluate_sections()
+    count = energy.s.size
+
+    def evaluate(
+        tensions: FloatArray, twist: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        gradient, hessian, scale = (
+            np.empty((4, count)),
+            np.empty((4, 4, count)),
+            np.empty((4, count)),
+        )
+        machine(tables, np.array(tensions), np.ascontiguousarray(twist), gradient, hessian, scale)
+        return gradient, hessian, scale
+
+    return evaluate
 
 
 def _own(value: Any) -> Any:

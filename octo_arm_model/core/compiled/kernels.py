@@ -1,4 +1,4 @@
-"""The paper's models node by node: what `numba_build` compiles.
+"""Shapes node by node: what `numba_build` compiles.
 
 These are loops alone. All formulas are those that NumPy evaluates for whole arrays, imported from
 their modules, so that each is written once. The functions run as plain Python as well, a thousand
@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.exact_kernels import find_exact_twist
+from octo_arm_model.core.compiled.frame_kernels import read_out
+from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.tables import MarchTables, Tables, Weights
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import (
@@ -18,13 +21,6 @@ from octo_arm_model.core.models.picard import (
     slope_along,
     slope_aside,
     slope_coefficients,
-)
-from octo_arm_model.core.numerics.quaternion import displacement, product
-from octo_arm_model.core.rod.kinematics import (
-    commutator,
-    commutator_weight,
-    exponential,
-    mean_twist,
 )
 from octo_arm_model.core.section.paper_balance import (
     added_curvature,
@@ -45,24 +41,6 @@ def sums_of(weights: Weights, tensions: FloatArray) -> FloatArray:
                 out[i] += tensions[tendon] * values[i]
         place += count
     return sums
-
-
-def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
-    """Add the product of ``row`` (n,) with ``matrix`` (n, m) to ``out`` (m,)."""
-    i = 0
-    # By fours, so that `out` is loaded and stored less often.
-    while i + 4 <= row.size:
-        a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
-        for j in range(out.size):
-            out[j] += (
-                a * matrix[i, j] + b * matrix[i + 1, j]
-                + (c * matrix[i + 2, j] + d * matrix[i + 3, j])
-            )  # fmt: skip
-        i += 4
-    while i < row.size:
-        for j in range(out.size):
-            out[j] += row[i] * matrix[i, j]
-        i += 1
 
 
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
@@ -176,6 +154,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
 
 def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple[float, int]:
     """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
+    if tables.exact.sections.axial.size:
+        return find_exact_twist(tables.exact, tensions, twist)
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
     if len(tables.march.elements):
@@ -196,44 +176,6 @@ def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple
     return residual, sweeps
 
 
-def integrate_twist(
-    tables: Tables, twist: FloatArray, position: FloatArray, quaternion: FloatArray
-) -> None:
-    """Fill in ``position`` (stations, 3) and ``quaternion`` (stations, 4) of the stations."""
-    base, intervals = tables.base, tables.step.size
-    mean, motion = np.empty(4), np.empty((intervals, 8))
-    for first in range(intervals):
-        last, middle, step = first + 1, intervals + 1 + first, tables.step[first]
-        for k in range(4):
-            mean[k] = mean_twist(twist[k, first], twist[k, middle], twist[k, last], step)
-        x, y, z, q, r = commutator(
-            twist[0, first], twist[1, first], twist[2, first], twist[3, first],
-            twist[0, last], twist[1, last], twist[2, last], twist[3, last],
-        )  # fmt: skip
-        factor = commutator_weight(step)
-        motion[first] = exponential(
-            mean[0] + factor * x, mean[1] + factor * y, mean[2] + factor * z,
-            mean[3], factor * q, factor * r,
-        )  # fmt: skip
-    a, b = complex(base[3], base[4]), complex(base[5], base[6])
-    along, aside = 0.0, complex(0.0, 0.0)
-    station = 0
-    for end in range(intervals + 1):
-        if end:
-            w, x, y, z, p, q, r, s = motion[end - 1]
-            moved = product(a, b, complex(p, q), complex(r, s))
-            a, b = product(a, b, complex(w, x), complex(y, z))
-            further = displacement(moved[0], moved[1], a, b)
-            along, aside = along + further[0], aside + further[1]
-        while station < len(position) and tables.station_node[station] == end:
-            position[station, 0] = along + base[0]
-            position[station, 1] = aside.real + base[1]
-            position[station, 2] = aside.imag + base[2]
-            quaternion[station, 0], quaternion[station, 3] = a.imag, a.real
-            quaternion[station, 1], quaternion[station, 2] = b.real, b.imag
-            station += 1
-
-
 def find_shapes(
     tables: Tables, tensions: FloatArray, twist: FloatArray, strains: FloatArray,
     position: FloatArray, quaternion: FloatArray, residual: FloatArray, iterations: IntArray,
@@ -250,11 +192,5 @@ def find_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        integrate_twist(tables, twist, position[arm], quaternion[arm])
-        for station in range(tables.station_node.size):
-            node = tables.station_node[station]
-            stretched = twist[3, node]
-            for k in range(3):
-                strains[k, arm, station] = twist[k, node] / stretched
-            strains[3, arm, station] = stretched - 1.0
+        read_out(tables, twist, strains[:, arm], position[arm], quaternion[arm])
     return without

@@ -15,6 +15,7 @@ import importlib
 import inspect
 import logging
 import os
+import sys
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,12 +23,25 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled import kernels
+from octo_arm_model.core.compiled import (
+    exact_kernels,
+    frame_kernels,
+    kernels,
+    products,
+    rod_kernels,
+    section_kernels,
+    system_kernels,
+)
+from octo_arm_model.core.compiled.rod_tables import no_rod
 from octo_arm_model.core.compiled.tables import no_arm
 
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
+_OWN = 'octo_arm_model.'
+_KERNELS = (
+    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels, products,
+)  # fmt: skip
 
 
 def is_available() -> bool:
@@ -59,15 +73,62 @@ def find_shapes() -> Callable[..., int]:
         ModuleNotFoundError: if numba is not installed.
         Exception: whatever a numba that does not work raises.
     """
+    none = np.zeros((0, 0))
+    return _made(
+        _entry,
+        (
+            no_arm(), none, np.zeros((4, 0)), np.zeros((4, 0, 0)), np.zeros((0, 0, 3)),
+            np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0, np.int64),
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def evaluate_sections() -> Callable[..., None]:
+    """`section_kernels.evaluate_sections`, compiled; raises as `find_shapes`."""
+    none = np.zeros((4, 0))
+    sections = no_arm().exact.sections
+    return _made(
+        functools.partial(_entry, function=section_kernels.evaluate_sections),
+        (sections, np.zeros(0), none, none, np.zeros((4, 4, 0)), none),
+    )
+
+
+@functools.cache
+def newton() -> Callable[..., tuple[float, int, float, int]]:
+    """`rod_kernels.newton`, compiled; raises as `find_shapes`."""
+    four, three, none = np.zeros((4, 0)), np.zeros((3, 0)), np.zeros(0, np.complex128)
+    six = np.zeros((4, 6, 0))
+    return _made(
+        functools.partial(_entry, function=rod_kernels.newton),
+        (
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, four, none, none, np.zeros((3, 3, 0)),
+            three, three, four, np.zeros((4, 4, 0)), np.zeros((6, 6)), six,
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def read_out() -> Callable[..., bool]:
+    """`frame_kernels.read_out`, compiled; raises as `find_shapes`."""
+    none = np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=frame_kernels.read_out),
+        (no_arm(), none, none, np.zeros((0, 3)), np.zeros((0, 4))),
+    )
+
+
+def _made(entry: Callable[[Any], types.FunctionType], arguments: tuple[Any, ...]) -> Any:
+    """An ``entry`` compiled for the types of ``arguments``, which are nothing to be solved."""
     numba = importlib.import_module('numba')
     if numba.config.DISABLE_JIT:
         raise RuntimeError('NUMBA_DISABLE_JIT is set')
-    entry = _entry(numba)
+    function = entry(numba)
     machine: Any = None
     for is_kept in (True, True, False):
         try:
-            machine = numba.njit(entry, cache=is_kept, **_OPTIONS)
-            _prove(machine)
+            machine = numba.njit(function, cache=is_kept, **_OPTIONS)
+            _prove(machine, arguments)
         except Exception:
             if not is_kept:
                 raise
@@ -79,33 +140,49 @@ def find_shapes() -> Callable[..., int]:
     raise AssertionError  # The last round returns or raises.
 
 
-def _entry(numba: Any) -> types.FunctionType:
-    """`kernels.find_shapes` with all it calls compiled, named after everything it is made from."""
-    functions = {
-        name: value
-        for name, value in vars(kernels).items()
-        if isinstance(value, types.FunctionType)
-    }
-    # Each sees the others compiled, under the names they have in `kernels`.
-    scope = dict(vars(kernels))
-    for name, function in functions.items():
-        plain = types.FunctionType(function.__code__, scope, name)
-        scope[name] = numba.njit(plain, **_OPTIONS)
-    entry = types.FunctionType(kernels.find_shapes.__code__, scope, 'find_shapes')
+def _entry(numba: Any, function: Callable[..., Any] = kernels.find_shapes) -> types.FunctionType:
+    """A ``function`` with all it calls compiled, named after everything it is made from."""
+    scopes: dict[str, dict[str, Any]] = {}
+    compiled: dict[types.FunctionType, Any] = {}
+
+    def scope_of(name: str) -> dict[str, Any]:
+        """What functions of the module ``name`` see: each other and what is imported, compiled."""
+        if name not in scopes:
+            scope = scopes[name] = dict(vars(sys.modules[name]))
+            for key, value in list(scope.items()):
+                if isinstance(value, types.FunctionType) and value.__module__.startswith(_OWN):
+                    scope[key] = compiled_of(value)
+        return scopes[name]
+
+    def compiled_of(function: types.FunctionType) -> Any:
+        if function not in compiled:
+            scope = scope_of(function.__module__)
+            plain = types.FunctionType(function.__code__, scope, function.__name__)
+            compiled.setdefault(function, numba.njit(plain, **_OPTIONS))
+        return compiled[function]
+
+    scope = scope_of(function.__module__)
+    entry = types.FunctionType(function.__code__, scope, function.__name__)
     # Numba would look for changes in one file alone.
     digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
     for file in sources():
         digest.update(Path(file).read_bytes())
-    entry.__qualname__ = f'find_shapes_{digest.hexdigest()[:16]}'
+    for module in _KERNELS:
+        constants = {name: x for name, x in vars(module).items() if isinstance(x, int | float)}
+        digest.update(repr(sorted(constants.items())).encode())
+    entry.__qualname__ = f'{function.__name__}_{digest.hexdigest()[:16]}'
     return entry
 
 
 def sources() -> list[str]:
     """Files of all functions and classes that the machine code is made from."""
     parts = [
-        value for value in vars(kernels).values() if isinstance(value, types.FunctionType | type)
+        value
+        for module in _KERNELS
+        for value in vars(module).values()
+        if isinstance(value, types.FunctionType | type)
     ]
-    own = [part for part in parts if part.__module__.startswith('octo_arm_model.')]
+    own = [part for part in parts if part.__module__.startswith(_OWN)]
     return sorted({__file__, *map(inspect.getfile, own)})
 
 
@@ -114,18 +191,14 @@ def _processor() -> str:
     return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
 
 
-def _prove(machine: Any) -> None:
+def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
     """Have ``machine`` solve nothing, for which it has to be there, loaded or compiled."""
-    none = np.zeros((0, 0))
     with _one_at_a_time(machine):
         if not all(map(_is_whole, _kept(machine))):
             _forget(machine)
         if not _kept(machine):
             _LOG.info('compiling the models: some ten seconds, once on this machine')
-        machine(
-            no_arm(), none, np.zeros((4, 0)), np.zeros((4, 0, 0)), np.zeros((0, 0, 3)),
-            np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0, np.int64),
-        )  # fmt: skip
+        machine(*arguments)
         if sum(machine.stats.cache_misses.values()):
             _write_checksums(machine)
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.compiled.section_tables import ExactTables, no_exact
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import COLLOCATION_POINTS
 from octo_arm_model.core.models.renda2012 import March
@@ -60,7 +61,8 @@ class Tables(NamedTuple):
     Attributes:
         weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
         stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
-        march: of the model renda2012; without elements for closed_form.
+        march: of the model renda2012; without elements for the others.
+        exact: of the model exact; without sections for the others.
         step: length of each interval [m], (intervals,).
         station_node: node of each station, (stations,).
         base: position of the base [m] and its orientation w, x, y, z, (7,).
@@ -69,6 +71,7 @@ class Tables(NamedTuple):
     weights: Weights
     stiffness: FloatArray
     march: MarchTables
+    exact: ExactTables
     step: FloatArray
     station_node: IntArray
     base: FloatArray
@@ -120,6 +123,7 @@ def no_arm() -> Tables:
         weights=packed(np.zeros((1, 0, 0))),
         stiffness=np.zeros((3, 0)),
         march=no_march(),
+        exact=no_exact(),
         step=np.zeros(0),
         station_node=np.zeros(0, np.int64),
         base=np.zeros(7),

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.equilibrium import Condition, Equilibrium, State, System
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.newton import Newton
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
-# A system serves for another step where the one before left this residual and part of it.
 _ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
-_NEAR, _QUICK = 1e-5, 0.02
-_PER_STEP = 10  # iterations in one step of the condition
-# Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
-_PER_LINEAR_STEP, _LINEAR_PROGRESS = 200, 0.99
-_PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _SMALLEST_STEP = 1e-3
 # A branch bends where Newton's method turns the arm further than this from where its first step
 # led [rad]: then smaller steps make sure that it is still the same one.
@@ -29,7 +27,12 @@ _HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness
 
 
 def follow(
-    problem: Equilibrium, known: Condition, shape: Shape, wanted: Condition, spending: Spending
+    problem: Equilibrium,
+    newton: Newton,
+    known: Condition,
+    shape: Shape,
+    wanted: Condition,
+    spending: Spending,
 ) -> State:
     """From the balanced ``shape`` in ``known`` to balance in ``wanted``.
 
@@ -52,7 +55,7 @@ def follow(
         if last is not None:
             before, length = last
             guess = problem.extrapolate(before, shape, (target - done) / length)
-        state, used, strayed, system = _newton(problem, condition, guess, tolerance)
+        state, used, strayed, system = newton(condition, guess, tolerance)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
         if problem.loads.without_tangent:
@@ -92,46 +95,13 @@ def _growth(strayed: float) -> float:
 
     What is strayed grows with the square of the step.
     """
-    return float(np.clip(np.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1, 2.5))
+    return min(max(math.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1), 2.5)
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:
     return ConvergenceError(
         'the balance under load', state.residual, iterations, state.shape.twist
     )
-
-
-def _newton(
-    problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float
-) -> tuple[State, int, float, System | None]:
-    """Newton's method for as long as it makes progress; balanced or not.
-
-    Returns the state, the number of iterations, how far all of them but the first, which goes
-    along the branch, have turned the arm [rad], and the system last solved.
-    """
-    state = problem.state(condition, shape)
-    strayed, system, is_near = 0.0, None, False
-    most, progress = _PER_STEP, _PROGRESS
-    if problem.loads.without_tangent:
-        most, progress = _PER_LINEAR_STEP, _LINEAR_PROGRESS
-    for iteration in range(most):
-        if state.residual <= tolerance:
-            return state, iteration, strayed, system
-        try:
-            # Near the solution the last system serves once more.
-            system = system if system and is_near else problem.linearised(state)
-        except ConvergenceError:
-            return state, iteration, strayed, None
-        step = system.solve(state.imbalance[:, np.newaxis])
-        new = problem.state(condition, problem.moved(state.shape, step))
-        # Not where NaN. The first step may lead uphill: it is the one that follows the condition.
-        if not new.residual <= (progress if iteration else 3.0) * state.residual:
-            return state, iteration + 1, strayed, None
-        is_near = new.residual <= _NEAR and new.residual <= _QUICK * state.residual
-        state = new
-        if iteration:
-            strayed += problem.turn(step)
-    return state, most, strayed, system
 
 
 def _levenberg_marquardt(
@@ -152,7 +122,7 @@ def _levenberg_marquardt(
         spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
             stability = problem.stability(state)
-            if stability.is_stable is not False:
+            if stability.softest_mode is None:
                 return state
             # Unstable equilibrium: perturb along the softest mode, in either direction.
             nudged = problem.moved(state.shape, stability.softest_mode, _NUDGE)

@@ -7,7 +7,9 @@ answers with is the gradient of its energy.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+import functools
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,9 +18,10 @@ from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
-from octo_arm_model.core.loaded.linearised import Linearised, Response
+from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
+from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
@@ -30,83 +33,35 @@ from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 _FREE = 1e6
 
 
-System: TypeAlias = Linearised | WithTangents
+# From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
+# (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
+Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
 
-class Condition(NamedTuple):
-    """What acts on the arm.
-
-    Attributes:
-        tensions: (tendons,) [N].
-        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
-        factor: part of all other loads.
-    """
-
-    tensions: FloatArray
-    tip_wrench: FloatArray
-    factor: float
-
-    def towards(self, other: Condition, part: float) -> Condition:
-        """This one, moved by ``part`` of the way to ``other``."""
-        return Condition(
-            self.tensions + part * (other.tensions - self.tensions),
-            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
-            self.factor + part * (other.factor - self.factor),
-        )
-
-
-class State(NamedTuple):
-    """A loaded arm, in balance or not.
-
-    Attributes:
-        condition: what acts on it.
-        shape: twists and orientations.
-        local_tensions: of every tendon at every point [N], (tendons, 1, points).
-        rotation: orientation at the points as matrices, (3, 3, points).
-        tangent: u', the derivative of the position by s, (3, points) [-].
-        moment: of what lies beyond, in base_frame, (3, points) [N m].
-        force: likewise [N].
-        imbalance: the part of both, in the axes of the cross section, that it does not answer,
-            (n, points).
-        hessian: of the energy by the twist, (n, n, points).
-        residual: largest imbalance over its scale.
-    """
-
-    condition: Condition
-    shape: Shape
-    local_tensions: FloatArray
-    rotation: FloatArray
-    tangent: FloatArray
-    moment: FloatArray
-    force: FloatArray
-    imbalance: FloatArray
-    hessian: FloatArray
-    residual: float
-
-
-class Stability(NamedTuple):
-    """Stability of an equilibrium.
-
-    Attributes:
-        is_stable: whether it would come back; None under moments, where that is not known.
-        sign: of the determinant of its equations, over that without loads, 1 or -1; where it
-            changes, one branch has been left for another.
-        softest_mode: change of least, or most negative, stiffness, scaled to turn the arm by
-            about one radian.
-    """
-
-    is_stable: bool | None
-    sign: int
-    softest_mode: Response
+def evaluate(
+    energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`Evaluate` for the cross sections ``energy``."""
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    strain = to_scaled(energy.law, twist[:, np.newaxis])
+    gradient, hessian = energy.material(strain)
+    pulled, across = energy.tendon_derivatives(strain, local_tensions)
+    gradient += pulled
+    hessian += across
+    gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
+    return gradient[:, 0], hessian[:, :, 0], force_scale(energy, local_tensions)[:, 0]
 
 
 class Equilibrium:
     """The equations of one arm under loads.
 
     Attributes:
+        evaluate: how the cross sections answer a twist.
         energy: of the cross sections at the points.
         collocation: the points.
         loads: at the points.
+        base: orientation of the base.
+        unloaded_sign: sign of the determinant of the equations without loads.
     """
 
     def __init__(
@@ -114,7 +69,8 @@ class Equilibrium:
     ) -> None:
         """Prepare for the cross sections ``energy`` at the points of ``collocation``."""
         self.energy, self.collocation = energy, collocation
-        self.loads, self._base = loads, base
+        self.loads, self.base = loads, base
+        self.evaluate: Evaluate = functools.partial(evaluate, energy)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
         # Without loads every balance is stable.
@@ -124,13 +80,13 @@ class Equilibrium:
             np.eye(energy.strains)[..., np.newaxis], (energy.strains, energy.strains, count)
         )
         rotation = np.broadcast_to(np.eye(3)[..., np.newaxis], (3, 3, count))
-        self._sign = Linearised(
+        self.unloaded_sign = Linearised(
             collocation, unloaded, rotation, nothing, nothing, nothing, 1.0
         ).sign
 
     def shape(self, twist: FloatArray) -> Shape:
         """The shape of a rod of ``twist`` (n, points)."""
-        return Shape(twist, frames(twist[:3], self.collocation, self._base))
+        return Shape(twist, frames(twist[:3], self.collocation, self.base))
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
         """``shape`` after ``part`` of a ``change`` of one column."""
@@ -142,16 +98,9 @@ class Equilibrium:
 
     def state(self, condition: Condition, shape: Shape) -> State:
         """Evaluate the balance of ``shape``."""
-        energy, (twist, orientation) = self.energy, shape
+        twist, orientation = shape
         count = twist.shape[1]
-        local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
-        strain = to_scaled(energy.law, twist[:, np.newaxis])
-        gradient, hessian = energy.material(strain)
-        pulled, across = energy.tendon_derivatives(strain, local_tensions)
-        gradient += pulled
-        hessian += across
-        gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
-
+        gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
         loads = self.loads.resultants(RodPoints(self.collocation, orientation))
@@ -160,14 +109,13 @@ class Equilibrium:
         moment += condition.factor * loads.moment + condition.tip_wrench[3:, np.newaxis]
         wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
         wrench = wrench.reshape(6, count)[: len(twist)]
-        imbalance = wrench - gradient[:, 0]
-        scale = force_scale(energy, local_tensions)[:, 0]
+        imbalance = wrench - gradient
         outside = np.abs(wrench).max(axis=1, keepdims=True)
         # NaN where a section cannot be.
         residual = float((np.abs(imbalance) / (scale + outside)).max())
         return State(
-            condition, shape, local_tensions, rotation, tangent, moment, force, imbalance,
-            hessian[:, :, 0], residual,
+            condition, shape, rotation, tangent, moment, force, imbalance,
+            hessian, residual,
         )  # fmt: skip
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
@@ -198,45 +146,48 @@ class Equilibrium:
                 f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
             )
 
-    def stability(
-        self, state: State, system: Linearised | WithTangents | None = None
-    ) -> Stability:
+    def stability(self, state: State, answer: System | TipAnswer | None = None) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         A stable arm yields to every small wrench on its tip in the direction of the wrench, and
         the determinant of its equations has the sign it has without loads: of one mode of
-        buckling it is the other one, of two at once the compliance tells. ``system`` is one that
-        is linearised about nearly the same state, if there is.
+        buckling it is the other one, of two at once the compliance tells. ``answer`` is that
+        to wrenches on the tip or a system linearised about nearly the same state, if there is.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
         """
         self.require_tangents('the stability check')
-        system = system or self.linearised(state)
-        wrench = self.tip_wrenches(state)
-        # Moments over a length, so that they compare.
-        wrench[:, 3:] *= self.collocation.length
-        response = system.solve(wrench[: len(state.imbalance)])
-        work = wrench[: len(state.imbalance)] * self.collocation.weights
-        compliance = np.tensordot(work, response.twist, axes=([0, 2], [0, 2]))
+        if not isinstance(answer, TipAnswer):
+            answer = self.tip_answer(state, answer or self.linearised(state))
+        compliance = answer.compliance
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
-        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        softest_mode = Response(
-            *(np.einsum('icn,c->in', part, vectors[:, worst])[:, np.newaxis] for part in response)
-        )
-        size = self.turn(softest_mode)
-        softest_mode = Response(*(part / size for part in softest_mode))
         # What yields without end in one direction is neither: an arm that may turn about the
         # vertical, say. Rounding gives that any sign.
-        is_free = np.abs(values) > _FREE * np.median(np.abs(values))
+        size = np.sort(np.abs(values))
+        is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
-        sign = system.sign * self._sign
-        if not is_free.any() and sign < 0:
+        if not is_free.any() and answer.sign < 0:
             is_stable = False
         # A moment that keeps its direction has no energy, and nothing follows from compliance.
         if self.loads.has_moments or state.condition.tip_wrench[3:].any():
             is_stable = None
-        return Stability(is_stable, sign, softest_mode)
+        if is_stable is not False:
+            return Stability(is_stable, answer.sign, None)
+        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
+        twist = np.einsum('icn,c->in', answer.twist, vectors[:, worst])[:, np.newaxis]
+        softest_mode = Response(twist, np.zeros((3, *twist.shape[1:])))
+        softest_mode = Response(twist / self.turn(softest_mode), softest_mode.turn)
+        return Stability(is_stable, answer.sign, softest_mode)
+
+    def tip_answer(self, state: State, system: System) -> TipAnswer:
+        """How ``state`` answers wrenches on its tip, by its linearised ``system``."""
+        count = len(state.imbalance)
+        wrench = self.tip_wrenches(state)[:count]
+        wrench[:, 3:] *= self.collocation.length
+        twist = system.solve(wrench).twist
+        compliance = np.tensordot(wrench * self.collocation.weights, twist, axes=([0, 2], [0, 2]))
+        return TipAnswer(compliance, twist, system.sign * self.unloaded_sign)
 
     def tip_wrenches(self, state: State) -> FloatArray:
         """What unit forces and moments on the tip do to all cross sections, (6, 6, points).

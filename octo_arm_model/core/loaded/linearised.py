@@ -13,7 +13,7 @@ can bend.
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs
@@ -37,6 +37,31 @@ class Response(NamedTuple):
 
     twist: FloatArray
     turn: FloatArray
+
+
+class System(Protocol):
+    """The linearised equilibrium near a state."""
+
+    @property
+    def sign(self) -> int:
+        """Sign of its determinant, 1 or -1."""
+
+    def solve(self, imbalance: FloatArray) -> Response:
+        """Answer to the unit wrenches on the tip as ``imbalance``."""
+
+
+class TipAnswer(NamedTuple):
+    """How a rod answers unit forces, and unit moments over its length, on its tip.
+
+    Attributes:
+        compliance: work of each on the change that each makes, (6, 6).
+        twist: the changes, (4 or 6, 6, points).
+        sign: of the determinant of the system, over that without loads, 1 or -1.
+    """
+
+    compliance: FloatArray
+    twist: FloatArray
+    sign: int
 
 
 class Linearised:

@@ -13,6 +13,7 @@ from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
@@ -33,6 +34,7 @@ class LoadedRod:
 
     Attributes:
         equilibrium: its equations.
+        newton: Newton's method for these.
         points: how many points there are.
     """
 
@@ -54,6 +56,7 @@ class LoadedRod:
             table = LoadTable(arm, own, base.rotation, loads)
         LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
         self.equilibrium = Equilibrium(energy, own, table, base.rotation)
+        self.newton: Newton = functools.partial(newton, self.equilibrium)
 
     @functools.cached_property
     def nodes(self) -> Readout:

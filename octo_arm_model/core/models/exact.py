@@ -9,6 +9,7 @@ Under loads that is where continuation begins.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import follow
-from octo_arm_model.core.loaded.equilibrium import Condition
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,
@@ -47,6 +48,9 @@ class Exact:
         takes_loads: always.
         law: elastic law.
         strains: 4, or 6 with shear.
+        at_points: cross sections at the Chebyshev points of all panels.
+        panels: nodes in each panel, and the matrix from its points to these.
+        tail: matrix to the last two Chebyshev coefficients, (points of a panel, 2).
     """
 
     takes_loads = True
@@ -60,13 +64,19 @@ class Exact:
         self._setup = setup
         self.law, self.strains = setup.law, 6 if setup.shear else 4
         arm, grid, base, law, shear, loads, _ = setup
-        self._rod = functools.lru_cache(
-            lambda level: LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
-        )
-        self._rod(0)
+        self._compiled: Callable[[LoadedRod], None] | None = None
+
+        def rod(level: int) -> LoadedRod:
+            rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
+            if self._compiled:
+                self._compiled(rod)
+            return rod
+
+        self._rod = functools.lru_cache(rod)
+        self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
-        s, numbers, self._panels = [], [], []
+        s, numbers, self.panels = [], [], []
         for panel in panels_of(setup.arm):
             # Where no tendon acts the section stays as it is.
             if panel.section > 0:
@@ -75,13 +85,20 @@ class Exact:
                 )
                 at_nodes = np.flatnonzero(inside)
                 targets = (nodes[at_nodes] - panel.start) / panel.length
-                self._panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
+                self.panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self._at_points = SectionEnergy(
+        self.at_points = SectionEnergy(
             setup.arm, np.concatenate(s), np.array(numbers), setup.law, setup.shear
         )
-        self._tail = tail_matrix(POINTS)
+        self.tail = tail_matrix(POINTS)
+
+    def use(self, compiled: Callable[[LoadedRod], None]) -> None:
+        """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
+        self._compiled = compiled
+        self._rod.cache_clear()
+        if self._is_loaded:
+            self._rod(0)
 
     @functools.cached_property
     def sections(self) -> SectionEnergy:
@@ -92,9 +109,9 @@ class Exact:
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
         return SectionEnergy(self._setup.arm, s, section, self.law, self._setup.shear)
 
-    @property
-    def _is_loaded(self) -> bool:
-        return not self._rod(0).equilibrium.loads.is_empty
+    def is_loaded(self, tip_wrench: FloatArray) -> bool:
+        """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
+        return self._is_loaded or bool(tip_wrench.any())
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
@@ -106,8 +123,11 @@ class Exact:
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
+        is_loaded = self.is_loaded(tip_wrench)
+        if is_loaded and tensions.ndim == 1:
+            return self._solve_loaded(tensions, tip_wrench, start)
         rows = np.atleast_2d(tensions)
-        if not self._is_loaded and not tip_wrench.any():
+        if not is_loaded:
             solution = self._solve_unloaded(rows)
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
@@ -140,12 +160,12 @@ class Exact:
         wanted = Condition(tensions, tip_wrench, 1.0)
         rod = self._rod(level)
         spending = Spending(self._setup.budget)
-        state = follow(rod.equilibrium, known, shape, wanted, spending)
+        state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)
-            state = follow(rod.equilibrium, wanted, shape, wanted, spending)
+            state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
         twist = rod.twist_at_nodes(state.shape)
@@ -162,7 +182,7 @@ class Exact:
         Raises:
             ConvergenceError: if a cross section finds no balance.
         """
-        energy = self._at_points
+        energy = self.at_points
         local_tensions = energy.local_tensions(tensions)
         found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
         check_fibres(energy, found.strain)
@@ -171,11 +191,11 @@ class Exact:
         coarse[3] -= 1.0
         twist = np.zeros((energy.strains, len(tensions), self._setup.grid.nodes.size))
         by_panel = coarse.reshape(*coarse.shape[:2], -1, POINTS)
-        tail = np.abs(by_panel @ self._tail).max(axis=(1, 2, 3))
+        tail = np.abs(by_panel @ self.tail).max(axis=(1, 2, 3))
         size = np.abs(coarse).max(axis=(1, 2))
         angular = size[:3].max()
         size[:3] = angular
-        for panel, (at_nodes, to_nodes) in enumerate(self._panels):
+        for panel, (at_nodes, to_nodes) in enumerate(self.panels):
             twist[..., at_nodes] = by_panel[:, :, panel] @ to_nodes
         twist[3] += 1.0
         if (tail > RESOLVED * size).any():

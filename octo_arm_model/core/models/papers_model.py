@@ -69,6 +69,10 @@ class PapersModel:
         arm, grid = self._setup.arm, self._setup.grid
         return SectionEnergy(arm, grid.nodes, grid.node_section, self.law)
 
+    def is_loaded(self, tip_wrench: FloatArray) -> bool:
+        """It never is."""
+        return False
+
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:

@@ -73,6 +73,12 @@ class Statics(Protocol):
     def sections(self) -> SectionEnergy:
         """The cross sections at the nodes, for lengths of tendons and derivatives."""
 
+    def is_loaded(self, tip_wrench: FloatArray) -> bool:
+        """Whether anything but the tendons loads an arm, with ``tip_wrench`` (..., 6) on its tip.
+
+        What it is not, compiled kernels solve as well.
+        """
+
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:

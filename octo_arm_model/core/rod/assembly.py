@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
 from octo_arm_model.core.errors import SolveError
@@ -11,6 +14,9 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
 from octo_arm_model.core.rod.solution import Shape, Solution
+
+# Fills in strains (4, stations), position and quaternion for a twist (4, nodes) of one arm.
+ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 
 
 class Results:
@@ -25,11 +31,19 @@ class Results:
         twist: of the last arms added or, where compiled, looked at, (4 or 6, ..., nodes).
     """
 
-    def __init__(self, lead: tuple[int, ...], grid: StationGrid, base: Frame) -> None:
+    def __init__(
+        self,
+        lead: tuple[int, ...],
+        grid: StationGrid,
+        base: Frame,
+        read_out: ReadOut | None = None,
+    ) -> None:
         """Make room for arms at the stations of ``grid``, standing on ``base``.
 
         ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
+        ``read_out`` integrates twists instead of NumPy.
         """
+        self._read_out = read_out
         self._grid, self._base = grid, base
         if lead and lead[0] > 1:
             keep_freed_memory()
@@ -59,6 +73,11 @@ class Results:
         """
         twist = solution.twist
         self._check(twist[3])
+        self.residual[part], self.iterations[part] = solution.residual, solution.iterations
+        self.twist, self._shape = twist, solution.shape
+        if self._read_out is not None:
+            self._read_all(self._read_out, part, twist)
+            return
         position, quaternion = self.position[part], self.quaternion[part]
         backbone_frames(twist, self._grid, self._base, position, quaternion)
         at_stations = self._grid.station_node
@@ -67,8 +86,16 @@ class Results:
         for angular, strain in zip(twist, (tau, xi, k)):
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
-        self.residual[part], self.iterations[part] = solution.residual, solution.iterations
-        self.twist, self._shape = twist, solution.shape
+
+    def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
+        """Have ``read_out`` fill in the arms ``part``, each as if it were alone."""
+        strains = np.empty((4, self._grid.s.size))
+        if isinstance(part, tuple):
+            read_out(twist, self.strains, self.position, self.quaternion)
+            return
+        for number, arm in enumerate(range(*part.indices(len(self.position)))):
+            read_out(twist[:, number], strains, self.position[arm], self.quaternion[arm])
+            self.strains[:, arm] = strains
 
     def _check(self, stretch: FloatArray) -> None:
         # NaN fails too.
@@ -101,6 +128,10 @@ class Results:
         ):  # fmt: skip
             if array is not None:
                 array.setflags(write=False)
+        if self._shape is not None:
+            orientation = self._shape.orientation
+            for part in (self._shape.twist, orientation.a, orientation.b):
+                part.setflags(write=False)
         tau, xi, k, q = strains
         return Backbone(
             model=model,

@@ -17,13 +17,24 @@ tendons in planes through the midline exactly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.formulas import (
+    bending_terms,
+    tendon_direction,
+    tendon_gradient,
+    tendon_hessian,
+)
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import transmission
+
+# Entries of the lower half of a symmetric matrix, row by row.
+LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
 
 
 class SectionEnergy:
@@ -77,9 +88,7 @@ class SectionEnergy:
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         self._slope_squared = self.dx**2 + self.dy**2
-        self._twice = 2.0 * self.stiffness.axial * self.radius**2
         self._squared = self.radius**2
-        self._four = 2.0 * self._squared * self._twice
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
@@ -111,7 +120,7 @@ class SectionEnergy:
         if flat:
             square += self._slope_squared
         else:
-            u_n, u_b = self._across(strain, None)
+            u_n, u_b = self._across(strain, 1.0)
             square += u_n * u_n
             square += u_b * u_b
         np.sqrt(square, out=square)
@@ -133,93 +142,78 @@ class SectionEnergy:
             np.add.reduce(u_b, out=gradient[5])
         return gradient
 
-    def _across(
-        self, strain: FloatArray, width: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
+    def _across(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
         """Components of u along n and b."""
         torsion = strain[0]
-        dx, dy = (self.dx, self.dy) if width is None else (width * self.dx, width * self.dy)
-        u_n, u_b = dx - torsion * self.y, dy + torsion * self.x
+        u_n, u_b = width * self.dx - torsion * self.y, width * self.dy + torsion * self.x
         if self.strains == 6:
             u_n += strain[4]
             u_b += strain[5]
         return u_n, u_b
 
     def stretching(
-        self, strain: FloatArray, width: FloatArray | None
+        self, strain: FloatArray, width: Number
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Components of u along t, n and b, and the stretch |u| of every tendon."""
+        if self.strains == 4:
+            t, n, b, stretch = strain
+            return tendon_direction(t, n, b, stretch, width, self.x, self.y, self.dx, self.dy)
         u_t = self._along(strain[1:4])
         u_n, u_b = self._across(strain, width)
-        length = u_t * u_t
-        length += u_n * u_n
-        length += u_b * u_b
-        return u_t, u_n, u_b, np.sqrt(length, out=length)
+        return u_t, u_n, u_b, np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+
+    def widening(self, stretch: FloatArray) -> tuple[Number, Number, Number]:
+        """The widening of the sections and its two derivatives; numbers where there is none."""
+        return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
     def stretches(self, strain: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon, (tendons, batch, nodes)."""
-        width = self.law.widening(strain[3])[0] if self.law.widens else None
-        return self.stretching(strain, width)[3]
+        return self.stretching(strain, self.widening(strain[3])[0])[3]
 
     def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
-        width, slope = self.law.widening(strain[3])[:2] if self.law.widens else (None, None)
-        u_t, u_n, u_b, length = self.stretching(strain, width)
-        u_t, u_n, u_b = u_t / length, u_n / length, u_b / length
+        width, slope, _ = self.widening(strain[3])
+        *u, length = self.stretching(strain, width)
+        gradient = self._gradient(u, length, slope)
+        return length, gradient * self.active
+
+    def _gradient(self, u: Sequence[FloatArray], length: FloatArray, slope: Number) -> FloatArray:
+        """Gradient of |u| by the strain, also of tendons that do not pass."""
+        over = 1.0 / length
+        u_t, u_n, u_b = (part * over for part in u)
         gradient = np.empty((self.strains, *length.shape))
-        gradient[0] = self.x * u_b - self.y * u_n
-        gradient[1] = self.y * u_t
-        gradient[2] = -self.x * u_t
-        gradient[3] = u_t
-        if slope is not None:
-            gradient[3] += slope * (self.dx * u_n + self.dy * u_b)
+        gradient[:4] = tendon_gradient(u_t, u_n, u_b, slope, self.x, self.y, self.dx, self.dy)
         if self.strains == 6:
             gradient[4], gradient[5] = u_n, u_b
-        return length, gradient * self.active
+        return gradient
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
-        length, towards = self.lengthening(strain)
+        width, slope, bend = self.widening(strain[3])
+        u_t, u_n, u_b, length = self.stretching(strain, width)
+        towards = self._gradient((u_t, u_n, u_b), length, slope)
         gradient = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
         weight = local_tensions / length
         x, y, dx, dy = self.x, self.y, self.dx, self.dy
         count = self.strains
         hessian = np.empty((count, *strain.shape))
-        # What of each change of u is across u: all of it less what is along.
-        np.einsum('ijbn,kjbn->ikbn', -weight * towards, towards, out=hessian)
-        weight_x, weight_y = weight * x, weight * y
-        moment_x, moment_y = np.add.reduce(weight_x), np.add.reduce(weight_y)
-        xx, yy = np.add.reduce(weight_x * x), np.add.reduce(weight_y * y)
-        total = np.add.reduce(weight)
-        hessian[0, 0] += xx + yy
-        hessian[1, 1] += yy
-        hessian[2, 1] -= np.add.reduce(weight_x * y)
-        hessian[2, 2] += xx
-        hessian[3, 1] += moment_y
-        hessian[3, 2] -= moment_x
-        hessian[3, 3] += total
-        if self.law.widens:
-            width, slope, bend = self.law.widening(strain[3])
-            routing_torque = np.add.reduce(weight_x * dy - weight_y * dx)
-            hessian[3, 0] += slope * routing_torque
-            # w' applies to u itself, w'' to what of r' is along u.
-            u_n, u_b = self._across(strain, width)
-            straight = np.add.reduce(weight * (dx * u_n + dy * u_b))
-            squares = np.add.reduce(weight * self._slope_squared)
-            hessian[3, 3] += slope * slope * squares + bend * straight
-            if count == 6:
-                hessian[4, 3] += slope * np.add.reduce(weight * dx)
-                hessian[5, 3] += slope * np.add.reduce(weight * dy)
+        g_t, g_n, g_b, g_s = towards[:4]
+        terms = tendon_hessian(g_t, g_n, g_b, g_s, u_n, u_b, slope, bend, x, y, dx, dy)
+        for (i, j), term in zip(LOWER, terms, strict=True):
+            hessian[i, j] = hessian[j, i] = np.einsum('jbn,jbn->bn', weight, term)
         if count == 6:
-            hessian[4, 0] -= moment_y
-            hessian[5, 0] += moment_x
+            across = np.einsum('ijbn,kjbn->ikbn', weight * towards[4:], towards)
+            hessian[4:] = -across
+            total = np.add.reduce(weight)
+            hessian[4, 0] -= np.add.reduce(weight * y)
+            hessian[5, 0] += np.add.reduce(weight * x)
+            hessian[4, 3] += slope * np.add.reduce(weight * dx)
+            hessian[5, 3] += slope * np.add.reduce(weight * dy)
             hessian[4, 4] += total
             hessian[5, 5] += total
-        for i in range(count):
-            for j in range(i):
-                hessian[j, i] = hessian[i, j]
+            hessian[:4, 4:] = hessian[4:, :4].swapaxes(0, 1)
         return gradient, hessian
 
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -228,30 +222,17 @@ class SectionEnergy:
         Both are NaN where a section cannot be.
         """
         first = 0 if len(strain) == 3 else 1
-        curving, stretch = strain[first : first + 2], strain[first + 2]
-        squares = curving * curving
-        bend = np.add(squares[0], squares[1], out=squares[0])
-        bend *= self._squared
-        f = self.law.density(stretch, bend)
+        n, b, stretch = strain[first : first + 3]
+        f = self.law.density(stretch, (n * n + b * b) * self._squared)
+        terms = bending_terms(n, b, *f, self.stiffness.axial, self._squared)
         gradient = np.empty_like(strain)
-        hessian = np.empty((len(strain), *strain.shape))
+        hessian = np.zeros((len(strain), *strain.shape))
+        gradient[first : first + 3] = terms[:3]
+        for (i, j), term in zip(LOWER, terms[3:]):
+            hessian[first + i, first + j] = hessian[first + j, first + i] = term
         if first:
-            hessian[...] = 0.0
-            torsional = self.stiffness.torsion
-            hessian[0, 0] = torsional
-            np.multiply(torsional, strain[0], out=gradient[0])
-        axial = self.stiffness.axial
-        once = self._twice * f.by_bend
-        np.multiply(once, curving, out=gradient[first : first + 2])
-        np.multiply(axial, f.by_stretch, out=gradient[first + 2])
-        core = hessian[first : first + 3, first : first + 3]
-        second = (self._four * f.by_bend_bend) * curving
-        np.multiply(second[:, np.newaxis], curving, out=core[:2, :2])
-        core[0, 0] += once
-        core[1, 1] += once
-        np.multiply(self._twice * f.by_stretch_bend, curving, out=core[2, :2])
-        core[:2, 2] = core[2, :2]
-        np.multiply(axial, f.by_stretch_stretch, out=core[2, 2])
+            hessian[0, 0] = self.stiffness.torsion
+            np.multiply(self.stiffness.torsion, strain[0], out=gradient[0])
         if len(strain) == 6:
             gradient[4:] = self.shear_stiffness * strain[4:]
             hessian[4, 4] = hessian[5, 5] = self.shear_stiffness

@@ -11,20 +11,21 @@ from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.formulas import planar_start, planar_step
 
 # Balance is reached when what is left of a force or moment is below this part of its `scale`.
 TOLERANCE = 1e-11
 MAX_ITERATIONS = 200
 # A step is too long where the energy rises more steeply at its end than this part of how steeply
 # it fell at its start.
-_OVERSHOOT = 0.9
+OVERSHOOT = 0.9
 # The Hessian of the tendons is worth its cost while a step leaves more than this of the residual.
 _SLOW = 1e-2
 # Where tendons cannot twist the arm it is next to nothing, and asked for after so many steps.
 _PATIENCE = 6
 # Below this the slopes that tell a step too long are rounding.
-_ROUNDING = 1e-6
-_FIRST_STEPS = 2  # for two unknowns instead of all
+ROUNDING = 1e-6
+FIRST_STEPS = 2  # for two unknowns instead of all
 _SHORTEST_TENDON = 0.05  # of its reference length, where no balance is found
 
 
@@ -51,21 +52,10 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
     load = moment / energy.radius
-    # Right to first order for every law, and never inside out.
-    straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
-    slope = 4.0 * load
-    bend = slope / np.sqrt(1.0 + np.square(slope / straight))
-    stretch = straight + 0.5 * bend * bend  # Rubber gets longer as it bends, about so much.
-    for _ in range(_FIRST_STEPS):
-        square = bend * bend
-        f = energy.law.density(stretch, square)
-        twice = bend + bend
-        left, moved = f.by_stretch + force, twice * f.by_bend - load
-        cross = twice * f.by_stretch_bend
-        about = 2.0 * f.by_bend + 4.0 * square * f.by_bend_bend
-        over = 1.0 / (f.by_stretch_stretch * about - cross * cross)
-        stretch = stretch - over * (about * left - cross * moved)
-        bend = bend - over * (f.by_stretch_stretch * moved - cross * left)
+    straight, stretch, bend = planar_start(load, force)
+    for _ in range(FIRST_STEPS):
+        f = energy.law.density(stretch, bend * bend)
+        stretch, bend = planar_step(stretch, bend, load, force, *f)
     curvature = bend / energy.radius
     # Not where that turns something inside out after all, or is no number.
     fails = ~can_be(energy, stretch, np.abs(curvature))
@@ -136,9 +126,9 @@ def _descend(energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArr
         if worst <= TOLERANCE:
             return Minimum(strain, left.max(axis=(0, 2), initial=0.0), iterations)
         if step is not None:
-            fine = np.add.reduce(gradient * step) <= _OVERSHOOT * slope  # not where NaN
+            fine = np.add.reduce(gradient * step) <= OVERSHOOT * slope  # not where NaN
             if np.count_nonzero(fine) < fine.size:
-                fine |= left.max(axis=0) <= _ROUNDING
+                fine |= left.max(axis=0) <= ROUNDING
             if np.count_nonzero(fine) < fine.size:
                 # Halve the steps that are too long, and look again.
                 strain = strain - np.where(fine, 0.0, 0.5) * step

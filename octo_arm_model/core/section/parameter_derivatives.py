@@ -40,15 +40,13 @@ class ParameterDerivatives:
         """
         energy = self._energy
         torsion, about_n, about_b, stretch = strain[:4]
-        law = energy.law
-        width, slope = law.widening(stretch)[:2] if law.widens else (None, None)
+        width, slope, _ = energy.widening(stretch)
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
-        wide = 1.0 if width is None else width
         c_t = about_n * y - about_b * x
-        c_n, c_b = wide * dx - torsion * y, wide * dy + torsion * x
+        c_n, c_b = width * dx - torsion * y, width * dy + torsion * x
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -59,8 +57,7 @@ class ParameterDerivatives:
         change[1] = energy.y * c_t + y * u_t
         change[2] = -energy.x * c_t - x * u_t
         change[3] = c_t
-        if slope is not None:
-            change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
+        change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
         if energy.strains == 6:
             change[4], change[5] = c_n, c_b
         return change * local_tensions
@@ -73,10 +70,9 @@ class ParameterDerivatives:
         """
         energy = self._energy
         torsion, about_n, about_b, stretch = strain[:4]
-        width = energy.law.widening(stretch)[0] if energy.law.widens else None
+        width = energy.widening(stretch)[0]
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         x, y, dx, dy = self._out
-        wide = 1.0 if width is None else width
         along = u_t * (about_n * y - about_b * x)
-        along += u_n * (wide * dx - torsion * y) + u_b * (wide * dy + torsion * x)
+        along += u_n * (width * dx - torsion * y) + u_b * (width * dy + torsion * x)
         return (along / length)[:, 0]

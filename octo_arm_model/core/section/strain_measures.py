@@ -7,7 +7,8 @@ import numpy as np
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.energy import LOWER, SectionEnergy
+from octo_arm_model.core.section.formulas import unscaled_hessian
 
 SHORTEST_FIBRE = 0.02  # of its reference length
 
@@ -40,36 +41,26 @@ def unscale(
     """
     if not energy.law.widens:
         return gradient, hessian
-    width, slope, bend = energy.law.widening(twist[3])
-    kappa = twist[:3]
-    scaled_moment = gradient[:3]
-    work = np.add.reduce(kappa * scaled_moment)
-    new_gradient = gradient.copy()
-    new_gradient[:3] *= width
-    new_gradient[3] += slope * work
+    width, slope, bend = energy.widening(twist[3])
     new_hessian = hessian.copy()
-    by_kappa = np.einsum('ijbn,jbn->ibn', hessian[:3, :3], kappa)
-    new_hessian[:3, :3] *= width * width
-    mixed = width * (hessian[:3, 3] + slope * by_kappa) + slope * scaled_moment
-    new_hessian[:3, 3] = new_hessian[3, :3] = mixed
-    new_hessian[3, 3] += slope * (
-        2.0 * np.add.reduce(kappa * hessian[:3, 3]) + slope * np.add.reduce(kappa * by_kappa)
-    )
-    new_hessian[3, 3] += bend * work
+    t, n, b = twist[:3]
+    g_t, g_n, g_b = gradient[:3]
+    given = [hessian[i, j] for i, j in LOWER]
+    terms = unscaled_hessian(t, n, b, width, slope, bend, g_t, g_n, g_b, *given)
+    for (i, j), term in zip(LOWER, terms, strict=True):
+        new_hessian[i, j] = new_hessian[j, i] = term
     if energy.strains == 6:
-        sheared = hessian[:3, 4:]
         new_hessian[:3, 4:] *= width
-        new_hessian[3, 4:] += slope * np.einsum('ibn,ijbn->jbn', kappa, sheared)
-        new_hessian[4:, :3] = new_hessian[:3, 4:].swapaxes(0, 1)
-        new_hessian[4:, 3] = new_hessian[3, 4:]
-    return new_gradient, new_hessian
+        new_hessian[3, 4:] += slope * np.einsum('ibn,ijbn->jbn', twist[:3], hessian[:3, 4:])
+        new_hessian[4:, :4] = new_hessian[:4, 4:].swapaxes(0, 1)
+    return unscale_gradient(energy, twist, gradient), new_hessian
 
 
 def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatArray) -> FloatArray:
     """Gradients (n, ..., batch, nodes) by the ``twist`` from those by the scaled strain."""
     if not energy.law.widens:
         return gradient
-    width, slope, _ = energy.law.widening(twist[3])
+    width, slope, _ = energy.widening(twist[3])
     kappa = twist[:3].reshape(3, *(1,) * (gradient.ndim - 3), *twist.shape[1:])
     unscaled = gradient.copy()
     unscaled[:3] *= width

@@ -13,9 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import State
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
@@ -35,7 +35,9 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     problem, parameters = rod.equilibrium, rod.parameters
     problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
-    count, tendons = len(twist), len(state.local_tensions)
+    tensions = state.condition.tensions
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    count, tendons = len(twist), tensions.size
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
     columns = np.zeros((6, 2 * tendons + 8, twist.shape[1]))
@@ -47,7 +49,7 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
         (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
         (
             slice(tendons + 8, None),
-            parameters.gradient_by_offset(strain, state.local_tensions),
+            parameters.gradient_by_offset(strain, local_tensions),
         ),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]

@@ -11,6 +11,7 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.simulation.limits import figures
 
 FIELD = 0.7  # [rad] seen from top to bottom
 ASPECT = 0.9  # width over height of the scene between the panels of a usual window
@@ -19,6 +20,7 @@ _MARGIN = 1.12
 _STATIONS = 31
 _CURLED = 0.2  # of the length: extent of a curled arm from its base
 _PULL = 0.15  # of the limits: tension at which the tip is farthest from the axis
+_ON_THE_WAY = (0.25, 0.5, 0.75, 1.0)  # of the tensions of a figure
 
 
 class View(NamedTuple):
@@ -41,15 +43,18 @@ def tangent_of(config: Config) -> FloatArray:
 
 
 def reached(config: Config, limits: FloatArray) -> FloatArray:
-    """Points (points, 3) [m] of the arm at rest, curled, and with one tendon tensioned at a time.
+    """Points (points, 3) [m] of the arm at rest, curled, and with tendons tensioned.
 
-    Without loads. For an arm that the model closed_form does not cover, those at rest and curled.
+    One tendon at a time, and on the way to the paper's figures of the arm. Without loads. For an
+    arm that the model closed_form does not cover, those at rest and curled.
     """
     base, arm = np.array(config.base.position), config.arm
     rest = np.linspace(base, base + arm.length * tangent_of(config), _STATIONS)
     about = base + _CURLED * arm.length * np.concatenate([np.eye(3), -np.eye(3)])
     rest = np.concatenate([rest, about])
-    tensions = _PULL * np.diag(limits).reshape(-1, *arm.tension_shape)
+    sets = [*_PULL * np.diag(limits)]
+    sets += [part * tensions for tensions in figures(arm).values() for part in _ON_THE_WAY]
+    tensions = np.reshape(sets, (-1, *arm.tension_shape))
     try:
         bent = Solver(arm, 'closed_form', _STATIONS + len(arm.sections), config.base)
         return np.concatenate([rest, bent.solve(tensions).position.reshape(-1, 3)])

@@ -13,11 +13,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model import Backbone, Config, SolveError, Solver, load_config
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    Loads,
+    Material,
+    PointLoad,
+    ProfiledBody,
+    Section,
+    SolveError,
+    Solver,
+    Table,
+    load_config,
+)
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled import kernels, numba_build
+from octo_arm_model.core.compiled import frame_kernels, kernels, numba_build
+from octo_arm_model.core.loaded.linearised import TipAnswer
+from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
 from octo_arm_model.logs import show_logs
@@ -137,6 +154,56 @@ def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) ->
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
 
 
+HELICAL = Arm(
+    Material(1.1e5, 0.45, 1080.0),
+    Body(0.4, 0.015, 0.006),
+    (
+        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
+        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
+    ),
+)
+
+
+@pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
+@pytest.mark.parametrize('arm', [TABLE_4.arm, HELICAL], ids=['table 4', 'helical'])
+@pytest.mark.parametrize(
+    'loads',
+    [Loads(), Loads(gravity=(0.0, 0.0, -9.81), fluid_density=900.0, tip_force=(0.0, 1e-3, 1e-3))],
+    ids=['unloaded', 'loaded'],
+)
+def test_exact_comes_out_as_with_numpy(arm: Arm, law: str, loads: Loads) -> None:
+    arm = arm.with_density(1080.0)
+    machine, numpy = (
+        Solver(arm, 'exact', material=law, loads=loads, compiled=flag) for flag in (True, False)
+    )
+    assert machine.is_compiled and not numpy.is_compiled
+    random = np.random.default_rng(1)
+    tensions = random.random((6, *arm.tension_shape)) * random.integers(0, 2, arm.tension_shape)
+    one, other = machine.solve(tensions), numpy.solve(tensions)
+    # Both are balanced to the same tolerance.
+    for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9 * max(1.0, np.abs(b).max()))
+    assert one.residual.max() < 1e-10
+    alone = machine.solve(tensions[3])
+    np.testing.assert_allclose(alone.position, one.position[3], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        machine.sensitivity(alone).by_tension.pose,
+        numpy.sensitivity(numpy.solve(tensions[3])).by_tension.pose,
+        atol=1e-7,
+    )
+
+
+def test_what_points_do_not_resolve_is_found_at_all_nodes() -> None:
+    profile = Table((0.0, 0.1, 0.2, 0.4), (0.016, 0.012, 0.015, 0.009))
+    arm = Arm(Material(1.1e5), ProfiledBody(0.4, profile), HELICAL.sections)
+    machine, numpy = (Solver(arm, 'exact', compiled=flag) for flag in (True, False))
+    tensions = np.array([[0.2, 0.1, 0.0], [0.5, 0.0, 0.4]])
+    np.testing.assert_allclose(
+        machine.solve(tensions).position, numpy.solve(tensions).position, atol=1e-10
+    )
+
+
 # Where it hands on -------------------------------------------------------------------------------
 
 
@@ -179,7 +246,8 @@ def test_an_arm_compressed_to_nothing_is_refused_by_name(papers_model: str) -> N
 
 def test_what_the_loops_do_not_cover_is_solved_by_numpy(rod: Config) -> None:
     assert not rod.solver('closed_form', compiled=True).is_compiled
-    assert not TABLE_4.solver('exact', compiled=True).is_compiled
+    shearing = Solver(TABLE_4.arm, 'exact', material='linear', shear=True, compiled=True)
+    assert not shearing.is_compiled
     tensions = random_tensions(rod, 2)
     one, other = (
         rod.solver('closed_form', compiled=flag).solve(tensions) for flag in (True, False)
@@ -213,7 +281,7 @@ def test_two_stations_at_one_node_are_both_filled_in() -> None:
     station_node[3] = station_node[2]
     position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
     twist = np.array(found.twist)
-    kernels.integrate_twist(
+    frame_kernels.integrate_twist(
         tables._replace(station_node=station_node), twist, position, quaternion
     )
     expected = found.position.copy()
@@ -366,3 +434,33 @@ def test_a_numba_told_not_to_compile_is_done_without(
     monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
     assert not TABLE_4.solver(compiled=None).is_compiled
     assert numba_build.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'
+
+
+def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
+    loads = Loads(gravity=(0.0, 2.0, -5.0), points=(PointLoad(0.2, (0.0, 0.01, 0.0)),))
+    machine, numpy = (
+        Solver(HELICAL, 'exact', loads=loads, compiled=flag)._statics for flag in (True, False)
+    )
+    assert isinstance(machine, Exact) and isinstance(numpy, Exact)
+    tensions = np.linspace(0.1, 0.6, 6)
+    condition = Condition(tensions, np.array([0.0, 1e-3, 2e-3, 0.0, 0.0, 0.0]), 1.0)
+    shape = numpy._rod(0).unloaded(tensions)
+    one, other = (statics._rod(0).newton(condition, shape, 1e-11) for statics in (machine, numpy))
+    assert one.iterations == other.iterations > 2
+    assert one.strayed == pytest.approx(other.strayed, rel=1e-3)
+    for name in ('rotation', 'tangent', 'moment', 'force', 'hessian'):
+        a, b = getattr(one.state, name), getattr(other.state, name)
+        np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
+    problem = numpy._rod(0).equilibrium
+    answer = problem.tip_answer(other.state, problem.linearised(other.state))
+    assert isinstance(one.system, TipAnswer) and one.system.sign == answer.sign == 1
+    # The last system solved is that of the iterate before.
+    scale = np.abs(answer.compliance).max()
+    np.testing.assert_allclose(one.system.compliance, answer.compliance, atol=1e-3 * scale)
+    # Nothing is left to do.
+    again = machine._rod(0).newton(condition, one.state.shape, 1e-11)
+    assert again.iterations == 0 and isinstance(again.system, TipAnswer)
+    np.testing.assert_allclose(again.system.compliance, answer.compliance, atol=1e-8 * scale)
+    np.testing.assert_allclose(
+        again.system.twist, answer.twist, atol=1e-8 * np.abs(answer.twist).max()
+    )

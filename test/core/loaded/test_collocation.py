@@ -8,8 +8,8 @@ from differences import jacobian
 
 from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Pose, Section, Solver
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.equilibrium import Condition
 from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.gauss import gauss_rule
 from octo_arm_model.core.numerics.quaternion import Quaternions

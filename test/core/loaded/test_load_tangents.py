@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import ArmDefinitionError, Backbone, Config, LoadError, Loads, Solver
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import Condition
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.vectors import skew
 

@@ -49,13 +49,14 @@ def test_all_of_the_arm_is_in_the_middle_of_the_picture_and_fills_it(name, quate
 
 
 @pytest.mark.parametrize('name', ['renda2012_table2', 'renda2012_table4'])
-def test_the_figures_of_the_paper_are_in_the_picture(name):
+def test_the_figures_of_the_paper_and_the_way_there_are_in_the_picture(name):
     config = load_config(preset_path(name))
     solver = config.solver()
     view = framing(reached(config, tendon_limits(config)), tangent_of(config))
     for tensions in figures(config.arm).values():
-        position = solver.solve(tensions.reshape(config.arm.tension_shape)).position
-        assert (np.abs(seen(view, position)) < 1.0).all()
+        for part in (0.4, 0.52, 0.6, 1.0):
+            position = solver.solve((part * tensions).reshape(config.arm.tension_shape)).position
+            assert (np.abs(seen(view, position)) < 1.0).all()
 
 
 def test_an_arm_that_closed_form_does_not_cover_is_seen_at_rest():

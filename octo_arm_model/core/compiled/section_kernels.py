@@ -1,0 +1,248 @@
+"""The model exact, cross section by cross section: what `numba_build` compiles.
+
+As in `kernels`, formulas are those that NumPy evaluates, imported from their modules.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.section_tables import SectionTables
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.section.elastic_laws import (
+    incompressible_widening,
+    linear_density,
+    neo_hookean_density,
+)
+from octo_arm_model.core.section.formulas import (
+    bending_terms,
+    planar_start,
+    planar_step,
+    tendon_direction,
+    tendon_gradient,
+    tendon_hessian,
+    unscaled_gradient,
+    unscaled_hessian,
+)
+from octo_arm_model.core.section.newton import FIRST_STEPS, OVERSHOOT, ROUNDING, TOLERANCE
+from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
+
+MOST_STEPS = 30  # of Newton's method; NumPy goes on where these are not enough
+
+
+def widening(tables: SectionTables, stretch: float) -> tuple[float, float, float]:
+    """Widening of a section and its derivatives."""
+    if tables.widens:
+        return incompressible_widening(stretch)
+    return 1.0, 0.0, 0.0
+
+
+def density(
+    tables: SectionTables, stretch: float, bend: float
+) -> tuple[float, float, float, float, float]:
+    """Derivatives of the elastic law."""
+    if tables.widens:
+        return neo_hookean_density(stretch, bend)
+    return linear_density(stretch, bend)
+
+
+def balance(
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray,
+    gradient: FloatArray, hessian: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in ``gradient`` (4,) and the lower half of ``hessian`` (4, 4) of section ``i``.
+
+    By the scaled ``strain`` (4,); ``pulled`` are the numbers of tendons under tension.
+    """
+    t, n, b, stretch = strain[0], strain[1], strain[2], strain[3]
+    axial, torsion, squared = tables.axial[i], tables.torsion[i], tables.squared[i]
+    f_s, f_z, f_ss, f_sz, f_zz = density(tables, stretch, (n * n + b * b) * squared)
+    g_n, g_b, g_s, nn, bn, bb, sn, sb, ss = bending_terms(
+        n, b, f_s, f_z, f_ss, f_sz, f_zz, axial, squared
+    )
+    g_t, tt, nt, bt, st = torsion * t, torsion, 0.0, 0.0, 0.0
+    width, slope, bend = widening(tables, stretch)
+    for tendon in pulled:
+        part = tables.transmission[i, tendon]
+        if part == 0.0:
+            continue
+        tension = part * tensions[tendon]
+        x, y = tables.x[i, tendon], tables.y[i, tendon]
+        dx, dy = tables.dx[i, tendon], tables.dy[i, tendon]
+        u_t, u_n, u_b, length = tendon_direction(t, n, b, stretch, width, x, y, dx, dy)
+        over = 1.0 / length
+        l_t, l_n, l_b, l_s = tendon_gradient(
+            u_t * over, u_n * over, u_b * over, slope, x, y, dx, dy
+        )
+        h = tendon_hessian(l_t, l_n, l_b, l_s, u_n, u_b, slope, bend, x, y, dx, dy)
+        g_t, g_n = g_t + tension * l_t, g_n + tension * l_n
+        g_b, g_s = g_b + tension * l_b, g_s + tension * l_s
+        weight = tension * over
+        tt, nt, nn = tt + weight * h[0], nt + weight * h[1], nn + weight * h[2]
+        bt, bn, bb = bt + weight * h[3], bn + weight * h[4], bb + weight * h[5]
+        st, sn = st + weight * h[6], sn + weight * h[7]
+        sb, ss = sb + weight * h[8], ss + weight * h[9]
+    gradient[0], gradient[1], gradient[2], gradient[3] = g_t, g_n, g_b, g_s
+    hessian[0, 0], hessian[1, 0], hessian[1, 1] = tt, nt, nn
+    hessian[2, 0], hessian[2, 1], hessian[2, 2] = bt, bn, bb
+    hessian[3, 0], hessian[3, 1], hessian[3, 2], hessian[3, 3] = st, sn, sb, ss
+    if tables.planar and t == 0.0:
+        # Tendons cannot twist the arm, but for rounding.
+        gradient[0] = 0.0
+
+
+def solve_symmetric(matrix: FloatArray, right: FloatArray) -> None:
+    """Solve in place with the lower half of a definite ``matrix`` (n, n), by L D L^T."""
+    n = right.size
+    for j in range(n):
+        over = 1.0 / matrix[j, j]
+        for i in range(j + 1, n):
+            factor = matrix[i, j] * over
+            for k in range(i, n):
+                matrix[k, i] -= factor * matrix[k, j]
+            right[i] -= factor * right[j]
+    for j in range(n - 1, -1, -1):
+        value = right[j]
+        for i in range(j + 1, n):
+            value -= matrix[i, j] * right[i]
+        right[j] = value / matrix[j, j]
+
+
+def scales(
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray
+) -> tuple[float, float]:
+    """What an imbalance of a moment and of a force is measured by, see `force_scale`."""
+    force = 1e-4 * tables.axial[i]
+    for tendon in pulled:
+        force += tables.transmission[i, tendon] * tensions[tendon]
+    return force * tables.lever_max[i], force
+
+
+def guess(
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray
+) -> None:
+    """Fill in nearly the scaled ``strain`` (4,) of section ``i``, as `initial_strain` does."""
+    moment_n, moment_b, force = 0.0, 0.0, 0.0
+    over = 1.0 / tables.axial[i]
+    for tendon in pulled:
+        tension = tables.transmission[i, tendon] * tensions[tendon] * over
+        moment_n += tables.y[i, tendon] * tension
+        moment_b -= tables.x[i, tendon] * tension
+        force += tension
+    moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
+    radius = np.sqrt(tables.squared[i])
+    load = moment / radius
+    straight, stretch, bend = planar_start(load, force)
+    for _ in range(FIRST_STEPS):
+        f_s, f_z, f_ss, f_sz, f_zz = density(tables, stretch, bend * bend)
+        stretch, bend = planar_step(stretch, bend, load, force, f_s, f_z, f_ss, f_sz, f_zz)
+    curvature = bend / radius
+    if not stretch > abs(curvature) * tables.lever_max[i]:
+        stretch, curvature = straight, 0.0
+    curvature /= max(moment, 1e-300)
+    strain[0], strain[3] = 0.0, stretch
+    strain[1], strain[2] = -curvature * moment_n, -curvature * moment_b
+
+
+def minimise_section(
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray,
+    gradient: FloatArray, step: FloatArray, hessian: FloatArray,
+) -> tuple[float, int]:  # fmt: skip
+    """Move ``strain`` (4,) of section ``i`` to least energy, as `minimise` does.
+
+    The others, (4,) and (4, 4), are room to work in.
+
+    Returns:
+        What is left of the balance, relative, and the number of steps; -1 without balance.
+    """
+    of_moment, of_force = scales(tables, i, tensions, pulled)
+    slope = 0.0
+    steps = 0
+    for _ in range(2 * MOST_STEPS):
+        balance(tables, i, tensions, pulled, strain, gradient, hessian)
+        left = max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) / of_moment
+        left = max(left, abs(gradient[3]) / of_force)
+        total = gradient[0] + gradient[1] + gradient[2] + gradient[3]
+        if np.isfinite(total) and left <= TOLERANCE:
+            return left, steps
+        if steps:
+            work = 0.0
+            for k in range(4):
+                work += gradient[k] * step[k]
+            if not (work <= OVERSHOOT * slope or left <= ROUNDING):
+                for k in range(4):
+                    step[k] *= 0.5
+                    strain[k] -= step[k]
+                slope *= 0.5
+                continue
+        if steps == MOST_STEPS:
+            break
+        step[:] = gradient
+        solve_symmetric(hessian, step)
+        slope = 0.0
+        for k in range(4):
+            step[k] = -step[k]
+            strain[k] += step[k]
+            slope -= gradient[k] * step[k]
+        steps += 1
+    return np.inf, -1
+
+
+def find_minima(
+    tables: SectionTables, tensions: FloatArray, twist: FloatArray
+) -> tuple[float, int]:
+    """Fill in ``twist`` (4, sections) of least energy.
+
+    Returns:
+        What is left of the balance, relative, and the most steps; -1 where there is none, or a
+        fibre would be compressed to nothing.
+    """
+    pulled = np.flatnonzero(tensions)
+    residual, steps = 0.0, 0
+    strain, gradient, step, hessian = np.empty(4), np.empty(4), np.empty(4), np.empty((4, 4))
+    for i in range(tables.axial.size):
+        guess(tables, i, tensions, pulled, strain)
+        left, count = minimise_section(
+            tables, i, tensions, pulled, strain, gradient, step, hessian
+        )
+        if count < 0:
+            return left, -1
+        residual, steps = max(residual, left), max(steps, count)
+        if tables.widens:
+            bend = np.sqrt((strain[1] * strain[1] + strain[2] * strain[2]) * tables.squared[i])
+            if not strain[3] - bend > SHORTEST_FIBRE:
+                return np.inf, -1
+        width = widening(tables, strain[3])[0]
+        for k in range(3):
+            twist[k, i] = strain[k] / width
+        twist[3, i] = strain[3]
+    return residual, steps
+
+
+def evaluate_sections(
+    tables: SectionTables, tensions: FloatArray, twist: FloatArray, gradient: FloatArray,
+    hessian: FloatArray, scale: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in how all sections answer a ``twist`` (4, sections), as `evaluate` does."""
+    pulled = np.flatnonzero(tensions)
+    strain, g, h = np.empty(4), np.empty(4), np.empty((4, 4))
+    for i in range(tables.axial.size):
+        t, n, b, stretch = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
+        width, slope, bend = widening(tables, stretch)
+        strain[0], strain[1], strain[2], strain[3] = width * t, width * n, width * b, stretch
+        balance(tables, i, tensions, pulled, strain, g, h)
+        by_twist = unscaled_gradient(t, n, b, width, slope, g[0], g[1], g[2], g[3])
+        for k in range(4):
+            gradient[k, i] = by_twist[k]
+        terms = unscaled_hessian(
+            t, n, b, width, slope, bend, g[0], g[1], g[2], h[0, 0], h[1, 0], h[1, 1], h[2, 0],
+            h[2, 1], h[2, 2], h[3, 0], h[3, 1], h[3, 2], h[3, 3],
+        )  # fmt: skip
+        place = 0
+        for k in range(4):
+            for m in range(k + 1):
+                hessian[k, m, i] = hessian[m, k, i] = terms[place]
+                place += 1
+        of_moment, of_force = scales(tables, i, tensions, pulled)
+        scale[0, i] = scale[1, i] = scale[2, i] = of_moment
+        scale[3, i] = of_force

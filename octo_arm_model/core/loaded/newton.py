@@ -1,0 +1,74 @@
+"""Newton's method for the balance of a loaded rod in one condition."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.linearised import System, TipAnswer
+from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.rod.solution import Shape
+
+MOST = 10  # iterations
+PROGRESS = 0.7  # what each iteration must leave less than of the residual
+# Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
+_MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
+UPHILL = 3.0  # what the first, which follows the condition, may leave
+# A system serves for another step where the one before left this residual and part of it.
+NEAR, QUICK = 1e-5, 0.02
+
+
+class Iterate(NamedTuple):
+    """What Newton's method comes to.
+
+    Attributes:
+        state: balanced or not.
+        iterations: made.
+        strayed: how far all of them but the first, which goes along the branch, have turned the
+            arm [rad].
+        system: the last one solved, or how it answers wrenches on the tip, if the state is
+            balanced.
+    """
+
+    state: State
+    iterations: int
+    strayed: float
+    system: System | TipAnswer | None
+
+
+class Newton(Protocol):
+    """From a shape to balance in a condition, for as long as there is progress."""
+
+    def __call__(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+        """Iterate until the residual is within ``tolerance``."""
+
+
+def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+    """`Newton` for ``problem``."""
+    state = problem.state(condition, shape)
+    strayed, is_near = 0.0, False
+    system: System | None = None
+    most, progress = MOST, PROGRESS
+    if problem.loads.without_tangent:
+        most, progress = _MOST_LINEAR, _LINEAR_PROGRESS
+    for iteration in range(most):
+        if state.residual <= tolerance:
+            return Iterate(state, iteration, strayed, system)
+        try:
+            # Near the solution the last system serves once more.
+            system = system if system and is_near else problem.linearised(state)
+        except ConvergenceError:
+            return Iterate(state, iteration, strayed, None)
+        step = system.solve(state.imbalance[:, np.newaxis])
+        new = problem.state(condition, problem.moved(state.shape, step))
+        # Not where NaN.
+        if not new.residual <= (progress if iteration else UPHILL) * state.residual:
+            return Iterate(state, iteration + 1, strayed, None)
+        is_near = new.residual <= NEAR and new.residual <= QUICK * state.residual
+        state = new
+        if iteration:
+            strayed += problem.turn(step)
+    return Iterate(state, most, strayed, system)

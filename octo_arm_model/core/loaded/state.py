@@ -1,0 +1,74 @@
+"""What acts on a loaded rod, and what it is then."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.linearised import Response
+from octo_arm_model.core.rod.solution import Shape
+
+
+class Condition(NamedTuple):
+    """What acts on the arm.
+
+    Attributes:
+        tensions: (tendons,) [N].
+        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
+        factor: part of all other loads.
+    """
+
+    tensions: FloatArray
+    tip_wrench: FloatArray
+    factor: float
+
+    def towards(self, other: Condition, part: float) -> Condition:
+        """This one, moved by ``part`` of the way to ``other``."""
+        return Condition(
+            self.tensions + part * (other.tensions - self.tensions),
+            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
+            self.factor + part * (other.factor - self.factor),
+        )
+
+
+class State(NamedTuple):
+    """A loaded arm, in balance or not.
+
+    Attributes:
+        condition: what acts on it.
+        shape: twists and orientations.
+        rotation: orientation at the points as matrices, (3, 3, points).
+        tangent: u', the derivative of the position by s, (3, points) [-].
+        moment: of what lies beyond, in base_frame, (3, points) [N m].
+        force: likewise [N].
+        imbalance: the part of both, in the axes of the cross section, that it does not answer,
+            (n, points).
+        hessian: of the energy by the twist, (n, n, points).
+        residual: largest imbalance over its scale.
+    """
+
+    condition: Condition
+    shape: Shape
+    rotation: FloatArray
+    tangent: FloatArray
+    moment: FloatArray
+    force: FloatArray
+    imbalance: FloatArray
+    hessian: FloatArray
+    residual: float
+
+
+class Stability(NamedTuple):
+    """Stability of an equilibrium.
+
+    Attributes:
+        is_stable: whether it would come back; None under moments, where that is not known.
+        sign: of the determinant of its equations, over that without loads, 1 or -1; where it
+            changes, one branch has been left for another.
+        softest_mode: of what is not stable, the change of least, or most negative, stiffness,
+            scaled to turn the arm by about one radian.
+    """
+
+    is_stable: bool | None
+    sign: int
+    softest_mode: Response | None

@@ -1,0 +1,126 @@
+"""The energy of a cross section and its derivatives, as functions of numbers or of arrays.
+
+NumPy calls them with arrays of tendons and nodes and sums over tendons, compiled kernels with
+numbers, tendon by tendon. (t, n, b, stretch) is the scaled strain, see `energy` for it and for u;
+(x, y) is the offset of a tendon along n and b and (dx, dy) its slope. Hessians are symmetric:
+given are the entries of the lower half, row by row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import Number
+
+
+def tendon_direction(
+    t: Number, n: Number, b: Number, stretch: Number, width: Number,
+    x: Number, y: Number, dx: Number, dy: Number,
+) -> tuple[Number, Number, Number, Number]:  # fmt: skip
+    """Components of u along t, n and b and its length |u|."""
+    u_t = stretch + n * y - b * x
+    u_n = width * dx - t * y
+    u_b = width * dy + t * x
+    return u_t, u_n, u_b, np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+
+
+def tendon_gradient(
+    u_t: Number, u_n: Number, u_b: Number, slope: Number,
+    x: Number, y: Number, dx: Number, dy: Number,
+) -> tuple[Number, Number, Number, Number]:  # fmt: skip
+    """Derivatives of |u| by the strain, from u / |u| and the ``slope`` of the widening."""
+    return x * u_b - y * u_n, y * u_t, -x * u_t, u_t + slope * (dx * u_n + dy * u_b)
+
+
+def tendon_hessian(
+    g_t: Number, g_n: Number, g_b: Number, g_s: Number, u_n: Number, u_b: Number,
+    slope: Number, bend: Number, x: Number, y: Number, dx: Number, dy: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """Second derivatives of |u|, times |u|, from the first and the components of u."""
+    return (
+        x * x + y * y - g_t * g_t,
+        -g_n * g_t, y * y - g_n * g_n,
+        -g_b * g_t, -x * y - g_b * g_n, x * x - g_b * g_b,
+        slope * (x * dy - y * dx) - g_s * g_t, y - g_s * g_n, -x - g_s * g_b,
+        1.0 + slope * slope * (dx * dx + dy * dy) + bend * (dx * u_n + dy * u_b) - g_s * g_s,
+    )  # fmt: skip
+
+
+def bending_terms(
+    n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
+    stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """Gradient and Hessian of the elastic energy by n, b and stretch, without torsion.
+
+    From the `Density` of the law, E A and the square of the radius.
+    """
+    twice = 2.0 * axial * squared
+    once, both, second = twice * by_bend, twice * stretch_bend, 2.0 * squared * twice * bend_bend
+    return (
+        once * n, once * b, axial * by_stretch,
+        second * n * n + once,
+        second * n * b, second * b * b + once,
+        both * n, both * b, axial * stretch_stretch,
+    )  # fmt: skip
+
+
+def unscaled_gradient(
+    t: Number, n: Number, b: Number, width: Number, slope: Number,
+    g_t: Number, g_n: Number, g_b: Number, g_s: Number,
+) -> tuple[Number, Number, Number, Number]:  # fmt: skip
+    """Gradient by the twist (t, n, b, stretch), from that by the scaled strain."""
+    return width * g_t, width * g_n, width * g_b, g_s + slope * (t * g_t + n * g_n + b * g_b)
+
+
+def unscaled_hessian(
+    t: Number, n: Number, b: Number, width: Number, slope: Number, bend: Number,
+    g_t: Number, g_n: Number, g_b: Number,
+    tt: Number, nt: Number, nn: Number, bt: Number, bn: Number, bb: Number,
+    st: Number, sn: Number, sb: Number, ss: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """Hessian by the twist (t, n, b, stretch), from the derivatives by the scaled strain."""
+    by_t = tt * t + nt * n + bt * b
+    by_n = nt * t + nn * n + bn * b
+    by_b = bt * t + bn * n + bb * b
+    square = width * width
+    return (
+        square * tt,
+        square * nt, square * nn,
+        square * bt, square * bn, square * bb,
+        width * (st + slope * by_t) + slope * g_t,
+        width * (sn + slope * by_n) + slope * g_n,
+        width * (sb + slope * by_b) + slope * g_b,
+        ss + slope * (2.0 * (t * st + n * sn + b * sb) + slope * (t * by_t + n * by_n + b * by_b))
+        + bend * (t * g_t + n * g_n + b * g_b),
+    )  # fmt: skip
+
+
+def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
+    """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
+
+    For ``load``, the moment over E A and the radius, and ``force`` of compression over E A. The
+    bend is the curvature times the radius. Right to first order for every law, never inside out.
+    """
+    straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
+    slope = 4.0 * load
+    ratio = slope / straight
+    bend = slope / np.sqrt(1.0 + ratio * ratio)
+    # Rubber gets longer as it bends, about so much.
+    return straight, straight + 0.5 * bend * bend, bend
+
+
+def planar_step(
+    stretch: Number, bend: Number, load: Number, force: Number,
+    by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
+    bend_bend: Number,
+) -> tuple[Number, Number]:  # fmt: skip
+    """Newton's step of stretch and bend from there, with the `Density` of the law at bend^2."""
+    twice = bend + bend
+    left, moved = by_stretch + force, twice * by_bend - load
+    cross = twice * stretch_bend
+    about = 2.0 * by_bend + 4.0 * bend * bend * bend_bend
+    over = 1.0 / (stretch_stretch * about - cross * cross)
+    return (
+        stretch - over * (about * left - cross * moved),
+        bend - over * (stretch_stretch * moved - cross * left),
+    )
