@@ -156,7 +156,7 @@ class SimulatorNode(CheckedNode):
             # Under the names that the node expects, and of the tendons that have a load cell.
             cells = [number for number, name in enumerate(names) if name != NONE]
             message.name = [names[number] for number in cells]
-            message.tension = tensions.ravel()[cells]
+            message.tension = tensions.ravel()[cells].tolist()
         return message
 
     def _report(self) -> None:

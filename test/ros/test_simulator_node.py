@@ -373,3 +373,21 @@ def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameter
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
         controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
         assert heard[-1].tension[0] <= 0.03
+
+
+def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> None:
+    names = [f'LC {number}' for number in range(12)]
+    names[0] = '-'
+    offset = np.full(12, 0.1)
+    try:
+        assert controller.change(tension_names=names, tension_offset=offset.tolist()) == (True, '')
+        controller.measured.clear()
+        controller.wait(
+            lambda: controller.measured and 'LC 1' in controller.measured[-1].name, 'other names'
+        )
+        reading = controller.measured[-1]
+        assert list(reading.name) == names[1:]
+        assert len(reading.tension) == 11
+        assert min(reading.tension) < 0.0
+    finally:
+        assert controller.change(tension_names=[], tension_offset=[]) == (True, '')

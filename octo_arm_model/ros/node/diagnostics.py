@@ -15,6 +15,7 @@ from octo_arm_model.config.config import DiagnosticLimits
 from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
 
 TOPIC = '/diagnostics'
@@ -22,6 +23,7 @@ QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
 # Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
 _STEPS = 2.0
+_LONGEST = 900  # characters of the reasons of refusals
 
 
 class Diagnostics:
@@ -51,6 +53,7 @@ class Diagnostics:
         self._heard = time.monotonic()
         self._newest: float | None = None
         self._reason = self._failure = ''
+        self._refusals = Refusals()
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self._clock = node.get_clock()
@@ -128,6 +131,7 @@ class Diagnostics:
         else:
             self._count('refused')
             self._reason = f'{topic}: {in_short(error)}'
+            self._refusals.count(topic, in_short(error))
 
     def _report(self) -> None:
         name = self._node.get_fully_qualified_name()
@@ -192,6 +196,7 @@ class Diagnostics:
             'publishers': sum(publishers.values()),
             'refused': self._totals['refused'],
             'last refusal': self._reason,
+            'refused by reason': '; '.join(self._refusals.lines())[:_LONGEST],
             'stamps running backwards': self._totals['backwards'],
             'stamps from the future': self._totals['ahead'],
             'old stamps': self._totals['old'],
