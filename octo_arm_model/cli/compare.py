@@ -107,6 +107,9 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
                 'tensions_stddev': window.noise.tolist(),
                 'frames': step.shape.frames,
                 'outliers': step.shape.outliers,
+                'direction': step.direction,
+                'bend_error_percent':
+                None if math.isnan(step.bend) else 100.0 * step.bend / comparison.length,
                 'noise_percent': 100.0 * step.shape.noise / comparison.length,
                 **{
                     f'{name}_error_percent' if name != 'hausdorff' else f'{name}_percent':
@@ -156,19 +159,22 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
     for comparison in comparisons:
         lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]
         lines.append(
-            'step    T [N]  frames   tip [% of L]   mean    max   Hausdorff   noise of a frame'
+            'step    T [N]  reached by  frames   tip [% of L]   signed   mean    max   Hausdorff'
+            '   noise of a frame'
         )
         columns = [comparison.percent(name) for name in ERRORS]
         for step, *values in zip(comparison.steps, *columns, strict=True):
             tip, mean, largest, hausdorff = (_cell(value) for value in values)
+            bend = 100.0 * step.bend / comparison.length
             noise = 100.0 * step.shape.noise / comparison.length
             left_out = f' ({step.shape.outliers} outliers left out)' if step.shape.outliers else ''
             lines.append(
-                f'{step.number:>4} {step.shape.tension:>8.3f} {step.shape.frames:>7} '
-                f'{tip:>14} {mean:>6} {largest:>6} {hausdorff:>11} {noise:>18.2f}{left_out}'
+                f'{step.number:>4} {step.shape.tension:>8.3f} {step.direction:>11} '
+                f'{step.shape.frames:>7} {tip:>14} {_signed(bend):>8} {mean:>6} {largest:>6} '
+                f'{hausdorff:>11} {noise:>18.2f}{left_out}'
             )
         tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
-        lines.append(f'Average{"":14}{tip:>15} {mean:>6} {largest:>6} {hausdorff:>11}')
+        lines.append(f'Average{"":26}{tip:>15} {"":8} {mean:>6} {largest:>6} {hausdorff:>11}')
     return '\n'.join(lines)
 
 
@@ -180,3 +186,7 @@ def _average(percent: FloatArray) -> float | None:
 
 def _cell(value: float | None) -> str:
     return '-' if value is None or math.isnan(value) else f'{value:.2f}'
+
+
+def _signed(value: float) -> str:
+    return '-' if math.isnan(value) else f'{value:+.2f}'

@@ -34,8 +34,8 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 """
 
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Add the bag and how it is read."""
+def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
+    """Add the bag and how it is read; without --model it is the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
     parser.add_argument('bag', nargs='?', type=Path, metavar='BAG', help=bag)
     add_config_option(parser, None, 'the arm_description in the bag')
@@ -44,7 +44,7 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         choices=(*MODELS, ALL),
         metavar='MODEL',
-        help=f'models: {", ".join(MODELS)} or {ALL} (default: that of the config)',
+        help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
     )
     parser.add_argument(
         '--midlines',
@@ -145,9 +145,11 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def read_options(
-    options: argparse.Namespace,
+    options: argparse.Namespace, default_models: Sequence[str] = ()
 ) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
     """The recording of `add_recording`'s options, and how it is to be compared.
+
+    Without --model it is ``default_models``, or the config's if there are none.
 
     Returns:
         The recording, what it says, the models, the alignment (None for one to be fitted) and
@@ -196,10 +198,16 @@ def read_options(
     width = None if ramp is None or math.isnan(ramp) else ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
     observations = observe(recording, pairing, alignment)
-    return recording, observations, _models(options.model, config), alignment, notes
+    return (
+        recording,
+        observations,
+        _models(options.model or default_models, config),
+        alignment,
+        notes,
+    )
 
 
-def _models(given: Sequence[str] | None, config: Config) -> list[str]:
+def _models(given: Sequence[str], config: Config) -> list[str]:
     if not given:
         return [config.model]
     return list(MODELS) if ALL in given else list(dict.fromkeys(given))

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from octo_arm_model.cli.experiment_options import EPILOG, add_recording, read_options
+from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording, read_options
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.csv_output import write_tables
-from octo_arm_model.experiment.fitting.identify import Identification, Misfit, identify
-from octo_arm_model.experiment.fitting.uncertainty import Estimate
+from octo_arm_model.experiment.fitting.fit import LOSSES
+from octo_arm_model.experiment.fitting.fitted_file import as_config, told
+from octo_arm_model.experiment.fitting.held_back import AUTO, Misfit
+from octo_arm_model.experiment.fitting.identify import Identification, identify
+from octo_arm_model.experiment.fitting.model_choice import (
+    best_of,
+    disagreements,
+    envelope_of,
+    rank,
+)
 from octo_arm_model.experiment.fitting.unknowns import FITS
 from octo_arm_model.experiment.recording.observations import Observations
 
@@ -27,18 +34,23 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
   {'  '.join(FITS)}
 
 poisson_ratio and tendon_offsets need the model exact. The alignment is fitted as well where
---align is 'fit', or not given while the midlines are not in base_frame.
+--align is 'fit', or not given while the midlines are not in base_frame. What the data cannot tell
+is left as it is, one parameter at a time, and said.
 """
 _EXAMPLES = """\
 examples:
   octo-arm identify experiment
-  octo-arm identify experiment --model all --out fitted.yaml
+  octo-arm identify experiment --out fitted.yaml --pictures fitted
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
 
-Intervals come from leaving out one step at a time, with Student's t, whose degrees of freedom are
-one less than the steps that matter. They hold what differs from step to step (noise, errors of
-single tensions) and not what is wrong in all steps alike (a model that does not fit, a wrong
-length). Of several models that one is taken which best explains steps it was not fitted to.
+Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
+degrees of freedom are one less than the loads that matter. They hold what differs from one load
+to another (noise, errors of single tensions) and a bias as large as the model error floor: what
+held-back loads show beyond the noise. They do not hold what looks like another
+modulus (a wrong length, friction while tensions only rise). Of the models that one is taken which
+best explains loads it was not fitted to; where others do nearly as well and say otherwise, that is
+said, with the interval of all of them together. The loss, too, is that of the lesser misfit at
+held-back loads, or --loss.
 
 """
 
@@ -53,7 +65,7 @@ def add_command(commands: Any) -> None:
         _DESCRIPTION,
         _EXAMPLES + EPILOG,
     )
-    add_recording(parser)
+    add_recording(parser, 'all')
     parser.add_argument(
         '--fit',
         nargs='+',
@@ -62,7 +74,15 @@ def add_command(commands: Any) -> None:
         metavar='NAME',
         help='what to fit (default: youngs_modulus)',
     )
+    parser.add_argument(
+        '--loss',
+        choices=(AUTO, *LOSSES),
+        default=AUTO,
+        help='what is minimised: soft_l1 bounds the influence of outliers, linear is least '
+        'squares (default: the better at held-back loads)',
+    )
     add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
+    add_path(parser, '--pictures', 'DIR', 'folder for pictures: intervals, residuals along s')
     text = 'folder for midlines.csv, stations.csv and tensions.csv of the fitted arm'
     add_path(parser, '--csv', 'DIR', text)
     add_json(parser)
@@ -70,8 +90,11 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     check_out(options.out, folder=False)
+    if options.pictures is not None:
+        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
+    check_out(options.pictures, folder=True, name='--pictures')
     check_out(options.csv, folder=True, name='--csv')
-    recording, observations, models, alignment, notes = read_options(options)
+    recording, observations, models, alignment, notes = read_options(options, [ALL])
     notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
@@ -81,13 +104,20 @@ def _run(options: argparse.Namespace) -> int:
         try:
             with Bar(f'fits of {model}') as bar:
                 fitted[model] = identify(
-                    observations.shapes, recording.parameters, model, fits, alignment, bar
-                )
+                    observations.shapes, recording.parameters, model, fits, alignment, bar,
+                    options.loss,
+                )  # fmt: skip
         except (ConfigError, SolveError) as error:
             if model == models[-1] and not fitted:
                 raise
             notes.append(f'{model} is not fitted: {error}')
     best = best_of(list(fitted.values()))
+    notes += disagreements(list(fitted.values()))
+    if options.pictures is not None:
+        from octo_arm_model.experiment.identify_figures import draw
+
+        pictures = draw(list(fitted.values()), observations.shapes, options.pictures)
+        notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
         options.out.write_text(
             as_config(best, str(options.bag or options.tension_csv)), encoding='utf-8'
@@ -110,47 +140,6 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if best.is_trustworthy else 1
 
 
-def best_of(fitted: Sequence[Identification]) -> Identification:
-    """The one that best explains steps it was not fitted to; of one step, the step itself."""
-    return min(fitted, key=_rank)
-
-
-def _rank(one: Identification) -> float:
-    misfit = one.cross_validation or one.after
-    return math.inf if misfit is None else misfit.rms
-
-
-def as_config(fitted: Identification, source: str) -> str:
-    """ROS parameter file of a fitted arm, with how well its material is known."""
-    values = dict(fitted.parameters)
-    estimates = fitted.estimates
-    young, ratio = estimates.get('youngs_modulus'), estimates.get('poisson_ratio')
-    if young is not None and young.value is not None and young.stddev is not None:
-        values['material.youngs_modulus_stddev'] = young.stddev / young.value
-    if ratio is not None and ratio.stddev is not None:
-        values['material.poisson_ratio_stddev'] = ratio.stddev
-    Config.from_parameters(values)  # It must load where it goes.
-    lines = [f'# Fitted to {source} by octo-arm identify.']
-    for name, estimate in estimates.items():
-        lines.append(f'# {name}: {_told(estimate)}')
-    if 'tension_scale' in estimates or 'tension_offset' in estimates:
-        lines.append(
-            '# The tensions of this arm are tension_scale times those recorded plus '
-            'tension_offset (1 and 0 where not fitted).'
-        )
-    return '\n'.join(lines) + '\n' + parameters_as_yaml(values)
-
-
-def _told(estimate: Estimate) -> str:
-    if estimate.value is None:
-        return 'not determined'
-    text = f'{estimate.value:.6g} {estimate.unit}'
-    if estimate.stddev is None or estimate.interval95 is None:
-        return f'{text}, no interval'
-    low, high = estimate.interval95
-    return f'{text}, stddev {estimate.stddev:.2g}, 95 % interval {low:.6g} to {high:.6g}'
-
-
 def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
     if misfit is None:
         return None
@@ -167,17 +156,23 @@ def as_dict(
     names = list(best.estimates)
     correlations: Mapping[str, Any] | None = None
     if best.correlations is not None:
+        names = [name for name, one in best.estimates.items() if one.value is not None]
         table = best.correlations.tolist()
         correlations = {name: dict(zip(names, row)) for name, row in zip(names, table)}
     cross_validation = _misfit(best.cross_validation)
     return {
         'model': best.model,
         'trustworthy': best.is_trustworthy,
+        'loss': best.loss,
+        'model_error_floor': best.floor,
+        'model_error_stddev': best.tip_stddev,
         'estimates': {
             name: {
                 'value': one.value,
                 'stddev': one.stddev,
                 'interval95': None if one.interval95 is None else list(one.interval95),
+                'model_stddev': one.model_stddev,
+                'interval95_near_models': envelope_of(fitted, name),
                 'unit': one.unit,
             }
             for name, one in best.estimates.items()
@@ -196,6 +191,9 @@ def as_dict(
                 'model': one.model,
                 'trustworthy': one.is_trustworthy,
                 'values': {name: estimate.value for name, estimate in one.estimates.items()},
+                'intervals95': {
+                    name: estimate.interval95 for name, estimate in one.estimates.items()
+                },
                 'residuals': _misfit(one.after),
                 'cross_validation': _misfit(one.cross_validation),
             }
@@ -213,21 +211,27 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():
-        lines.append(f'  {name:{width}}  {_told(estimate)}')
+        lines.append(f'  {name:{width}}  {told(estimate)}')
     if best.undetermined:
-        lines += ['', 'NOTHING FITTED, as these data leave open:']
+        what = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
+        lines += ['', f'{what}, as these data leave open:']
         lines += [f'  {text}' for text in best.undetermined]
     if best.notes:
         lines += ['', *best.notes]
     lines += ['', 'distance of model and measurement   rms [mm]   tip [% of L]']
     for title, misfit in (
         ('before', best.before), ('after', best.after),
-        ('steps left out of the fit', best.cross_validation),
+        ('loads left out of the fit', best.cross_validation),
     ):  # fmt: skip
         lines.append(f'  {title:<33}{_cells(misfit)}')
+    if best.tip_stddev is not None:
+        lines.append(
+            f'  each coordinate of the tip at loads left out, without noise: '
+            f'{100.0 * best.tip_stddev:.2f} % of L (model_error_stddev)'
+        )
     if len(fitted) > 1:
-        lines += ['', 'models, by steps left out            rms [mm]   tip [% of L]']
-        for one in sorted(fitted, key=_rank):
+        lines += ['', 'models, by loads left out            rms [mm]   tip [% of L]']
+        for one in sorted(fitted, key=rank):
             values = ', '.join(
                 f'{name} {estimate.value:.5g} {estimate.unit}'
                 for name, estimate in one.estimates.items()

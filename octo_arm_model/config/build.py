@@ -79,7 +79,12 @@ def build_uncertainty(given: Values) -> Uncertainty:
         ('offset', 'tendons.offset_stddev', 'm'),
     ):
         deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
-    return Uncertainty(**deviations)
+    name = 'model_error_stddev'
+    model = not_negative(name, given[name], 'standard deviation', '-')
+    # A tip that is off by d because the curvature is wrong all along has turned by 2 d / length.
+    return Uncertainty(
+        **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
+    )
 
 
 def _material(given: Values) -> Material:

@@ -13,9 +13,17 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting.fit import fit_alignment
+from octo_arm_model.experiment.fitting.held_back import misfit_of
+from octo_arm_model.experiment.fitting.model_error import noise_of
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
+from octo_arm_model.experiment.recording.branches import (
+    STILL,
+    directions,
+    part_along,
+    remarks,
+)
 from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
@@ -36,6 +44,9 @@ class StepComparison:
         measured: its midline in base_frame (m, 3) [m].
         backbone: the solution of the model.
         errors: distances between the two.
+        direction: from which side its tensions were reached, of `branches.directions`.
+        bend: signed error of the tip, along the way it moves as tensions rise: > 0 where the arm
+            bends farther than the model [m]; NaN where no tendon is pulled.
     """
 
     number: int
@@ -43,6 +54,8 @@ class StepComparison:
     measured: FloatArray
     backbone: Backbone
     errors: MidlineErrors
+    direction: str
+    bend: float
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class ModelComparison:
         alignment: transform camera to base.
         steps: those with a solution.
         refused: errors of the others.
-        notes: remarks on a fitted alignment.
+        notes: remarks on a fitted alignment, and on loading and unloading.
     """
 
     model: str
@@ -70,6 +83,11 @@ class ModelComparison:
         values = [getattr(step.errors, name) for step in self.steps]
         return np.array([np.nan if value is None else 100.0 * value / self.length
                          for value in values])  # fmt: skip
+
+    @property
+    def bend_percent(self) -> FloatArray:
+        """Signed errors `StepComparison.bend` in per cent of the length."""
+        return np.array([100.0 * step.bend / self.length for step in self.steps])
 
 
 def compare(
@@ -108,8 +126,13 @@ def compare(
         notes.append(
             'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
-        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]))
+        left = misfit_of([
+            shape_residuals(shape, alignment.to_base(shape.points), backbone)
+            for _, shape, backbone in answered
+        ], solver.arm.length).rms  # fmt: skip
+        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), left)
     steps = []
+    ways = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
         if shape.s is None:
@@ -118,7 +141,18 @@ def compare(
         else:
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
-        steps.append(StepComparison(number, shape, measured, backbone, errors))
+        softer = -solver.sensitivity(backbone).by_youngs_modulus.tip[:3, 0]
+        bend = part_along(measured[-1] - backbone.position[-1], softer, STILL * solver.arm.length)
+        if errors.tip is None:
+            bend = float('nan')
+        steps.append(
+            StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
+        )
+    notes += remarks(
+        [step.shape.tension for step in steps], [step.bend for step in steps],
+        [step.direction for step in steps], noise_of([step.shape for step in steps]) / 3.0**0.5,
+        solver.arm.length,
+    )  # fmt: skip
     return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
     )

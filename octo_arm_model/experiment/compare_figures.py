@@ -1,4 +1,4 @@
-"""Pictures of a comparison: each step like the paper's Figure 9, and errors over tensions.
+"""Pictures of a comparison: each step like the paper's Figure 9, all steps, errors over tensions.
 
 Needs matplotlib.
 """
@@ -14,6 +14,8 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
+from octo_arm_model.experiment.error_figures import draw_errors
+from octo_arm_model.experiment.figure_files import new_figure, save
 from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
@@ -46,24 +48,15 @@ def draw(
     for number, shown in sorted(steps.items()):
         progress(len(paths), len(steps) + 1)
         path = folder / f'step_{number:02}.png'
-        _save(_draw_step(shown, axes, limits), path)
+        save(_draw_step(shown, axes, limits), path)
         paths.append(path)
-    path = folder / 'error_over_tension.png'
-    _save(_draw_errors(comparisons), path)
-    return [*paths, path]
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout='constrained')
-
-
-def _save(figure: Any, path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=120)
+    for name, picture in (
+        ('all_steps', _draw_all(comparisons, axes, limits)),
+        ('error_over_tension', draw_errors(comparisons)),
+    ):
+        paths.append(folder / f'{name}.png')
+        save(picture, paths[-1])
+    return paths
 
 
 def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
@@ -103,7 +96,7 @@ def _draw_step(
     size = np.ptp(limits, axis=1)
     width = 7.0 if len(shown) == 1 else 5.2
     height = width * float(size[1:].sum() / size[0])
-    figure = _figure(width * len(shown), height + 0.9 + 0.4 * views)
+    figure = new_figure(width * len(shown), height + 0.9 + 0.4 * views)
     shape = shown[0][1].shape
     outliers = f' and {shape.outliers} outliers' if shape.outliers else ''
     figure.suptitle(
@@ -166,28 +159,37 @@ def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> Float
     return 1e3 * (points - origin) @ plane.T
 
 
-def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
-    """Errors of each step over its tensions."""
-    figure = _figure(7.2, 4.8)
-    panel = figure.add_subplot()
-    for comparison in comparisons:
-        tension = np.array([step.shape.tension for step in comparison.steps])
-        order = np.argsort(tension, kind='stable')
-        colour = LINES[comparison.model]['color']
-        # The paper's two models agree for one section: the first is drawn wider.
-        width = 1.6 if comparison.model != 'renda2012' else 4.0
-        for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
-            percent = comparison.percent(name)[order]
-            if np.isfinite(percent).any():
+def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: FloatArray) -> Any:
+    """Measured midlines over the model's in the arm's own frame: a column for each model."""
+    from matplotlib import colormaps
+
+    views = len(axes) - 1
+    size = np.ptp(limits, axis=1)
+    height = 5.2 * float(size[1:].sum() / size[0])
+    figure = new_figure(5.2 * len(comparisons), height + 0.9 + 0.4 * views)
+    panels = figure.subplots(
+        views, len(comparisons), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
+    )
+    highest = max(step.shape.tension for one in comparisons for step in one.steps)
+    for column, comparison in enumerate(comparisons):
+        for view in range(views):
+            panel = panels[view, column]
+            for step in comparison.steps:
+                colour = colormaps['viridis'](0.92 * step.shape.tension / max(highest, 1e-9))
+                origin, plane = step.backbone.position[0], axes[[0, view + 1]]
+                panel.plot(*_flatten(step.backbone.position, plane, origin).T, color=colour)
+                measured = _flatten(step.measured, plane, origin)
                 panel.plot(
-                    tension[order], percent, style, color=colour, linewidth=width,
-                    markersize=5.0 + width, label=f'{comparison.model}, {label}',
+                    *measured.T, '--' if step.shape.s is None and len(measured) > 1 else 's',
+                    color=_MEASURED,
+                    linewidth=1.1,
                 )  # fmt: skip
-    panel.set(
-        xlabel='sum of tensions [N]', ylabel='error [% of L]',
-        title='Model against measurement, by steady step',
-    )  # fmt: skip
-    panel.set_ylim(bottom=0.0)
-    panel.grid(alpha=0.3)
-    panel.legend(frameon=False)
+            panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
+            panel.grid(alpha=0.3)
+        panels[0, column].set_title(
+            f'{comparison.model} (colour) and measured (dashes)', fontsize='medium'
+        )
+        panels[-1, column].set_xlabel('along the base [mm]')
+    for view, name in enumerate(('bending direction [mm]', 'across both [mm]')[:views]):
+        panels[view, 0].set_ylabel(name)
     return figure

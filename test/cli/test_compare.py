@@ -40,7 +40,7 @@ def test_the_table_is_the_papers(write: Write, capsys: pytest.CaptureFixture[str
     assert 'no alignment' in out
     rows = [line.split() for line in out.split('noise of a frame\n')[1].splitlines()[:-1]]
     assert [float(row[1]) for row in rows] == list(STEPS)
-    assert [row[3:7] for row in rows] == 3 * [4 * ['2.00']]
+    assert [[row[4], *row[6:9]] for row in rows] == 3 * [4 * ['2.00']]
     assert out.splitlines()[-1].split() == ['Average', *4 * ['2.00']]
 
 

@@ -41,12 +41,16 @@ class Uncertainty:
         youngs_modulus: of E, relative [-].
         poisson_ratio: of nu [-].
         offset: of every tendon's distance from the midline [m].
+        model_position: of each coordinate of the tip, by the error of the model [m].
+        model_rotation: of each component of its rotation vector, likewise [rad].
     """
 
     tension: float = 0.0
     youngs_modulus: float = 0.0
     poisson_ratio: float = 0.0
     offset: float = 0.0
+    model_position: float = 0.0
+    model_rotation: float = 0.0
 
     @functools.cached_property
     def is_any(self) -> bool:
@@ -91,7 +95,8 @@ class Sensitivity:
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
-        covariance = np.zeros((6, 6))
+        model = (uncertainty.model_position, uncertainty.model_rotation)
+        covariance = np.diag(np.repeat(model, 3) ** 2)
         for name, deviation, change in (
             ('tension', uncertainty.tension, self.by_tension),
             ("Young's modulus", uncertainty.youngs_modulus, self.by_youngs_modulus),

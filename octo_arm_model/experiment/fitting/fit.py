@@ -25,6 +25,8 @@ from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
 # Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6
+SOFT_L1, LINEAR = 'soft_l1', 'linear'
+LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and robust
 _ROUNDS = 10
 _SETTLED = 1e-2  # of the scale between two rounds
 _TOLERANCE = 1e-8  # of the sum of squares between two steps
@@ -75,8 +77,9 @@ class Problem:
         assert self._solver is not None
         alignment, columns = self.unknowns.alignment(x), self.unknowns.alignment_columns
         by_measured = np.zeros((*points.shape, x.size))
-        if columns.start < x.size:
-            by_measured[..., columns] = alignment.by_parameters(points)
+        if columns:
+            parts = alignment.by_parameters(points)[..., self.unknowns.alignment_parts]
+            by_measured[..., columns] = parts
         by_model = self.unknowns.displacement(x, self._read[step], backbone, self._solver)
         measured = alignment.to_base(points)
         return shape_residuals_change(self.shapes[step], measured, by_measured, backbone, by_model)
@@ -91,9 +94,11 @@ class Problem:
         return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
 
     def minimise(
-        self, x: FloatArray, scale: float, steps: Sequence[int] | None = None
+        self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
     ) -> FloatArray:
-        """Least robust sum of squares over ``steps``, all if None, from ``x`` on.
+        """Least sum over ``steps``, all if None, of the robust loss, from ``x`` on.
+
+        Without a ``scale`` it is the sum of squares.
 
         Raises:
             SolveError: if the model has no answer at ``x``.
@@ -117,7 +122,9 @@ class Problem:
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
         found = least_squares(
             fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
-            x_scale=[u.scale for u in unknowns], loss=robust_loss.loss, f_scale=scale,
+            x_scale=[u.scale for u in unknowns],
+            loss='linear' if scale is None else robust_loss.loss,
+            f_scale=1.0 if scale is None else scale,
             ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
@@ -126,11 +133,11 @@ class Problem:
             )
         return found.x
 
-    def solve(self) -> tuple[FloatArray, float]:
-        """The fit: minimum and scale alternately, until both settle.
+    def solve(self, loss: str = SOFT_L1) -> tuple[FloatArray, float | None]:
+        """The fit by one of `LOSSES`: of soft_l1 minimum and scale alternately, until both settle.
 
         Returns:
-            x and the scale of the robust loss [m].
+            x and the scale of the robust loss [m], None of the sum of squares.
 
         Raises:
             SolveError: if the model has no answer to begin with.
@@ -138,19 +145,22 @@ class Problem:
             MeasurementError: if a midline does not begin near the base.
         """
         x = self.unknowns.start
-        scale = self.scale(x)
-        for _ in range(_ROUNDS):
-            x = self.minimise(x, scale)
-            previous, scale = scale, self.scale(x)
-            if abs(scale - previous) < _SETTLED * previous:
-                break
-        x = self.minimise(x, scale)
+        found: float | None = None
+        if loss == SOFT_L1:
+            scale = self.scale(x)
+            for _ in range(_ROUNDS):
+                x = self.minimise(x, scale)
+                previous, scale = scale, self.scale(x)
+                if abs(scale - previous) < _SETTLED * previous:
+                    break
+            found = scale
+        x = self.minimise(x, found)
         for step, shape in enumerate(self.shapes):
             if shape.s is not None:
                 continue
             measured = self.unknowns.alignment(x).to_base(shape.points)
             fraction_at_start(measured, self.backbone(x, step).position, check=True)
-        return x, scale
+        return x, found
 
 
 def fit_alignment(

@@ -1,7 +1,7 @@
 """Parameters of the arm from measured shapes: fits to all steps, and to all but some.
 
-Estimates minimise a robust sum of squares (`fit`, `robust_loss`); `uncertainty` has their
-intervals and correlations.
+Estimates minimise a sum of squares or a robust loss (`fit`, `robust_loss`); `uncertainty` has
+their intervals and correlations.
 """
 
 from __future__ import annotations
@@ -13,37 +13,21 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.fitting import held_back, model_error
 from octo_arm_model.experiment.fitting.fit import Problem, fit_alignment
+from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, Misfit, misfit_of
+from octo_arm_model.experiment.fitting.loads import folds_of, loaded, steps_by_load
+from octo_arm_model.experiment.fitting.notes import notes_on
+from octo_arm_model.experiment.fitting.open_directions import open_direction
 from octo_arm_model.experiment.fitting.uncertainty import (
     Estimate,
-    at_ends,
     correlations_of,
     estimates_of,
     freedom_of,
-    strong_pairs,
-    undetermined_by,
 )
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
+from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT, Unknowns
+from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
-
-# Fits at most: of more steps several are left out together.
-_MOST_FOLDS = 20
-# A misfit above so many times that of noise is not explained by noise.
-_BIASED = 2.0
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """Distance of model and measurement.
-
-    Attributes:
-        rms: root mean square distance of paired points [m].
-        tip_error: mean distance of the tips, relative to the length [-].
-    """
-
-    rms: float
-    tip_error: float
 
 
 @dataclass(frozen=True)
@@ -52,21 +36,27 @@ class Identification:
 
     Attributes:
         model: its name.
-        estimates: by name.
-        correlations: of the estimates, (n, n), in their order; None where undetermined.
-        undetermined: directions that the data do not determine, in words; if there is one, there
-            are no estimates.
+        loss: what was minimised, of `fit.LOSSES`.
+        estimates: by name; those that the data leave open have no value.
+        correlations: of the estimates with a value, (n, n), in their order; None of none.
+        undetermined: why each of the others was left as it was, in words.
         notes: remarks, in words.
         before: misfit of the parameters the fit began with.
-        after: misfit of the fit, on the data it was fitted to; None where undetermined.
-        cross_validation: misfit of steps on which the model was not fitted; None of fewer than
-            two steps.
+        after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
+        cross_validation: misfit of loads on which the model was not fitted; None of fewer than
+            two loads.
         step_misfits: that of each fold of steps left out, and which these are, from 1.
+        floor: distance that held-back loads show and neither noise nor a change at single steps
+            explains, in `Estimate.model_stddev` [m]; None without held-back loads.
+        tip_stddev: standard deviation of each coordinate of the tip at held-back loads, without
+            the camera's noise, in parts of the length [-]; None likewise.
         parameters: of the fitted arm; see `Config.from_parameters`.
         alignment: transform camera to base.
+        tensions: those of each step by the fitted load cells, (steps, tendons) [N].
     """
 
     model: str
+    loss: str
     estimates: Mapping[str, Estimate]
     correlations: FloatArray | None
     undetermined: tuple[str, ...]
@@ -75,13 +65,17 @@ class Identification:
     after: Misfit | None
     cross_validation: Misfit | None
     step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...]
+    floor: float | None
+    tip_stddev: float | None
     parameters: Mapping[str, Any]
     alignment: Alignment
+    tensions: FloatArray
 
     @property
     def is_trustworthy(self) -> bool:
-        """Whether the data determine all parameters to fit."""
-        return not self.undetermined
+        """Whether the data determine any parameter but the camera's pose, if others were asked."""
+        own = [name for name in self.estimates if name not in ALIGNMENT] or list(self.estimates)
+        return any(self.estimates[name].value is not None for name in own)
 
 
 def identify(
@@ -91,6 +85,7 @@ def identify(
     fits: Sequence[str] = ('youngs_modulus',),
     alignment: Alignment | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    loss: str = AUTO,
 ) -> Identification:
     """Fit ``fits`` of ``model`` to measured ``shapes``.
 
@@ -102,6 +97,7 @@ def identify(
         alignment: transform camera to base, or the start of its fit; None for the identity, or,
             where it is fitted, for a fit of the alignment alone as the start.
         progress: called with the numbers of fits done and of all fits.
+        loss: of `fit.LOSSES`, or 'auto' for that with the lesser misfit at held-back loads.
 
     Raises:
         ConfigError: if the model has no derivative by what is to be fitted.
@@ -109,118 +105,132 @@ def identify(
         MeasurementError: if a midline does not begin near the base.
     """
     tensions = np.array([shape.window.tensions for shape in shapes])
+    loads = steps_by_load(tensions)
+    folds = folds_of(loads)
+    total = len(held_back.losses_of(loss, folds)) * (len(folds) + 1)
+    progress(0, total)
     if alignment is None:
         alignment = Alignment.none()
         if 'alignment' in fits:
             alignment = fit_alignment(shapes, parameters, model)
-    unknowns = Unknowns(parameters, model, fits, tensions, alignment)
-    problem = Problem(shapes, unknowns)
-    before = _misfit(problem, unknowns.start)
-    # Checked before: with an undetermined direction the minimisation does not converge.
-    jacobian = problem.jacobian(unknowns.start)
-    open_ends = undetermined_by(np.concatenate(jacobian), unknowns)
-    folds = _folds(len(shapes))
-    if not open_ends:
-        progress(0, len(folds) + 1)
-        x, scale = problem.solve()
-        jacobian = problem.jacobian(x)
-        open_ends = undetermined_by(np.concatenate(jacobian), unknowns)
-    if open_ends:
-        estimates = {u.name: Estimate(None, None, None, u.unit) for u in unknowns.unknowns}
+    every = Unknowns(parameters, model, fits, tensions, alignment)
+    before = misfit_of(_residuals(Problem(shapes, every), every.start), every.arm.length)
+    left_out: dict[str, str] = {}
+    unknowns, problem, fitted = every, None, {}
+    while unknowns.unknowns:
+        problem = Problem(shapes, unknowns)
+        # Checked before: with an undetermined direction the minimisation does not converge.
+        found = open_direction(np.concatenate(problem.jacobian(unknowns.start)), unknowns)
+        if found is None:
+            fitted = {name: problem.solve(name) for name in held_back.losses_of(loss, folds)}
+            for x, _ in fitted.values():
+                found = found or open_direction(np.concatenate(problem.jacobian(x)), unknowns)
+        if found is None:
+            break
+        left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
+        unknowns = Unknowns(parameters, model, fits, tensions, alignment, tuple(left_out))
+    estimates = {u.name: Estimate(None, None, None, u.unit) for u in every.unknowns}
+    if problem is None or not unknowns.unknowns:
+        progress(total, total)
         return Identification(
-            model, estimates, None, open_ends, (), before, None, None, (), parameters, alignment
-        )
-    after, correlations = _misfit(problem, x), correlations_of(np.concatenate(jacobian))
-    notes = [
-        *_notes(problem, fits, len(folds), after),
-        *at_ends(unknowns, x),
-        *strong_pairs(correlations, unknowns),
-    ]
-    found, misfits = [], []
-    if missing := _needed(jacobian, folds, unknowns):
-        notes.append(missing)
-    else:
-        for number, fold in enumerate(folds):
-            progress(number + 1, len(folds) + 1)
-            others = [step for step in range(len(shapes)) if step not in fold]
-            found.append(problem.minimise(x, scale, others))
-            misfits.append(_misfit(problem, found[-1], fold))
-    progress(len(folds) + 1, len(folds) + 1)
+            model, loss, estimates, None, tuple(left_out.values()), (), before, None, None, (),
+            None, None, parameters, alignment, tensions,
+        )  # fmt: skip
+    loose = _needed(problem, next(iter(fitted.values()))[0], folds, loads, tensions)
+    used = [] if loose else folds
+    done = iter(range(1, total))
+
+    def tick() -> None:
+        progress(next(done, total), total)
+
+    tried = []
+    for name, (x, scale) in fitted.items():
+        tick()
+        tried.append(held_back.fit_by(problem, x, scale, name, used, tick))
+    best = held_back.better(tried)
+    progress(total, total)
+    return _identification(
+        problem, best, used, left_out, {'loose': loose, 'fits': fits, 'tried': tried}, estimates,
+        before,
+    )  # fmt: skip
+
+
+def _identification(
+    problem: Problem,
+    best: HeldBackFit,
+    folds: Sequence[Sequence[int]],
+    left_out: Mapping[str, str],
+    told: Mapping[str, Any],
+    estimates: Mapping[str, Estimate],
+    before: Misfit,
+) -> Identification:
+    """What the ``best`` fit of a ``problem`` says; ``told`` is for the notes on it."""
+    unknowns, x, length = problem.unknowns, best.x, problem.length
+    jacobian = problem.jacobian(x)
+    after, cross_validation = misfit_of(_residuals(problem, x), length), None
+    floor, tip_stddev = None, None
+    if folds:
+        cross_validation = misfit_of(best.away, length)
+        columns = [n for n, name in enumerate(unknowns.names) if name not in ALIGNMENT]
+        rest = model_error.unexplained(best.away, jacobian, columns)
+        floor = float(np.sqrt(max(rest**2 - model_error.noise_of(problem.shapes) ** 2, 0.0)))
+        tip_stddev = model_error.tip_error(best.away, problem.shapes, length)
+    correlations = correlations_of(np.concatenate(jacobian))
+    found = estimates_of(
+        unknowns, x, best.found,
+        freedom_of(jacobian, folds) if folds else np.ones(x.size),
+        model_error.floor_of(floor or 0.0, jacobian),
+    )  # fmt: skip
     return Identification(
-        model=model,
-        estimates=estimates_of(unknowns, x, np.array(found), freedom_of(jacobian, folds)),
+        model=unknowns.model,
+        loss=best.loss,
+        estimates={**estimates, **found},
         correlations=correlations,
-        undetermined=(),
-        notes=tuple(notes),
+        undetermined=tuple(left_out.values()),
+        notes=tuple(notes_on(problem, best, correlations, after, floor, **told)),
         before=before,
         after=after,
-        cross_validation=_together(misfits, folds),
+        cross_validation=cross_validation,
         step_misfits=tuple(
-            (tuple(step + 1 for step in fold), misfit) for fold, misfit in zip(folds, misfits)
+            (tuple(step + 1 for step in fold), misfit_of([best.away[n] for n in fold], length))
+            for fold in folds
         ),
+        floor=floor,
+        tip_stddev=tip_stddev,
         parameters=unknowns.parameters(x),
         alignment=unknowns.alignment(x),
-    )
+        tensions=np.array([
+            unknowns.tensions(x, shape.window.tensions) for shape in problem.shapes
+        ]),
+    )  # fmt: skip
 
 
-def _folds(count: int) -> list[list[int]]:
-    """Groups of steps to be left out together."""
-    number = min(count, _MOST_FOLDS)
-    return [list(range(first, count, number)) for first in range(number)]
+def _residuals(problem: Problem, x: FloatArray) -> list[FloatArray]:
+    return [problem.residuals(x, step) for step in range(len(problem.shapes))]
 
 
 def _needed(
-    jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]], unknowns: Unknowns
+    problem: Problem,
+    x: FloatArray,
+    folds: Sequence[Sequence[int]],
+    loads: Sequence[Sequence[int]],
+    tensions: FloatArray,
 ) -> str:
-    """Why there are no intervals: a step that cannot be left out; '' if each can."""
+    """Why there are no intervals: a load that cannot be left out; '' if each can."""
+    pulled = [load for load in loads if loaded(tensions, list(load))]
+    if len(loads) == 1 or len(pulled) == 1:
+        steps = ', '.join(str(step + 1) for step in (pulled or loads)[0])
+        return (
+            f'there is one load (step {steps}): repeats of it say nothing of how loads differ, '
+            'so nothing confirms the estimates and there are no intervals'
+        )
+    jacobian = problem.jacobian(x)
     for fold in folds:
         others = [part for step, part in enumerate(jacobian) if step not in fold]
-        if not others:
-            return 'one step says nothing of how steps differ: there are no intervals'
-        if left_open := undetermined_by(np.concatenate(others), unknowns):
+        if found := open_direction(np.concatenate(others), problem.unknowns):
             numbers = ', '.join(str(step + 1) for step in fold)
             return (
-                f'without step {numbers} it would be open ({left_open[0]}), so nothing confirms '
+                f'without step {numbers} it would be open ({found.reason}), so nothing confirms '
                 'the estimates: there are no intervals'
             )
     return ''
-
-
-def _misfit(problem: Problem, x: FloatArray, steps: Sequence[int] | None = None) -> Misfit:
-    chosen = range(len(problem.shapes)) if steps is None else steps
-    away = [problem.residuals(x, step) for step in chosen]
-    squares = np.mean([(part**2).sum(axis=-1).mean() for part in away])
-    tip = np.mean([np.linalg.norm(part[-1]) for part in away])
-    return Misfit(float(np.sqrt(squares)), float(tip) / problem.length)
-
-
-def _together(misfits: Sequence[Misfit], folds: Sequence[Sequence[int]]) -> Misfit | None:
-    """Misfit of all steps, each from the fold it was left out in."""
-    if not misfits:
-        return None
-    share = np.array([len(fold) for fold in folds], dtype=np.float64)
-    share /= share.sum()
-    squares = share @ np.array([misfit.rms**2 for misfit in misfits])
-    tip = share @ np.array([misfit.tip_error for misfit in misfits])
-    return Misfit(float(np.sqrt(squares)), float(tip))
-
-
-def _notes(problem: Problem, fits: Sequence[str], folds: int, after: Misfit) -> list[str]:
-    """Remarks on a fit."""
-    notes = []
-    noise = float(np.sqrt(np.mean([shape.noise**2 / shape.frames for shape in problem.shapes])))
-    if 0.0 < _BIASED * noise < after.rms:
-        notes.append(
-            f'noise of the camera explains {noise * 1e3:.3f} mm of the distance of '
-            f'{after.rms * 1e3:.3f} mm that is left: the rest is of the model or of the tensions, '
-            'and what is alike in all steps biases the estimates beyond their intervals'
-        )
-    if folds < len(problem.shapes):
-        notes.append(f'{len(problem.shapes)} steps are left out in {folds} groups')
-    if 'tension_offset' in fits:
-        notes.append(
-            'one tension offset for all tendons that read at least 1 % of the highest tension'
-        )
-    if 'alignment' in fits:
-        notes += undetermined(np.concatenate([shape.points for shape in problem.shapes]))
-    return notes

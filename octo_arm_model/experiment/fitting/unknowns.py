@@ -7,7 +7,7 @@ stay positive, of all others the value itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ FITS = (
     'youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'tension_scale', 'tension_offset',
     'alignment',
 )  # fmt: skip
-_ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
+ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 _OFFSET = 'tendon_offset.'
 _EXACT_ONLY = ('poisson_ratio', 'tendon_offsets')
 _EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
@@ -84,10 +84,12 @@ class Unknowns:
         fits: Sequence[str],
         tensions: FloatArray,
         alignment: Alignment,
+        without: Collection[str] = (),
     ) -> None:
         """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
 
-        ``tensions`` (steps, tendons) [N] show which tendons are pulled.
+        ``tensions`` (steps, tendons) [N] show which tendons are pulled. Of the components, those
+        named in ``without`` stay as they are.
 
         Raises:
             ConfigError: if the model has no derivative by one of them.
@@ -111,13 +113,17 @@ class Unknowns:
             # E is fitted at the same nu, so G changes with it.
             self._parameters['material.shear_modulus'] = 0.0
             self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
-        self.arm = config.arm
+        self.arm, self._cells = config.arm, config.load_cells
         self._slack = _PULLED * tensions.max(initial=0.0)
         self._pulled = tensions.max(axis=0, initial=0.0) > self._slack
         self.unknowns = tuple(
-            unknown for name in FITS if name in fits for unknown in self._unknowns_of(name)
+            unknown
+            for name in FITS
+            if name in fits
+            for unknown in self._unknowns_of(name)
+            if unknown.name not in without
         )
-        if not self.unknowns:
+        if not self.unknowns and not without:
             raise ConfigError('nothing to fit: no tendon is pulled')
         self.start = np.array([unknown.start for unknown in self.unknowns])
         self.names = tuple(unknown.name for unknown in self.unknowns)
@@ -140,11 +146,8 @@ class Unknowns:
             pulled = np.array(self.arm.tendon_names)[self._pulled]
             return [Unknown(f'{_OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
         start = (*self._alignment.shift, *self._alignment.turn)
-        units = 3 * ['m'] + 3 * ['rad']
-        return [
-            Unknown(part, unit, float(value), 1e-2)
-            for part, unit, value in zip(_ALIGNMENT, units, start, strict=True)
-        ]
+        parts = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], start, strict=True)
+        return [Unknown(part, unit, float(value), 1e-2) for part, unit, value in parts]
 
     def _get(self, x: FloatArray, name: str, default: float) -> float:
         if name not in self.names:
@@ -154,19 +157,37 @@ class Unknowns:
 
     def alignment(self, x: FloatArray) -> Alignment:
         """Transform camera to base at ``x``."""
-        if _ALIGNMENT[0] not in self.names:
+        if not self.alignment_columns:
             return self._alignment
-        first = self.names.index(_ALIGNMENT[0])
-        return Alignment(x[first + 3 : first + 6].copy(), x[first : first + 3].copy())
+        parts = np.concatenate([self._alignment.shift, self._alignment.turn])
+        parts[self.alignment_parts] = x[self.alignment_columns]
+        return Alignment(parts[3:], parts[:3])
 
     def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
         """Tensions (tendons,) [N] for readings ``read``; slack tendons have no offset."""
         scale, offset = self._get(x, 'tension_scale', 1.0), self._get(x, 'tension_offset', 0.0)
         return np.maximum(scale * read + offset * (read > self._slack), 0.0)
 
+    def _calibrated(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of load cells whose readings `tensions` turns into tensions at ``x``.
+
+        A slack tendon has no offset: the deadband holds what it reads.
+        """
+        scale, offset = self._get(x, 'tension_scale', 1.0), self._get(x, 'tension_offset', 0.0)
+        if (scale, offset) == (1.0, 0.0):
+            return {}
+        cells, count = self._cells, len(self._pulled)
+        begun = np.array(cells.offset or count * (0.0,))
+        band = scale * max(cells.deadband, float(self._slack) if offset else 0.0) + abs(offset)
+        return {
+            'tension_scale': (scale * np.array(cells.scale or count * (1.0,))).tolist(),
+            'tension_offset': (scale * begun + offset * self._pulled).tolist(),
+            'tension_deadband': band,
+        }
+
     def parameters(self, x: FloatArray) -> dict[str, Any]:
         """Parameters of the arm at ``x``."""
-        values = dict(self._parameters)
+        values = {**self._parameters, **self._calibrated(x)}
         young = self._get(x, 'youngs_modulus', math.nan)
         if math.isfinite(young):
             table = 'material.table_youngs_modulus'
@@ -196,7 +217,7 @@ class Unknowns:
         self, x: FloatArray, read: FloatArray, backbone: Backbone, solver: Solver
     ) -> FloatArray:
         """Derivative of the stations of ``backbone``, of ``solver``, by x, (n, 3, unknowns)."""
-        if set(self.names) <= set(_ALIGNMENT):
+        if set(self.names) <= set(ALIGNMENT):
             return np.zeros((*backbone.position.shape, len(self.names)))
         change = solver.sensitivity(backbone)
         by_tension = change.by_tension.pose[:, :3]
@@ -219,7 +240,11 @@ class Unknowns:
         return columns
 
     @property
-    def alignment_columns(self) -> slice:
-        """Components of x that are the alignment."""
-        first = self.names.index(_ALIGNMENT[0]) if _ALIGNMENT[0] in self.names else len(self.names)
-        return slice(first, first + 6)
+    def alignment_columns(self) -> list[int]:
+        """Components of x that are of the alignment."""
+        return [number for number, name in enumerate(self.names) if name in ALIGNMENT]
+
+    @property
+    def alignment_parts(self) -> list[int]:
+        """Which of shift and turn, 0 to 5, these components are."""
+        return [ALIGNMENT.index(name) for name in self.names if name in ALIGNMENT]

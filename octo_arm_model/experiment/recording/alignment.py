@@ -12,9 +12,10 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.vectors import skew
 from octo_arm_model.core.rod.kinematics import Pose
 
-# Singular values of centred points below this part of the largest count as zero: noise is up to a
-# few per cent of the length.
-_FLAT = 0.03
+# Points within so many times their noise of a line or plane, or within this part of their extent,
+# lie in it.
+_TIMES_NOISE = 3.0
+_FLAT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -104,18 +105,23 @@ def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alig
     return Alignment(turn, to_mean - rotation @ from_mean)
 
 
-def undetermined(points: FloatArray) -> tuple[str, ...]:
-    """What ``points`` (n, 3) do not determine of a fitted alignment, in words."""
+def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
+    """What ``points`` (n, 3) do not determine of a fitted alignment, in words.
+
+    ``noise`` is the root mean square distance that the fit leaves [m]: what is within it of a line
+    or a plane cannot be told from one.
+    """
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0.0:
         return ('all measured points are one: the alignment has no rotation',)
-    if spread[1] <= _FLAT * spread[0]:
+    # A coordinate has a third of the square of a distance.
+    flat = max(_TIMES_NOISE * noise * np.sqrt(len(points) / 3.0), _FLAT * spread[0])
+    within = f'within {_TIMES_NOISE:g} times their noise '
+    if spread[1] <= flat:
+        return (f'all measured points lie {within}on a line: the rotation about it is open',)
+    if spread[2] <= flat:
         return (
-            'all measured points lie on a line: the rotation about it is not determined',
-        )  # fmt: skip
-    if spread[2] <= _FLAT * spread[0]:
-        return (
-            'all measured points lie in a plane: the alignment cannot tell a picture from its '
-            'mirror image, seen from the other side of the plane',
+            f'all measured points lie {within}in a plane: the alignment cannot tell a picture '
+            'from its mirror image, seen from the other side of the plane',
         )
     return ()

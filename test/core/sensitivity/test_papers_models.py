@@ -17,7 +17,9 @@ from octo_arm_model import (
     Uncertainty,
     find_tensions,
 )
+from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
 
 TENSIONS = np.array(FETCHING_IN_SPACE) + [[0.05], [0.3], [1.0]]
 
@@ -84,3 +86,19 @@ def test_the_inverse_problem_is_solved_by_the_papers_models_too(
     found = find_tensions(solver, TipPosition(wanted), [[0.5], [4.0], [13.0]])
     assert found.reached
     np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, wanted, atol=1e-6)
+
+
+def test_the_error_of_the_model_is_added_to_the_covariance(
+    table4: Config, papers_model: str
+) -> None:
+    solver = Solver(table4.arm, papers_model, 31)
+    backbone = solver.solve(TENSIONS)
+    without = solver.tip_covariance(backbone, Uncertainty(0.01))
+    known = Config.from_parameters({
+        **load_parameters(preset_path('renda2012_table4')),
+        'tension_stddev': 0.01,
+        'model_error_stddev': 0.014,
+    }).uncertainty  # fmt: skip
+    added = solver.tip_covariance(backbone, known) - without
+    position, rotation = (0.014 * table4.arm.length) ** 2, (2.0 * 0.014) ** 2
+    np.testing.assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-15)

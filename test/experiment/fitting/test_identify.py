@@ -95,7 +95,7 @@ def test_the_model_that_made_the_data_explains_them_best() -> None:
 
 def test_cross_validation_tells_a_step_that_does_not_belong() -> None:
     steps = measured(noise=3e-4)
-    wrong = dataclasses.replace(steps[4].window, tensions=1.3 * steps[4].window.tensions)
+    wrong = dataclasses.replace(steps[4].window, tensions=1.2 * steps[4].window.tensions)
     steps[4] = dataclasses.replace(steps[4], window=wrong)
     fitted = identify(steps, PARAMETERS, 'closed_form')
     misfits = {numbers: misfit.rms for numbers, misfit in fitted.step_misfits}

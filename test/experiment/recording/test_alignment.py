@@ -43,7 +43,16 @@ def test_derivatives_of_an_alignment_are_those_of_differences(turn: np.ndarray) 
 
 def test_what_an_alignment_leaves_open_is_said() -> None:
     line = np.linspace(0.0, 1.0, 10)[:, np.newaxis] * [1.0, 2.0, 0.5]
-    assert 'rotation about it is not determined' in undetermined(line)[0]
-    assert 'mirror image' in undetermined(circle())[0]
-    assert undetermined(np.concatenate([circle(), circle()[:, [0, 2, 1]]])) == ()
-    assert 'no rotation' in undetermined(np.zeros((4, 3)))[0]
+    assert 'rotation about it is open' in undetermined(line, 0.0)[0]
+    assert 'mirror image' in undetermined(circle(), 0.0)[0]
+    assert undetermined(np.concatenate([circle(), circle()[:, [0, 2, 1]]]), 1e-3) == ()
+    assert 'no rotation' in undetermined(np.zeros((4, 3)), 0.0)[0]
+
+
+def test_a_plane_is_told_from_an_arm_out_of_it_by_the_noise() -> None:
+    # An arm of 200 mm goes 5.5 mm out of its plane.
+    points = circle()
+    points[:, 2] = 5.5e-3 * np.sin(np.linspace(0.0, 2.0 * np.pi, len(points)))
+    noisy = points + 1e-4 * np.random.default_rng(0).standard_normal(points.shape)
+    assert undetermined(noisy, 1e-4 * np.sqrt(3.0)) == ()
+    assert 'mirror image' in undetermined(noisy, 5e-3)[0]

@@ -70,8 +70,9 @@ def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
     said = run(capsys, 'compare', *files, *ARM, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
-    fitted = run(capsys, 'identify', *files, *ARM, *STILL)
-    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.02)
+    fitted = run(capsys, 'identify', *files, *ARM, *STILL, '--model', 'exact')
+    # Least squares spread the error of the model over all steps.
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
 @pytest.mark.parametrize('is_yaml', [False, True])

@@ -53,9 +53,9 @@ def test_a_ramp_has_the_errors_of_its_tensions(
 
 
 def test_an_arm_is_fitted_to_a_ramp(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['identify', ramp, '--ramp', '1.2', *STILL]) == 0
+    assert main(['identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact']) == 0
     fitted = json.loads(capsys.readouterr().out)
-    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.02)
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
 def test_windows_that_are_too_many_are_refused(

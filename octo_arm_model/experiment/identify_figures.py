@@ -1,0 +1,137 @@
+"""Pictures of fits: intervals of all models side by side, and residuals along the arm.
+
+Needs matplotlib.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.experiment.compare import StepComparison, compare
+from octo_arm_model.experiment.figure_files import new_figure, save
+from octo_arm_model.experiment.fitting.identify import Identification
+from octo_arm_model.experiment.fitting.pairing import shape_residuals
+from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.reproduce.plotting import LINES
+
+_FEW = 2  # points: tips have no residuals along the arm
+
+
+def draw(
+    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape], folder: Path
+) -> list[Path]:
+    """Draw the ``fitted`` models of ``shapes`` into ``folder``; returns the paths.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    paths = []
+    names = _shown(fitted)
+    if names:
+        paths.append(folder / 'intervals.png')
+        save(_draw_intervals(fitted, names), paths[-1])
+    known = [one for one in fitted if one.after is not None]
+    if known and all(len(shape.points) > _FEW for shape in shapes):
+        paths.append(folder / 'residuals_along_s.png')
+        save(_draw_residuals(known, shapes), paths[-1])
+    return paths
+
+
+def _shown(fitted: Sequence[Identification]) -> list[str]:
+    """Parameters with a value by any model, without the camera's pose."""
+    names = dict.fromkeys(name for one in fitted for name in one.estimates)
+    return [
+        name
+        for name in names
+        if name not in ALIGNMENT
+        and any(name in one.estimates and one.estimates[name].value is not None for one in fitted)
+    ]
+
+
+def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> Any:
+    """A panel for each parameter: estimates of all models with their intervals."""
+    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.5 * len(fitted))
+    panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    for panel, name in zip(panels, names, strict=True):
+        for row, one in enumerate(fitted):
+            estimate = one.estimates.get(name)
+            if estimate is None or estimate.value is None:
+                continue
+            colour = LINES[one.model]['color']
+            if estimate.interval95 is not None:
+                panel.plot(estimate.interval95, (row, row), '-', color=colour, linewidth=3.0)
+            panel.plot(estimate.value, row, 'o', color=colour, markersize=8.0)
+        panel.set(xlabel=f'{name} [{_unit(fitted, name)}]')
+        panel.grid(alpha=0.3)
+        panel.margins(x=0.1, y=0.25)
+    rows = [_row(one) for one in fitted]
+    panels[0].set_yticks(range(len(fitted)), rows)
+    panels[0].invert_yaxis()
+    figure.suptitle('95 % intervals by model, with its held-back misfit')
+    return figure
+
+
+def _row(one: Identification) -> str:
+    misfit = one.cross_validation or one.after
+    return one.model if misfit is None else f'{one.model}\n{misfit.rms * 1e3:.3f} mm'
+
+
+def _unit(fitted: Sequence[Identification], name: str) -> str:
+    return next(one.estimates[name].unit for one in fitted if name in one.estimates)
+
+
+def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
+    """A column for each model, a row for each axis of the base: residuals over s by tension."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    figure = new_figure(4.4 * len(fitted) + 1.0, 6.6)
+    panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
+    scale = Normalize(0.0, max(shape.tension for shape in shapes))
+    for column, one in enumerate(fitted):
+        base = Config.from_parameters(one.parameters).base
+        comparison = compare(_fitted(one, shapes), one.parameters, one.model, one.alignment)
+        for step in comparison.steps:
+            away = _in_base(step, base)
+            s = step.shape.s
+            if s is None:
+                s = comparison.length * np.linspace(0.0, 1.0, len(away))
+            style = '-' if step.shape.s is None else 'o:'
+            colour = colormaps['viridis'](scale(step.shape.tension))
+            for row in range(3):
+                panels[row, column].plot(1e3 * s, 1e3 * away[:, row], style, color=colour)
+        for row, axis in enumerate(('t, along the base', 'n', 'b')):
+            panels[row, column].axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
+            panels[row, column].grid(alpha=0.3)
+            if not column:
+                panels[row, column].set_ylabel(f'{axis} [mm]')
+        panels[0, column].set_title(one.model, fontsize='medium')
+        panels[-1, column].set_xlabel('s [mm]')
+    figure.colorbar(ScalarMappable(scale, 'viridis'), ax=panels, label='sum of tensions [N]')
+    figure.suptitle('Measured less fitted midline, in the frame of the base')
+    return figure
+
+
+def _fitted(one: Identification, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
+    """The ``shapes`` with the tensions of the fitted load cells."""
+    return [
+        dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=tensions))
+        for shape, tensions in zip(shapes, one.tensions, strict=True)
+    ]
+
+
+def _in_base(step: StepComparison, base: Pose) -> Any:
+    """Residuals of a step (m, 3) [m] in the axes t, n and b of the base."""
+    from scipy.spatial.transform import Rotation
+
+    away = shape_residuals(step.shape, step.measured, step.backbone)
+    return Rotation.from_quat(base.quaternion).inv().apply(away)
