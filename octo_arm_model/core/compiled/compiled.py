@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledNewton
-from octo_arm_model.core.compiled.numba_build import evaluate_sections, find_shapes, read_out
+from octo_arm_model.core.compiled.numba_build import (
+    evaluate_sections,
+    find_shapes,
+    newton,
+    read_out,
+)
 from octo_arm_model.core.compiled.section_tables import (
     SectionTables,
     exact_tables,
@@ -63,6 +68,8 @@ class Compiled:
         self._tables: Tables = _own(tables)
 
         if isinstance(statics, Exact):
+            # Compiled here where it is not kept, not in the middle of the first loaded solve.
+            newton()
             statics.use(_speed_up)
 
     def read_out(
