@@ -40,9 +40,10 @@ def highest_tensions(arm: Arm) -> FloatArray:
     highest = default_highest(arm).ravel()
     for tensions in figures(arm).values():
         highest = np.maximum(highest, tensions)
-    # To two digits, upwards.
-    digit = 10.0 ** np.floor(np.log10(highest) - 1.0)
-    return np.ceil(highest / digit - 1e-9) * digit
+    # To two digits, upwards; read as decimals, so that no power of ten is rounded.
+    exponents = np.floor(np.log10(highest) - 1.0).astype(np.int64)
+    digits = np.ceil(highest / 10.0**exponents - 1e-9)
+    return np.array([float(f'{two:.0f}e{power}') for two, power in zip(digits, exponents)])
 
 
 def tendon_limits(config: Config) -> FloatArray:

