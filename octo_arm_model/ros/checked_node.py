@@ -14,8 +14,8 @@ from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.ros.interruption import interruptible
+from octo_arm_model.ros.refusal_log import WARNING_PERIOD
 
-WARNING_PERIOD = 1.0  # [s] between warnings of refused messages
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1
 _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY

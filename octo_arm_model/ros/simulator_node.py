@@ -24,7 +24,7 @@ from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.checked_node import WARNING_PERIOD, CheckedNode
+from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node import diagnostics
@@ -36,6 +36,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionSubscription,
 )
 from octo_arm_model.ros.qos import check_overrides, create_publisher
+from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.limits import check_command
@@ -59,6 +60,7 @@ class SimulatorNode(CheckedNode):
         self._counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
         self._reported = dict(self._counts)
         self._reason = ''
+        self._refusal_log = RefusalLog(self)
         self._measured, self._effective = (
             create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
@@ -112,9 +114,7 @@ class SimulatorNode(CheckedNode):
         except OctoArmError as error:
             self._counts['refused'] += 1
             self._reason = f'{given.topic}: {in_short(error)}'
-            self.get_logger().warning(
-                f'{given.topic} refused: {in_short(error)}', throttle_duration_sec=WARNING_PERIOD
-            )
+            self._refusal_log.warn(given.topic, error)
             return
         self._is_playing = False
 

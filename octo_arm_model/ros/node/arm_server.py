@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any, NamedTuple
 
@@ -13,11 +12,10 @@ from rclpy.node import Node
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError, in_short
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.checked_node import WARNING_PERIOD
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
@@ -30,6 +28,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionSubscription,
 )
 from octo_arm_model.ros.qos import check_overrides
+from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -74,7 +73,7 @@ class ArmServer:
         self._prepared: Prepared | None = None
         self._diagnostics = Diagnostics(node)
         self._diagnostics.end('unconfigured')
-        self._warned = -math.inf
+        self._refusal_log = RefusalLog(node)
         self._inputs: list[TensionSubscription] = []
         self._wrenches: LatestSubscription | None = None
         self._services: list[Any] = []
@@ -236,12 +235,7 @@ class ArmServer:
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._diagnostics.refused(topic, error)
-        # The logger's own throttle looks up the calling line, which takes longer than to solve an
-        # arm, so that a flood of refused messages would delay the others.
-        now = time.monotonic()
-        if now > self._warned + WARNING_PERIOD:
-            self._warned = now
-            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
+        self._refusal_log.warn(topic, error)
 
     def _stamp(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""

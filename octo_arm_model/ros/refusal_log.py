@@ -1,0 +1,32 @@
+"""Warnings of refused messages, at most one a second of each topic."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node
+
+from octo_arm_model.core.errors import OctoArmError, in_short
+
+WARNING_PERIOD = 1.0  # [s] between warnings of one topic
+
+
+class RefusalLog:
+    """Warns of refused messages.
+
+    Every topic has a period of its own, so that what is refused often does not hide what is
+    refused seldom. The logger's own throttle looks up the calling line, which takes longer than to
+    solve an arm.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Warn by the logger of ``node``."""
+        self._node = node
+        self._next: dict[str, float] = {}
+
+    def warn(self, topic: str, error: OctoArmError) -> None:
+        """Say why a message on ``topic``, a subscribed one, is refused; nothing if too soon."""
+        now = time.monotonic()
+        if now >= self._next.get(topic, now):
+            self._next[topic] = now + WARNING_PERIOD
+            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
