@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 from scipy.optimize import least_squares, minimize
 
-from octo_arm_model.analysis.targets import Target
+from octo_arm_model.analysis.targets import Stiffness, Target
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import SolveError, TargetError, TensionError, shown
+from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.paper_balance import SectionStiffness
@@ -30,42 +30,6 @@ REACHED = 1e-6
 _STARTS = 8
 _INDEPENDENT = 1e-6  # of the largest singular value: smaller ones count as zero
 _STIFFNESS_STEP = 1e-4  # of the bound: difference of the tensions for the change of stiffness
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """Stiffness of the tip against a force, to be reached by co-contraction.
-
-    Attributes:
-        direction: of the force, in base_frame, (3,).
-        value: force per displacement along it [N/m], > 0.
-
-    Raises:
-        TargetError: if they are not such.
-    """
-
-    direction: FloatArray
-    value: float
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        direction = real_numbers(self.direction)
-        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
-            raise TargetError(
-                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
-                'zero'
-            )
-        value = real_numbers(self.value)
-        if value is None or value.shape or not 0.0 < value < np.inf:
-            raise TargetError(
-                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
-            )
-        object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
-
-    def of(self, sensitivity: Sensitivity) -> float:
-        """Stiffness of a solution along the direction [N/m]."""
-        compliance = sensitivity.compliance[:3, :3]
-        return float(1.0 / (self.direction @ compliance @ self.direction))
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import TargetError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
 class Target(Protocol):
@@ -100,9 +101,10 @@ class TipPose:
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Displacement and rotation of the tip."""
-        inverse = _inverse_left_jacobian(self._away(backbone).as_rotvec())
-        angle = self.length_per_radian * inverse @ change.tip[3:]
-        return np.concatenate([change.tip[:3], angle])
+        # At most half a turn, where the left Jacobian is regular.
+        turned = left_jacobian(self._away(backbone).as_rotvec())
+        angle = np.linalg.solve(turned, change.tip[3:])
+        return np.concatenate([change.tip[:3], self.length_per_radian * angle])
 
     def _away(self, backbone: Backbone) -> Rotation:
         tip = Rotation.from_quat(np.array(backbone.quaternion[-1]))
@@ -200,6 +202,42 @@ class BackboneShape:
         return self._weight * moved.reshape(-1, moved.shape[-1])
 
 
+@dataclass(frozen=True)
+class Stiffness:
+    """Stiffness of the tip against a force, to be reached by co-contraction.
+
+    Attributes:
+        direction: of the force, in base_frame, (3,).
+        value: force per displacement along it [N/m], > 0.
+
+    Raises:
+        TargetError: if they are not such.
+    """
+
+    direction: FloatArray
+    value: float
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        direction = real_numbers(self.direction)
+        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
+            raise TargetError(
+                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
+                'zero'
+            )
+        value = real_numbers(self.value)
+        if value is None or value.shape or not 0.0 < value < np.inf:
+            raise TargetError(
+                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
+            )
+        object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
+
+    def of(self, sensitivity: Sensitivity) -> float:
+        """Stiffness of a solution along the direction [N/m]."""
+        compliance = sensitivity.compliance[:3, :3]
+        return float(1.0 / (self.direction @ compliance @ self.direction))
+
+
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
     """Angle over its sine, and the derivative of that by the cosine."""
     cosine = max(-0.999999, cosine)  # Opposite tangents: the axis of the rotation is arbitrary.
@@ -207,14 +245,3 @@ def _angle_over_sine(cosine: float) -> tuple[float, float]:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
     return factor, (cosine * factor - 1.0) / (1.0 - cosine * cosine)
-
-
-def _inverse_left_jacobian(vector: FloatArray) -> FloatArray:
-    """Derivative of a rotation vector by a small rotation after it (Barfoot 2017, 7.1.4)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    factor = 1.0 / 12.0
-    if angle > 1e-4:
-        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    return np.eye(3) - 0.5 * skew + factor * skew @ skew

@@ -28,8 +28,8 @@ from octo_arm_model import (
     load_config,
     solve,
 )
-from octo_arm_model.analysis.inverse import Stiffness, default_highest, find_tensions
-from octo_arm_model.analysis.targets import TipPosition
+from octo_arm_model.analysis.inverse import default_highest, find_tensions
+from octo_arm_model.analysis.targets import Stiffness, TipPosition
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.limits import MAX_STATIONS

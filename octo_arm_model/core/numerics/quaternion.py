@@ -24,7 +24,7 @@ class Quaternions(NamedTuple):
 
     @classmethod
     def empty(cls, *shape: int) -> Quaternions:
-        """Room for quaternions of ``shape``."""
+        """Uninitialised quaternions of ``shape``."""
         return cls(np.empty(shape, np.complex128), np.empty(shape, np.complex128))
 
     @classmethod
@@ -33,14 +33,6 @@ class Quaternions(NamedTuple):
         x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
         return cls(w + 1j * x, y + 1j * z)
 
-    @classmethod
-    def from_vector(cls, x: FloatArray, y: FloatArray, z: FloatArray) -> Quaternions:
-        """Vectors as quaternions without real part."""
-        vector = cls.empty(*x.shape)
-        vector.a.real, vector.a.imag = 0.0, x
-        vector.b.real, vector.b.imag = y, z
-        return vector
-
     def part(self, index: slice | IntArray) -> Quaternions:
         """Those at ``index`` of the last axis."""
         return Quaternions(self.a[..., index], self.b[..., index])
@@ -48,10 +40,6 @@ class Quaternions(NamedTuple):
     def times(self, other: tuple[ComplexArray, ComplexArray]) -> Quaternions:
         """Product; as rotations, ``other`` first, then ``self``, both about fixed axes."""
         return Quaternions(*product(*self, *other))
-
-    def rotate(self, vector: Quaternions) -> Quaternions:
-        """Vectors turned by these unit quaternions."""
-        return self.times(vector).times(Quaternions(self.a.conj(), -self.b))
 
     def matrix(self) -> FloatArray:
         """Rotation matrices (3, 3, ...)."""

@@ -1,4 +1,4 @@
-"""Vectors (3, ...), one at each node, and products with rows of numbers, one for each arm."""
+"""Vectors (3, ...), one at each node, rotation vectors, and products of batches."""
 
 from __future__ import annotations
 
@@ -23,6 +23,21 @@ def skew(v: FloatArray) -> FloatArray:
     matrix[0, 1], matrix[0, 2], matrix[1, 2] = -v[2], v[1], -v[0]
     matrix[1, 0], matrix[2, 0], matrix[2, 1] = v[2], -v[1], v[0]
     return matrix
+
+
+def left_jacobian(turn: FloatArray) -> FloatArray:
+    """Derivative of a rotation by its rotation vector ``turn`` (3,), (3, 3).
+
+    It takes a small change of ``turn`` to the small rotation, about fixed axes, that follows the
+    rotation. Singular at a whole turn. Barfoot 2017, 7.1.3.
+    """
+    angle = float(np.linalg.norm(turn))
+    matrix = skew(turn[:, np.newaxis])[:, :, 0]
+    first, second = 0.5, 1.0 / 6.0
+    if angle >= 1e-4:
+        first = (1.0 - np.cos(angle)) / angle**2
+        second = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + first * matrix + second * matrix @ matrix
 
 
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:

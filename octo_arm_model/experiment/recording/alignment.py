@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.core.numerics.vectors import left_jacobian, skew
 from octo_arm_model.core.rod.kinematics import Pose
 
 # Points within so many times their noise of a line or plane, or within this part of their extent,
@@ -74,17 +74,6 @@ class Alignment:
     def as_dict(self) -> dict[str, list[float]]:
         """Position [m] and quaternion x, y, z, w, ready for JSON."""
         return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
-
-
-def left_jacobian(turn: FloatArray) -> FloatArray:
-    """Small rotation after it per change of a rotation vector (Barfoot 2017, 7.1.3), (3, 3)."""
-    angle = float(np.linalg.norm(turn))
-    cross = skew(turn[:, np.newaxis])[:, :, 0]
-    if angle < 1e-4:
-        return np.eye(3) + 0.5 * cross + cross @ cross / 6.0
-    first = (1.0 - np.cos(angle)) / angle**2
-    second = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * cross + second * cross @ cross
 
 
 def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:

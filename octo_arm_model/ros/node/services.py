@@ -6,8 +6,8 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from octo_arm_msgs.srv import FindTensions, Solve
 
-from octo_arm_model.analysis.inverse import Stiffness, default_highest, find_tensions
-from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPosition
+from octo_arm_model.analysis.inverse import default_highest, find_tensions
+from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.core.errors import OctoArmError, TargetError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
