@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
 _DEEPEST = 32  # axes of an array, at least, that NumPy can make
+_NUMBERS, _LISTS = {float, int}, {list, tuple}
 
 
 def finite(name: str, value: object, expected: str = 'a finite number') -> float:
@@ -74,7 +78,7 @@ def real_numbers(value: object) -> FloatArray | None:
 
     Booleans, which Python and NumPy take for 0 and 1 beside numbers, are none; nor are texts.
     """
-    if _holds_bool(value, _DEEPEST):
+    if isinstance(value, (list, tuple)) and _holds_bool(value):
         return None
     try:
         array = np.asarray(value)
@@ -85,12 +89,22 @@ def real_numbers(value: object) -> FloatArray | None:
     return array.astype(np.float64, copy=False)
 
 
-def _holds_bool(value: object, depth: int) -> bool:
-    if isinstance(value, (list, tuple)):
-        return depth > 0 and any(_holds_bool(element, depth - 1) for element in value)
-    return isinstance(value, (bool, np.bool_)) or (
-        isinstance(value, np.ndarray) and value.dtype.kind == 'b'
-    )
+def _holds_bool(value: list[object] | tuple[object, ...]) -> bool:
+    """Whether nested lists have a boolean; level by level, as every solve comes here."""
+    level: Iterable[Any] = value
+    for _ in range(_DEEPEST):
+        kinds = set(map(type, level))
+        if kinds <= _NUMBERS:
+            return False
+        if not kinds <= _LISTS:
+            for element in level:
+                if isinstance(element, (bool, np.bool_)) or (
+                    isinstance(element, np.ndarray) and element.dtype.kind == 'b'
+                ):
+                    return True
+            level = [element for element in level if isinstance(element, (list, tuple))]
+        level = list(itertools.chain.from_iterable(level))
+    return False
 
 
 def is_text(value: object) -> bool:
