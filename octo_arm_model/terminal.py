@@ -1,9 +1,10 @@
-"""What programs share on a terminal: the parser of their options, and one line of numbers."""
+"""What programs share on a terminal: parser of options, line of errors, line of numbers."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import sys
 import time
 from collections.abc import Callable
 from typing import TextIO
@@ -19,6 +20,17 @@ def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentPa
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+
+
+def fail(prog: str, problem: object, status: int = 2) -> int:
+    """Print ``problem`` as the error of the program ``prog``; returns its exit ``status``."""
+    print(f'{prog}: error: {problem}', file=sys.stderr)
+    return status
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """What to install where ``error`` is raised."""
+    return f'needs {error.name}; install it with: pip install {error.name}'
 
 
 class StatusLine:
