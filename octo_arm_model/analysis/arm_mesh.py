@@ -81,7 +81,7 @@ class Drawing:
         self._outline = circle[:, :, np.newaxis] * radius
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
-        self.triangles = _triangles(self._rings.size, sides)
+        self.triangles = tube_triangles(self._rings.size, sides)
         self.disc_count = self._anchorages.size
         self.tendon_points = [int(end) + 1 for end in self._tendon_ends]
         self.disc_thickness = DISC_THICKNESS * arm.length
@@ -143,10 +143,11 @@ def _place(position: FloatArray, across: FloatArray, places: FloatArray) -> Floa
     return position + np.einsum('xar,akr->krx', across, places)
 
 
-def _triangles(rings: int, sides: int) -> IntArray:
-    """Vertices of each triangle (triangles, 3), anticlockwise seen from outside.
+def tube_triangles(rings: int, sides: int) -> IntArray:
+    """Vertices of each triangle of a closed tube (triangles, 3), anticlockwise from outside.
 
-    Vertices are numbered ring by ring along each side, then come the centres of base and tip.
+    Its vertices are those of the rings, first all along one side, then along the next one
+    anticlockwise about the axis, and last the centres of both ends.
     """
     number = np.arange(sides * rings).reshape(sides, rings)
     beside = np.roll(number, -1, axis=0)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config.build import (
+    DiagnosticLimits,
     build_arm,
+    build_diagnostic_limits,
     build_limits,
     build_load_cells,
     build_uncertainty,
@@ -29,21 +30,6 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver
-
-
-@dataclass(frozen=True)
-class DiagnosticLimits:
-    """Thresholds of the node's diagnostics, each >= 0 [s].
-
-    Attributes:
-        silence: time without tensions.
-        age: age of a stamp on arrival.
-        ahead: how far a stamp is ahead of the clock.
-    """
-
-    silence: float
-    age: float
-    ahead: float
 
 
 @dataclass(frozen=True)
@@ -79,7 +65,7 @@ class Config:
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     markers_rate: float = 0.0
-    diagnostic_limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
+    diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
 
@@ -125,7 +111,7 @@ class Config:
             loads=build_loads(given),
             uncertainty=uncertainty,
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
-            diagnostic_limits=_diagnostic_limits(given),
+            diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
         )
@@ -156,14 +142,6 @@ class Config:
             loads=self.loads,
             compiled=compiled,
         )
-
-
-def _diagnostic_limits(given: Mapping[str, Any]) -> DiagnosticLimits:
-    limits = {}
-    for name in ('silence', 'age', 'ahead'):
-        parameter = f'diagnostics.{name}_limit'
-        limits[name] = not_negative(parameter, given[parameter], 'time', 's')
-    return DiagnosticLimits(**limits)
 
 
 def load_config(path: str | Path) -> Config:

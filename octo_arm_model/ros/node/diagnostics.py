@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from octo_arm_model.config.config import DiagnosticLimits
+from octo_arm_model.config.build import DiagnosticLimits
 from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours
+from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours, tube_triangles
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -147,18 +147,8 @@ def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     ring = np.array([np.cos(angle), np.sin(angle), 0.0 * angle])
     up = np.array([[0.0], [0.0], [0.5 * thickness]])
-    vertices = np.concatenate([ring - up, ring + up, -up, up], axis=1)
-    low = np.arange(_SIDES)
-    beside = np.roll(low, -1)
-    high, high_beside = low + _SIDES, beside + _SIDES
-    under, over = np.full((2, _SIDES), [[2 * _SIDES], [2 * _SIDES + 1]])
-    sides = (
-        (low, beside, high),
-        (beside, high_beside, high),
-        (under, beside, low),
-        (over, high, high_beside),
-    )
-    return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
+    rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
+    return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)
 
 
 def set_scene(
