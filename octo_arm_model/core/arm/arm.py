@@ -23,9 +23,9 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 
-# Profiles are checked at so many places, and at their knots.
+# Number of arc coordinates at which profiles are checked, besides their knots.
 _CHECKED = 257
-# Part of the radius of the base that a tendon on the surface may be outside of it by rounding.
+# Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
 _ROUNDING = 1e-12
 
 
@@ -66,7 +66,7 @@ class Arm:
     tendon_names: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Validate what concerns several parts at once."""
+        """Validate what depends on several parts."""
         object.__setattr__(self, 'sections', tuple(self.sections))
         if not self.sections:
             raise ArmDefinitionError('sections', self.sections, 'at least one section')
@@ -121,7 +121,7 @@ class Arm:
                 'sections are listed from the tip to the base',
             )
         if isinstance(section, Section):
-            # Both ends first: they are what was given, and bound a straight tendon in a cone.
+            # Both ends first, by the names they were given by; they bound a straight tendon.
             self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
             end = np.array([section.anchorage])
             self._check_inside(f'{where}.offset_anchorage', section.tendons[0], end)
@@ -231,7 +231,7 @@ class Arm:
         for row, (tendon, section) in enumerate(
             zip(self.tendons, self.tendon_section, strict=True)
         ):
-            # Beyond its anchorage a tendon is not there, and its path may have no value.
+            # Beyond its anchorage the path of a tendon need not have values.
             inside = np.minimum(s, ends[section - 1])
             along_n[row], along_b[row] = what(tendon, inside)
         return along_n, along_b

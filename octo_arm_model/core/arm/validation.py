@@ -1,4 +1,4 @@
-"""What is given, checked: every refusal names the field, its value and the range."""
+"""Validation of input: every error names the field, its value and the allowed range."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
 
 
 def real_numbers(value: object) -> FloatArray | None:
-    """Return ``value``, an array or nested lists, as floats; None where it is none of numbers.
+    """Return ``value``, an array or nested lists, as floats; None where it is no array of numbers.
 
-    Booleans, which Python and NumPy take for 0 and 1 beside numbers, are none; nor are texts.
+    Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts.
     """
     if isinstance(value, (list, tuple)) and _holds_bool(value):
         return None
@@ -90,7 +90,7 @@ def real_numbers(value: object) -> FloatArray | None:
 
 
 def _holds_bool(value: list[object] | tuple[object, ...]) -> bool:
-    """Whether nested lists have a boolean; level by level, as every solve comes here."""
+    """Whether nested lists contain a boolean; level by level, which is fast for plain numbers."""
     level: Iterable[Any] = value
     for _ in range(_DEEPEST):
         kinds = set(map(type, level))
@@ -108,10 +108,10 @@ def _holds_bool(value: list[object] | tuple[object, ...]) -> bool:
 
 
 def is_text(value: object) -> bool:
-    """Whether ``value`` is a text that a message can carry.
+    """Whether ``value`` is a text that fits into a ROS message.
 
-    No more than `MAX_NAME` characters, without the NUL that ends a text in a message and without
-    halves of characters, which have no bytes in UTF-8.
+    At most `MAX_NAME` characters, without NUL, which ends a string there, and without surrogates,
+    which UTF-8 cannot encode.
     """
     return (
         isinstance(value, str)

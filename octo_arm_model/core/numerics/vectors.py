@@ -9,7 +9,7 @@ from octo_arm_model.core.hints import FloatArray
 
 
 def cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Cross product along the first axis (np.cross is slow)."""
+    """Cross product along the first axis ; np.cross takes several times as long."""
     return np.stack([
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],
@@ -43,14 +43,14 @@ def left_jacobian(turn: FloatArray) -> FloatArray:
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
 
-    BLAS gets one row at a time, as it rounds several together differently: replay, which solves
-    batches, must write the bytes of the node, which solves one arm at a time.
+    BLAS multiplies one row at a time, since it rounds several rows together differently: replay,
+    which solves batches, must write the same bytes as the node, which solves single arms.
     """
     product: FloatArray = rows[..., np.newaxis, :] @ matrix
     return product[..., 0, :]
 
 
 def runs_of(inside: NDArray[np.bool_]) -> list[slice]:
-    """Where ``inside`` is true, as runs without gaps."""
+    """Slices of consecutive true elements of ``inside``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
     return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

@@ -1,4 +1,4 @@
-"""From strains at the nodes of a grid to the `Backbone` that users see."""
+"""From strains at the nodes of a grid to a `Backbone`."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], 
 
 
 class Results:
-    """Room for the shapes of a batch, filled part by part.
+    """Arrays of the shapes of a batch, filled part by part.
 
     Attributes:
         position: of the stations [m], (..., stations, 3).
         quaternion: their orientation x, y, z, w, (..., stations, 4).
         strains: torsion and curvatures [1/m] and longitudinal strain [-], (4, ..., stations).
-        residual: what is left of the model's equations, relative, (...).
-        iterations: steps it took, (...).
-        twist: of the last arms added or, where compiled, looked at, (4 or 6, ..., nodes).
+        residual: relative residual of the model's equations, (...).
+        iterations: number of iterations, (...).
+        twist: of the arms added or, where compiled, solved last, (4 or 6, ..., nodes).
     """
 
     def __init__(
@@ -38,9 +38,9 @@ class Results:
         base: Frame,
         read_out: ReadOut | None = None,
     ) -> None:
-        """Make room for arms at the stations of ``grid``, standing on ``base``.
+        """Allocate arrays for arms at the stations of ``grid``, their base in the pose ``base``.
 
-        ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
+        ``lead`` is (batch,), or () for one arm, which takes NumPy less time than (1,).
         ``read_out`` integrates twists instead of NumPy.
         """
         self._read_out = read_out
@@ -66,10 +66,10 @@ class Results:
         return self.residual.ndim == 0
 
     def add(self, part: slice | tuple[()], solution: Solution) -> None:
-        """Take the arms ``part`` of the batch, or the one arm, ().
+        """Fill in the arms ``part`` of the batch, or the one arm, ().
 
         Raises:
-            SolveError: if a cross section is turned inside out.
+            SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
         twist = solution.twist
         self._check(twist[3])
@@ -88,7 +88,7 @@ class Results:
         np.subtract(stretch, 1.0, out=q[part])
 
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
-        """Have ``read_out`` fill in the arms ``part``, each as if it were alone."""
+        """Call ``read_out`` for each of the arms ``part``."""
         strains = np.empty((4, self._grid.s.size))
         if isinstance(part, tuple):
             read_out(twist, self.strains, self.position, self.quaternion)
@@ -98,7 +98,7 @@ class Results:
             self.strains[:, arm] = strains
 
     def _check(self, stretch: FloatArray) -> None:
-        # NaN fails too.
+        # NaN is refused too.
         if not stretch.min(initial=1.0) > 0.0:
             lowest = np.atleast_2d(stretch).min(axis=-1)
             arm = int(np.argmin(lowest > 0.0))
@@ -112,10 +112,10 @@ class Results:
     def backbone(
         self, model: str, tensions: FloatArray, tip_wrench: FloatArray, lead: tuple[int, ...]
     ) -> Backbone:
-        """All of it, read-only, in the shape of the leading axes ``lead``."""
+        """The `Backbone` of these read-only arrays, with the leading axes ``lead``."""
         position, quaternion, strains = self.position, self.quaternion, self.strains
         residual, iterations = self.residual, self.iterations
-        # Of a large batch the nodes would be most of the memory.
+        # Not of a batch, whose nodes would take most of the memory.
         twist = self.twist.reshape(len(self.twist), -1) if lead == () else None
         if residual.shape != lead:
             count = self._grid.s.size

@@ -1,4 +1,4 @@
-"""The shape of an arm: what every solution is given as."""
+"""The shape of an arm: the result of every solve."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from octo_arm_model.core.rod.solution import Shape
 class Backbone:
     """Shape of the arm at every station, from base to tip. Its arrays are read-only.
 
-    For a batch of tensions the results keep its leading axes; ``s`` and ``section`` are common to
-    all.
+    The leading axes are those of the tensions; ``s`` and ``section`` are common to a batch.
 
     Attributes:
-        model: name of the model that made it.
+        model: name of the model.
         s: arc coordinate along the reference configuration [m], (stations,).
         section: section a station belongs to, numbered from the tip; 0 beyond the last
             anchorage, (stations,). At an anchorage everything holds on the side of the base.
@@ -29,11 +28,11 @@ class Backbone:
         q: longitudinal strain [-], (..., stations).
         tensions: tensions of the tendons [N], ``(..., *Arm.tension_shape)``.
         tip_wrench: force and moment on the tip in base_frame [N, N m], (..., 6).
-        residual: what is left of the model's equations, relative [-], (...).
-        iterations: steps of the solver, (...).
+        residual: relative residual of the model's equations [-], (...).
+        iterations: iterations of the solver, (...).
         twist: motion of the frame per reference length at every node of the solver's grid,
             (4 or 6, nodes), see `solution.Solution`; None for a batch.
-        shape: of one loaded arm, what `Solver.solve` follows it from.
+        shape: of one loaded arm, from which `Solver.solve` continues as ``start``.
     """
 
     model: str

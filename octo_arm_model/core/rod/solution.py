@@ -1,4 +1,4 @@
-"""What every model of the statics gives."""
+"""Results of the statics: strains of a batch of arms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 
 
 class Shape(NamedTuple):
-    """What a loaded rod is followed from: strains and orientations at the points of the model.
+    """State of a loaded rod for continuation: strains and orientations at the points of the model.
 
     Attributes:
         twist: see `Solution`, (4 or 6, points).
@@ -29,9 +29,9 @@ class Solution(NamedTuple):
         twist: motion of the frame per reference length, in its own axes: angular (1 + q) (tau,
             xi, k) [1/m], then linear 1 + q [-] along t (and shear along n and b, if any),
             (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
-        residual: what is left of the model's equations, relative, (batch,), or one for all.
-        iterations: steps it took, likewise.
-        shape: of one loaded arm, what to follow it from.
+        residual: relative residual of the model's equations, (batch,), or one for all.
+        iterations: number of iterations, likewise.
+        shape: of one loaded arm, for continuation.
     """
 
     twist: FloatArray
@@ -40,7 +40,7 @@ class Solution(NamedTuple):
     shape: Shape | None = None
 
     def one(self) -> Solution:
-        """The only arm of a batch, without its axis."""
+        """The only arm of a batch, without the axis of the batch."""
         if self.twist.ndim == 2:
             return self
         return Solution(

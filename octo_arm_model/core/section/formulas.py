@@ -99,13 +99,14 @@ def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
     """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
 
     For ``load``, the moment over E A and the radius, and ``force`` of compression over E A. The
-    bend is the curvature times the radius. Right to first order for every law, never inside out.
+    bend is the curvature times the radius. Correct to first order for every law, and a possible
+    state for any load.
     """
     straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
     slope = 4.0 * load
     ratio = slope / straight
     bend = slope / np.sqrt(1.0 + ratio * ratio)
-    # Rubber gets longer as it bends, about so much.
+    # Bending lengthens rubber by this to leading order.
     return straight, straight + 0.5 * bend * bend, bend
 
 
@@ -114,7 +115,7 @@ def planar_step(
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Newton's step of stretch and bend from there, with the `Density` of the law at bend^2."""
+    """Newton's step of stretch and bend, with the `Density` of the law at bend^2."""
     twice = bend + bend
     left, moved = by_stretch + force, twice * by_bend - load
     cross = twice * stretch_bend

@@ -1,4 +1,4 @@
-"""What a cross section's balance and its tendons' lengths change by with parameters of the arm."""
+"""Derivatives of the balance of cross sections and of tendon lengths by parameters of the arm."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from octo_arm_model.core.section.energy import SectionEnergy
 
 
 class ParameterDerivatives:
-    """Derivatives of ``energy`` at fixed strain, by what describes the arm."""
+    """Derivatives of a `SectionEnergy` at fixed strain, by Poisson's ratio and tendon offsets."""
 
     def __init__(self, energy: SectionEnergy, arm: Arm) -> None:
-        """Tabulate how the tendons of ``arm`` move where each runs farther out."""
+        """Tabulate the directions of increasing offset of the tendons of ``arm``."""
         self._energy = energy
         self._out = tuple(
             np.ascontiguousarray(table[:, np.newaxis]) * energy.active
