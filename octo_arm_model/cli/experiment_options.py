@@ -15,9 +15,10 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.csv_table import read_columns
-from octo_arm_model.experiment.recording.measured_topics import LENGTH_UNITS, Measured
+from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.recording import CsvSources, Recording, read_recording
+from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
+from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
 ALL = 'all'
@@ -69,7 +70,8 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         nargs='+',
         default=[],
         metavar='FRAME',
-        help='their frames in /tf, or in the topic of --midlines, in the same order',
+        help='their frames in /tf and /tf_static, or in the topics of --midlines, in the same '
+        'order; chains of frames are followed to base_frame, or else to their root',
     )
     parser.add_argument(
         '--length-unit',
@@ -171,7 +173,7 @@ def read_options(
         options.length_unit,
     )  # fmt: skip
     columns = read_columns(options.columns)
-    with Bar('messages') as bar:
+    with Bar('messages, rows and values') as bar:
         recording = read_recording(
             options.bag,
             options.config,
@@ -197,7 +199,8 @@ def read_options(
     ramp = options.ramp
     width = None if ramp is None or math.isnan(ramp) else ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
-    observations = observe(recording, pairing, alignment)
+    with Bar('clock offsets') as bar:
+        observations = observe(recording, pairing, alignment, bar.on_terminal)
     return (
         recording,
         observations,

@@ -125,13 +125,14 @@ def _run(options: argparse.Namespace) -> int:
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
-    if options.csv is not None and any(name.startswith('tension_') for name in best.estimates):
-        notes.append('no CSV files: compare does it, with the fitted file as --config, and --out')
-    elif options.csv is not None and best.is_trustworthy:
-        fitted_arm = compare(observations.shapes, best.parameters, best.model, best.alignment)
+    if options.csv is not None and best.is_trustworthy:
+        shapes = best.with_tensions(observations.shapes)
+        fitted_arm = compare(shapes, best.parameters, best.model, best.alignment)
         names = Config.from_parameters(best.parameters).arm.tendon_names
         tables = write_tables(options.csv, [fitted_arm], names)
         notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
+    elif options.csv is not None:
+        notes.append(f'{options.csv} stays empty: the data do not determine the arm')
     print(
         json.dumps(as_dict(best, list(fitted.values()), observations, notes))
         if options.json

@@ -24,6 +24,7 @@ from octo_arm_model.experiment.recording.branches import (
     part_along,
     remarks,
 )
+from octo_arm_model.experiment.recording.curves import lengths_along
 from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
@@ -56,6 +57,17 @@ class StepComparison:
     errors: MidlineErrors
     direction: str
     bend: float
+
+    @property
+    def s(self) -> FloatArray:
+        """Arc coordinates of the points of the model that those measured are paired with [m]."""
+        if self.shape.s is not None:
+            return self.shape.s
+        count, model = len(self.measured), self.backbone.position
+        start = fraction_at_start(self.measured, model)
+        fraction = np.linspace(start, 1.0, count) if count > 1 else np.ones(1)
+        along = lengths_along(model)
+        return np.interp(fraction * along[-1], along, self.backbone.s)
 
 
 @dataclass(frozen=True)

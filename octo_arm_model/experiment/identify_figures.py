@@ -5,12 +5,9 @@ Needs matplotlib.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.rod.kinematics import Pose
@@ -99,16 +96,13 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     scale = Normalize(0.0, max(shape.tension for shape in shapes))
     for column, one in enumerate(fitted):
         base = Config.from_parameters(one.parameters).base
-        comparison = compare(_fitted(one, shapes), one.parameters, one.model, one.alignment)
+        comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
-            s = step.shape.s
-            if s is None:
-                s = comparison.length * np.linspace(0.0, 1.0, len(away))
             style = '-' if step.shape.s is None else 'o:'
             colour = colormaps['viridis'](scale(step.shape.tension))
             for row in range(3):
-                panels[row, column].plot(1e3 * s, 1e3 * away[:, row], style, color=colour)
+                panels[row, column].plot(1e3 * step.s, 1e3 * away[:, row], style, color=colour)
         for row, axis in enumerate(('t, along the base', 'n', 'b')):
             panels[row, column].axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
             panels[row, column].grid(alpha=0.3)
@@ -119,14 +113,6 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     figure.colorbar(ScalarMappable(scale, 'viridis'), ax=panels, label='sum of tensions [N]')
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
-
-
-def _fitted(one: Identification, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
-    """The ``shapes`` with the tensions of the fitted load cells."""
-    return [
-        dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=tensions))
-        for shape, tensions in zip(shapes, one.tensions, strict=True)
-    ]
 
 
 def _in_base(step: StepComparison, base: Pose) -> Any:

@@ -6,6 +6,7 @@ their intervals and correlations.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,13 @@ class Identification:
         """Whether the data determine any parameter but the camera's pose, if others were asked."""
         own = [name for name in self.estimates if name not in ALIGNMENT] or list(self.estimates)
         return any(self.estimates[name].value is not None for name in own)
+
+    def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
+        """The ``shapes`` it was fitted to, with the tensions of the fitted load cells."""
+        return [
+            dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
+            for shape, row in zip(shapes, self.tensions, strict=True)
+        ]
 
 
 def identify(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
@@ -26,13 +28,15 @@ def clock_offset(
     tensions: FloatArray,
     frame_time: FloatArray,
     tips: FloatArray,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> float | None:
     """Seconds to add to ``frame_time`` (f,) so that ``tips`` (f, 3) agree with the tensions.
 
     For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
     ``tensions`` (n, tendons) at ``tension_time`` (n,), is fitted to the tips; the offset of least
     residual is taken. The affine function absorbs the pose of the camera and most of the model's
-    error. The lag of the arm behind its tensions counts as an offset of the clock.
+    error. The lag of the arm behind its tensions counts as an offset of the clock. ``progress`` is
+    told how many offsets of all are tried.
 
     Returns:
         The offset; None where no minimum is clear, as for an arm at rest.
@@ -46,9 +50,10 @@ def clock_offset(
     seen = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
     times, tips = frame_time[seen], tips[seen]
     offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
-    left = np.array([
-        _residual(times + offset, tips, tension_time[some], expected) for offset in offsets
-    ])  # fmt: skip
+    left = np.empty(len(offsets))
+    for number, offset in enumerate(offsets):
+        left[number] = _residual(times + offset, tips, tension_time[some], expected)
+        progress(number + 1, len(offsets))
     best = int(left.argmin())
     if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,9 +64,14 @@ class Observations:
 
 
 def observe(
-    recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
+    recording: Recording,
+    pairing: Pairing = Pairing(),
+    known: Alignment | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Observations:
     """Shapes of the steady steps of ``recording``; ``known`` is the alignment, where it is.
+
+    ``progress`` is told how far the search for the clock offset is.
 
     Raises:
         MeasurementError: if it cannot be told which end of the midlines is the base.
@@ -75,7 +80,7 @@ def observe(
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
     frames = _base_first(recording, pairing, config, known, notes)
-    offset = _offset(recording, pairing, config, frames, notes)
+    offset = _offset(recording, pairing, config, frames, notes, progress)
     time, sampled = recording.tension_time, recording.tensions
     if pairing.is_ramp:
         windows = ramp_windows(time, sampled, pairing.ramp_width)
@@ -141,6 +146,7 @@ def _offset(
     config: Config,
     frames: Sequence[FloatArray],
     notes: list[str],
+    progress: Callable[[int, int], None],
 ) -> float:
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
@@ -151,7 +157,7 @@ def _offset(
     if seen.any():
         found = clock_offset(
             config.arm, recording.tension_time, recording.tensions, recording.frame_time[seen],
-            tips[seen],
+            tips[seen], progress,
         )  # fmt: skip
     if found is None:
         notes.append(
