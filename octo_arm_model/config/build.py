@@ -40,7 +40,16 @@ def build_arm(given: Values) -> Arm:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if the arm cannot exist.
     """
-    return Arm(_material(given), _body(given), _sections(given), given['tendon_names'])
+    sections = _sections(given)
+    count = sum(len(section.tendons) for section in sections)
+    return Arm(
+        _material(given),
+        _body(given),
+        sections,
+        given['tendon_names'],
+        axial_stiffness=_per_tendon(given, 'tendons.axial_stiffness', count),
+        free_length=_per_tendon(given, 'tendons.free_length', count),
+    )
 
 
 def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
@@ -112,6 +121,16 @@ def build_diagnostic_limits(given: Values) -> DiagnosticLimits:
     names = ('silence', 'age', 'ahead')
     parameters = (f'diagnostics.{name}_limit' for name in names)
     return DiagnosticLimits(*(not_negative(name, given[name], 'time', 's') for name in parameters))
+
+
+def _per_tendon(given: Values, name: str, count: int) -> tuple[float, ...]:
+    """Values of the parameter ``name``, one for each of ``count`` tendons or one for all."""
+    values: tuple[float, ...] = given[name]
+    if len(values) == 1:
+        return count * values
+    if values:
+        check_length(name, values, count, ', one per tendon or one for all')
+    return values
 
 
 def _material(given: Values) -> Material:

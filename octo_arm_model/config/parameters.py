@@ -104,6 +104,14 @@ PARAMETERS = (
     Parameter('tendons.table_angle', float,
               'direction at each of table_s [rad], tendon after tendon; empty for angle', (),
               is_array=True),
+    Parameter('tendons.axial_stiffness', float,
+              'E A of each tendon itself [N], section by section from the tip, or one number for '
+              'all, by which a winch that is driven by length has to reel in more; 0 for one that '
+              'does not stretch; empty for none that does', (), is_array=True, range='>= 0'),
+    Parameter('tendons.free_length', float,
+              'length of each tendon between the base and its winch [m], which stretches as well '
+              'as what runs in the arm, or one number for all; empty for none', (), is_array=True,
+              range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),

@@ -89,7 +89,7 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
 @pytest.mark.parametrize(
     'arguments',
     [
-        (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('reproduce',),
+        (), ('draw',), ('solve',), ('reproduce',),
         (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
     ],
 )  # fmt: skip

@@ -18,7 +18,7 @@ from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import as_profile
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import is_text
+from octo_arm_model.core.arm.validation import is_text, per_tendon
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
@@ -53,17 +53,22 @@ class Arm:
         sections: anchorages **from the tip to the base**, at least one and at most
             `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
+        axial_stiffness: E A of each tendon itself [N], 0 for one that does not stretch; empty for
+            none that does.
+        free_length: length of each tendon between the base and its winch [m]; empty for zero.
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
-            the body and its discs, a profile leaves its range, or the names are not one per
-            tendon and distinct.
+            the body and its discs, a profile leaves its range, the names are not one per
+            tendon and distinct, or a property of tendons is negative or not one per tendon.
     """
 
     material: Material
     body: Body | ProfiledBody
     sections: tuple[Section | RoutedSection, ...]
     tendon_names: tuple[str, ...] = field(default=())
+    axial_stiffness: tuple[float, ...] = ()
+    free_length: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate what depends on several parts."""
@@ -77,6 +82,13 @@ class Arm:
             self._check_section(number, section, previous)
             previous = section.anchorage
         self._set_names(self.tendon_names)
+        for name, what, unit in (
+            ('axial_stiffness', 'stiffness', 'N'),
+            ('free_length', 'length', 'm'),
+        ):
+            values, count = getattr(self, name), len(self.tendons)
+            checked = per_tendon(f'tendons.{name}', values, count, what, unit)
+            object.__setattr__(self, name, checked)
 
     def _check_profiles(self) -> None:
         material = self.material

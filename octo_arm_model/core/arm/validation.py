@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,24 @@ def not_negative(name: str, value: object, what: str, unit: str) -> float:
     if number < 0.0:
         raise ArmDefinitionError(name, value, expected)
     return number
+
+
+def per_tendon(
+    name: str, values: Sequence[object], count: int, what: str, unit: str
+) -> tuple[float, ...]:
+    """Return ``values``, none or one for each of ``count`` tendons, as floats >= 0.
+
+    Empty where all are zero.
+
+    Raises:
+        ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit``.
+    """
+    if isinstance(values, str) or not isinstance(values, Sequence):
+        raise ArmDefinitionError(name, values, f'numbers, one for each of {count} tendons')
+    numbers = tuple(not_negative(name, value, what, unit) for value in values)
+    if numbers and len(numbers) != count:
+        raise ArmDefinitionError(name, numbers, f'{count} numbers, one for each tendon')
+    return numbers if any(numbers) else ()
 
 
 def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
