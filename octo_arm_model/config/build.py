@@ -49,6 +49,7 @@ def build_arm(given: Values) -> Arm:
         given['tendon_names'],
         axial_stiffness=_per_tendon(given, 'tendons.axial_stiffness', count),
         free_length=_per_tendon(given, 'tendons.free_length', count),
+        friction=_per_tendon(given, 'tendons.friction', count),
     )
 
 

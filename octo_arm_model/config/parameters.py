@@ -112,6 +112,10 @@ PARAMETERS = (
               'length of each tendon between the base and its winch [m], which stretches as well '
               'as what runs in the arm, or one number for all; empty for none', (), is_array=True,
               range='>= 0'),
+    Parameter('tendons.friction', float,
+              "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
+              'all or one per tendon, section by section from the tip; empty for none; with model '
+              'closed_form or exact', (), is_array=True, range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),

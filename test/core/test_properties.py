@@ -33,7 +33,7 @@ def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
 
 def assert_trustworthy(backbone: Backbone) -> None:
     for name, value in vars(backbone).items():
-        assert name in ('model', 'shape') or np.isfinite(value).all(), name
+        assert value is None or name in ('model', 'shape') or np.isfinite(value).all(), name
     norm = np.linalg.norm(backbone.quaternion, axis=-1)
     np.testing.assert_allclose(norm, 1.0, rtol=0.0, atol=1e-12)
     assert (backbone.q > -1.0).all()

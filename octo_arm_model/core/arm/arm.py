@@ -56,6 +56,7 @@ class Arm:
         axial_stiffness: E A of each tendon itself [N], 0 for one that does not stretch; empty for
             none that does.
         free_length: length of each tendon between the base and its winch [m]; empty for zero.
+        friction: Coulomb's coefficient mu of each tendon in its guides [-]; empty for none.
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
@@ -69,6 +70,7 @@ class Arm:
     tendon_names: tuple[str, ...] = field(default=())
     axial_stiffness: tuple[float, ...] = ()
     free_length: tuple[float, ...] = ()
+    friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate what depends on several parts."""
@@ -85,6 +87,7 @@ class Arm:
         for name, what, unit in (
             ('axial_stiffness', 'stiffness', 'N'),
             ('free_length', 'length', 'm'),
+            ('friction', 'coefficient', '-'),
         ):
             values, count = getattr(self, name), len(self.tendons)
             checked = per_tendon(f'tendons.{name}', values, count, what, unit)

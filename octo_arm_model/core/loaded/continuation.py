@@ -131,7 +131,8 @@ def _levenberg_marquardt(
             break
         heavier = max(_HEAVY * damping, _LIGHT)
         try:
-            step = problem.linearised(state, damping).solve(state.imbalance[:, np.newaxis])
+            system = problem.linearised(state, damping)
+            step = problem.respond(system, state, state.imbalance[:, np.newaxis])
         except ConvergenceError:
             damping = heavier
             continue

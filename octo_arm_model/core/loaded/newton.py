@@ -60,9 +60,9 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
         try:
             # Near the solution the last system serves once more.
             system = system if system and is_near else problem.linearised(state)
+            step = problem.respond(system, state, state.imbalance[:, np.newaxis])
         except ConvergenceError:
             return Iterate(state, iteration, strayed, None)
-        step = system.solve(state.imbalance[:, np.newaxis])
         new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN.
         if not new.residual <= (progress if iteration else UPHILL) * state.residual:

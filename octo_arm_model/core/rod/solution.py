@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,19 @@ class Shape(NamedTuple):
     orientation: Quaternions
 
 
+class TendonTensions(NamedTuple):
+    """Tensions of tendons with friction along them.
+
+    Attributes:
+        points: at the points of the model, (tendons, batch, points), or (tendons, points) of one
+            arm [N].
+        stations: at the stations, likewise.
+    """
+
+    points: FloatArray
+    stations: FloatArray
+
+
 class Solution(NamedTuple):
     """Solved statics of a batch of arms.
 
@@ -32,12 +46,14 @@ class Solution(NamedTuple):
         residual: relative residual of the model's equations, (batch,), or one for all.
         iterations: number of iterations, likewise.
         shape: of one loaded arm, for continuation.
+        tendons: along the tendons, where they have friction.
     """
 
     twist: FloatArray
     residual: FloatArray | float
     iterations: IntArray | int
     shape: Shape | None = None
+    tendons: TendonTensions | None = None
 
     def one(self) -> Solution:
         """The only arm of a batch, without the axis of the batch."""
@@ -48,4 +64,17 @@ class Solution(NamedTuple):
             float(np.max(self.residual)),
             int(np.max(self.iterations)),
             self.shape,
+            self.tendons and TendonTensions(*(part[:, 0] for part in self.tendons)),
         )
+
+
+def stacked(found: Sequence[Solution]) -> Solution:
+    """Solutions of one arm each as that of a batch."""
+    tendons = [one.tendons for one in found if one.tendons is not None]
+    return Solution(
+        np.stack([one.twist for one in found], axis=1),
+        np.array([one.residual for one in found]),
+        np.array([one.iterations for one in found]),
+        found[-1].shape,
+        TendonTensions(*(np.stack(part, axis=1) for part in zip(*tendons))) if tendons else None,
+    )

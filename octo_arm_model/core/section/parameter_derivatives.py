@@ -39,14 +39,12 @@ class ParameterDerivatives:
             (n, tendons, batch, nodes).
         """
         energy = self._energy
-        torsion, about_n, about_b, stretch = strain[:4]
-        width, slope, _ = energy.widening(stretch)
+        width, slope, _ = energy.widening(strain[3])
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
-        c_t = about_n * y - about_b * x
-        c_n, c_b = width * dx - torsion * y, width * dy + torsion * x
+        c_t, c_n, c_b = self.direction_by_offset(strain)
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -62,6 +60,21 @@ class ParameterDerivatives:
             change[4], change[5] = c_n, c_b
         return change * local_tensions
 
+    def direction_by_offset(self, strain: FloatArray) -> FloatArray:
+        """Derivative of every tendon's u with its own distance from the midline.
+
+        Returns:
+            Components along t, n and b, (3, tendons, batch, nodes) [1/m].
+        """
+        torsion, about_n, about_b, stretch = strain[:4]
+        width = self._energy.widening(stretch)[0]
+        x, y, dx, dy = self._out
+        return np.stack([
+            about_n * y - about_b * x,
+            width * dx - torsion * y,
+            width * dy + torsion * x,
+        ])  # fmt: skip
+
     def length_by_offset(self, strain: FloatArray) -> FloatArray:
         """Derivative of every tendon's stretch with its distance from the midline, of one arm.
 
@@ -69,10 +82,6 @@ class ParameterDerivatives:
             (tendons, nodes).
         """
         energy = self._energy
-        torsion, about_n, about_b, stretch = strain[:4]
-        width = energy.widening(stretch)[0]
-        u_t, u_n, u_b, length = energy.stretching(strain, width)
-        x, y, dx, dy = self._out
-        along = u_t * (about_n * y - about_b * x)
-        along += u_n * (width * dx - torsion * y) + u_b * (width * dy + torsion * x)
-        return (along / length)[:, 0]
+        u_t, u_n, u_b, length = energy.stretching(strain, energy.widening(strain[3])[0])
+        c_t, c_n, c_b = self.direction_by_offset(strain)
+        return np.asarray(((u_t * c_t + u_n * c_n + u_b * c_b) / length)[:, 0])
