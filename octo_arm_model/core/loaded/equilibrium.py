@@ -22,14 +22,13 @@ from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
-from octo_arm_model.core.loaded.sliding_balance import by_twist, tension_changes
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale, unscale_gradient
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
 # A compliance this many times the others is that of something that moves freely.
 _FREE = 1e6
@@ -138,37 +137,6 @@ class Equilibrium:
     def _slide(friction: Friction, condition: Condition, twist: FloatArray) -> Sliding:
         turning = friction.turning(twist[:, np.newaxis])
         return friction.slide(condition.tensions[np.newaxis], condition.before, turning)
-
-    def respond(
-        self, system: System, state: State, imbalance: FloatArray,
-        direct: FloatArray | None = None,
-    ) -> Response:  # fmt: skip
-        """Answer of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
-
-        Tendons with friction change their tensions with the shape, which ``system`` holds; and
-        ``direct`` (tendons, columns, points) besides [N].
-
-        Raises:
-            ConvergenceError: if the change of tensions is not found.
-        """
-        if self.friction is None or state.sliding is None:
-            return system.solve(imbalance)
-        twist, energy = state.shape.twist, self.energy
-        strain = to_scaled(energy.law, twist[:, np.newaxis])
-        along = energy.lengthening(strain)[1]
-        along = unscale_gradient(energy, twist[:, np.newaxis], along)[:, :, 0]
-
-        def pulled(change: FloatArray) -> FloatArray:
-            return -np.einsum('ijn,jcn->icn', along, change)
-
-        first = system.solve(imbalance).twist
-        moved = by_twist(self.friction, state.sliding, twist, first)
-        change = tension_changes(
-            self.friction, state.sliding, twist,
-            lambda change: system.solve(pulled(change)).twist,
-            moved if direct is None else moved + direct,
-        )  # fmt: skip
-        return system.solve(imbalance + pulled(change))
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""

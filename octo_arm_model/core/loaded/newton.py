@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import System, TipAnswer
+from octo_arm_model.core.loaded.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
@@ -60,7 +59,7 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
         try:
             # Near the solution the last system serves once more.
             system = system if system and is_near else problem.linearised(state)
-            step = problem.respond(system, state, state.imbalance[:, np.newaxis])
+            step = newton_step(problem, system, state)
         except ConvergenceError:
             return Iterate(state, iteration, strayed, None)
         new = problem.state(condition, problem.moved(state.shape, step))

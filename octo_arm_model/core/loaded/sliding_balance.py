@@ -1,8 +1,7 @@
-"""Tendons under friction along an arm that they alone load, and small changes of both."""
+"""Balance of an arm that tendons with friction alone load."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +15,6 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 TOLERANCE = 1e-11  # of the angles by which tendons turn
 _MOST = 100  # steps
-_SMALL = 1e-12  # what is left of a small change, in parts of it
 
 
 class Sections(Protocol):
@@ -87,40 +85,3 @@ class ExactSections:
         check_fibres(self._energy, found.strain)
         self._strain, self.residual = found.strain, found.residual
         return to_twist(self._energy.law, found.strain)
-
-
-def tension_changes(
-    friction: Friction,
-    sliding: Sliding,
-    twist: FloatArray,
-    respond: Callable[[FloatArray], FloatArray],
-    direct: FloatArray,
-) -> FloatArray:
-    """Small changes of the tensions at the points [N], (tendons, columns, points).
-
-    Of the one arm ``sliding`` with ``twist`` (n, points). ``direct`` is how they change while the
-    shape does not, and ``respond`` gives the change (n, columns, points) of the twist with that of
-    the tensions.
-
-    Raises:
-        ConvergenceError: if they are not found.
-    """
-    count, columns, points = direct.shape
-    scale = np.abs(direct).max(axis=(0, 2), keepdims=True)
-    scale = np.where(scale > 0.0, scale, 1.0)
-
-    def step(rows: FloatArray) -> FloatArray:
-        change = rows.reshape(columns, count, points).swapaxes(0, 1)
-        moved = by_twist(friction, sliding, twist, respond(change))
-        return (direct / scale + moved).swapaxes(0, 1).reshape(columns, -1)
-
-    start = (direct / scale).swapaxes(0, 1).reshape(columns, -1)
-    found, _ = fixed_point(step, start, _SMALL, _MOST, "the change of the tendons' tensions")
-    return found.reshape(columns, count, points).swapaxes(0, 1) * scale
-
-
-def by_twist(
-    friction: Friction, sliding: Sliding, twist: FloatArray, change: FloatArray
-) -> FloatArray:
-    """Change of the tensions with a ``change`` (n, columns, points) of the ``twist``."""
-    return friction.by_angle(sliding, friction.angle_by_twist(sliding.turning, twist, change))

@@ -16,6 +16,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_response import respond
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
@@ -61,7 +62,7 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     ):
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
-    response = problem.respond(problem.linearised(state), state, columns[:count], direct)
+    response = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = _read_out(rod, state, response)
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
