@@ -137,6 +137,9 @@ PARAMETERS = (
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     *LOAD_PARAMETERS,
+    Parameter('friction_memory', float,
+              'gap between tensions after which the history of tendons with friction is forgotten '
+              'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),

@@ -339,15 +339,15 @@ def test_an_arm_comes_out_the_same_to_the_last_bit_alone_and_among_others(
 
 def test_where_following_leads_nowhere_the_arm_begins_anew(monkeypatch):
     solver = load_config(preset_path('renda2012_prototype')).solver()
-    solve, started = solver.solve, []
+    solve, started = solver._solve, []
 
-    def fails_when_followed(tensions, tip_wrench=None, start=None):
+    def fails_when_followed(tensions, tip_wrench, start, before):
         started.append(start is not None)
         if start is not None:
             raise ConvergenceError('it', 1.0, 1)
-        return solve(tensions, tip_wrench)
+        return solve(tensions, tip_wrench, start, before)
 
-    monkeypatch.setattr(solver, 'solve', fails_when_followed)
+    monkeypatch.setattr(solver, '_solve', fails_when_followed)
     first = solver.follow([[1.0, 0.0, 0.0, 0.0]], None)
     again = solver.follow([[1.0, 0.0, 0.0, 0.0]], first)
     np.testing.assert_allclose(first.position, again.position, atol=1e-12)

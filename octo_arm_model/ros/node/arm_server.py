@@ -13,8 +13,8 @@ from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.follower import Follower
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
@@ -79,7 +79,7 @@ class ArmServer:
         self._services: list[Any] = []
         self._publishers: BackbonePublishers | None = None
         self._tip_wrench: FloatArray | None = None
-        self._last: Backbone | None = None
+        self._follower: Follower | None = None
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -127,14 +127,16 @@ class ArmServer:
         if self._publishers is not None:
             self._publishers.pause()
         self._diagnostics.end('inactive')
-        self._last = self._tip_wrench = None
+        self._tip_wrench = None
+        if self._follower is not None:
+            self._follower.restart()
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
         self._live.end()
         if self._publishers is not None:
             self._publishers.close()
-        self._publishers = self._prepared = None
+        self._publishers = self._prepared = self._follower = None
         self._diagnostics.end('unconfigured')
 
     def _use(self, prepared: Prepared, names: set[str]) -> None:
@@ -142,7 +144,9 @@ class ArmServer:
         assert self._publishers is not None
         config = prepared.config
         self._check_wrench_of_before(prepared)
-        self._prepared, self._last = prepared, None
+        self._prepared = prepared
+        self._follower = Follower(prepared.solver, config.friction_memory)
+        self._diagnostics.follower = self._follower
         self._diagnostics.model, self._diagnostics.limits = config.model, config.diagnostic_limits
         self._diagnostics.is_compiled = prepared.solver.is_compiled
         self._publishers.describe(prepared.solver, config)
@@ -168,20 +172,19 @@ class ArmServer:
             self._diagnostics.skipped(given.older)
         if self._wrenches is not None:
             self._wrenches.answer_latest()
-        prepared, outbox = self._prepared, self._publishers
-        if prepared is None or outbox is None:
+        prepared, follower, outbox = self._prepared, self._follower, self._publishers
+        if prepared is None or follower is None or outbox is None:
             return
         if isinstance(given.tensions, OctoArmError):
             self._refuse(given.topic, given.tensions)
             return
         try:
-            if self._diagnostics.received(given.topic, given.stamp):
-                self._last = None  # stamps start over: do not continue from the last shape
+            self._diagnostics.received(given.topic, given.stamp)
             began = time.perf_counter()
             config = prepared.config
             tensions = config.load_cells.tensions(config.arm, given.tensions)
-            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
-            self._last = backbone
+            time_ns = self._stamp(given.stamp).ns
+            backbone = follower.follow(tensions, time_ns, self._tip_wrench)
             covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
             duration = time.perf_counter() - began
         except OctoArmError as error:

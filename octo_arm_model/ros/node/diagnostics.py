@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 
 from octo_arm_model.config.build import DiagnosticLimits
 from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
+from octo_arm_model.core.follower import Follower
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
@@ -34,6 +35,7 @@ class Diagnostics:
         is_compiled: whether the compiled solver is used.
         limits: thresholds of the warnings.
         publishers: counts the publishers of each input topic.
+        follower: what solves the sequence of tensions, if any does.
     """
 
     def __init__(self, node: Node) -> None:
@@ -42,6 +44,7 @@ class Diagnostics:
         self.model, self.is_compiled = '', False
         self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
+        self.follower: Follower | None = None
         self._idle = ''
         self._totals = dict.fromkeys(
             ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'old', 'unstamped'),
@@ -88,21 +91,16 @@ class Diagnostics:
         self._totals[what] += number
         self._lately[what] += number
 
-    def received(self, topic: str, stamp: Stamp | None) -> bool:
-        """Count a message with its ``stamp``, None where it has none.
-
-        Returns:
-            Whether the stamp is earlier than the last one, as when a bag is played again.
-        """
+    def received(self, topic: str, stamp: Stamp | None) -> None:
+        """Count a message with its ``stamp``, None where it has none."""
         self._received += 1
         self._heard = time.monotonic()
         self._topics[topic] = self._topics.get(topic, 0) + 1
         if stamp is None or not any(stamp):
             self._count('unstamped')
-            return False
+            return
         seconds = stamp.sec + 1e-9 * stamp.nanosec
-        is_back = self._newest is not None and seconds < self._newest
-        if is_back:
+        if self._newest is not None and seconds < self._newest:
             self._count('backwards')
         self._newest = seconds
         now = self._seconds()
@@ -110,7 +108,6 @@ class Diagnostics:
             self._count('old')
         elif now and seconds - now > self.limits.ahead + _STEPS * self._step:
             self._count('ahead')
-        return is_back
 
     def skipped(self, number: int) -> None:
         """Count messages dropped for a newer one."""
@@ -148,6 +145,7 @@ class Diagnostics:
         failed, answered = self._lately['failed'], self._lately['answered']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
+        has_history = self.follower is not None and self.follower.has_history
         return _status('solver', level, problem, 'solving' if answered else 'waiting', {
             'model': self.model,
             'compiled': self.is_compiled,
@@ -156,6 +154,9 @@ class Diagnostics:
             'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
             'failures': self._totals['failed'],
             'last failure': self._failure,
+            'friction slides from the shape before': has_history,
+            'friction history forgotten after a gap': self.follower.forgotten
+            if self.follower is not None else 0,
         })  # fmt: skip
 
     def _input(self) -> DiagnosticStatus:
