@@ -16,7 +16,7 @@ SECOND = 10**9
 
 @pytest.fixture(scope='module')
 def solver(prototype: Config) -> Solver:
-    return Solver(dataclasses.replace(prototype.arm, friction=(0.3,)), 'exact')
+    return Solver(dataclasses.replace(prototype.arm, friction=4 * (0.3,)), 'exact')
 
 
 def test_a_sequence_goes_on_from_the_last_shape(solver: Solver) -> None:

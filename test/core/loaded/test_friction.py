@@ -31,7 +31,10 @@ from octo_arm_model import (
     SolveError,
     Solver,
     Tendon,
+    TipPosition,
+    find_tensions,
 )
+from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models import sliding
 
@@ -47,7 +50,7 @@ def uniform(angles: tuple[float, ...] = (0.0,), friction: float = MU) -> Arm:
         Material(YOUNG, 0.5, 1080.0),
         Body(LENGTH, RADIUS, RADIUS),
         (Section(LENGTH, OFFSET, OFFSET, angles=angles),),
-        friction=(friction,),
+        friction=len(angles) * (friction,),
     )
 
 
@@ -60,7 +63,7 @@ def helical(friction: float | tuple[float, ...] = MU) -> Arm:
             Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
             Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
         ),
-        friction=friction if isinstance(friction, tuple) else (friction,),
+        friction=friction if isinstance(friction, tuple) else 6 * (friction,),
     )
 
 
@@ -127,7 +130,7 @@ def test_a_converging_tendon_loses_tension_where_another_ends() -> None:
     # the long tendons in the plane through the midline jump.
     ring = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
     sections = (Section(0.4, 0.008, 0.002, ring), Section(0.2, 0.005, 0.005, ring))
-    arm = Arm(Material(YOUNG, 0.5), Body(0.4, 0.01, 0.01), sections, friction=(MU,))
+    arm = Arm(Material(YOUNG, 0.5), Body(0.4, 0.01, 0.01), sections, friction=8 * (MU,))
     solver = Solver(arm, 'exact', material='linear')
     backbone = solver.solve(np.repeat([[0.5], [2.0]], 4, axis=1))
     stretch = 1.0 + backbone.q[backbone.s != 0.2][[0, -1]]
@@ -207,7 +210,7 @@ def test_tension_falls_by_the_angle_that_a_tendon_turns_by(
     case: tuple[Arm, np.ndarray], friction: float, model: str
 ) -> None:
     arm, tensions = case
-    rough = dataclasses.replace(arm, friction=(friction,))
+    rough = dataclasses.replace(arm, friction=len(arm.tendons) * (friction,))
     try:
         backbone = Solver(rough, model, 801, material='linear').solve(tensions)
     except SolveError:
@@ -407,7 +410,7 @@ def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
 
 
 def test_the_papers_model_has_no_friction(table4: Config) -> None:
-    arm = dataclasses.replace(table4.arm, friction=(0.1,))
+    arm = dataclasses.replace(table4.arm, friction=12 * (0.1,))
     with pytest.raises(ConfigError, match=r'renda2012.*does not cover friction.*closed_form'):
         Solver(arm, 'renda2012')
 
@@ -424,7 +427,24 @@ def test_each_tendon_may_have_its_own() -> None:
     lost = HELICAL.ravel() - tensions
     assert lost[1] > 1e-4
     np.testing.assert_allclose(np.delete(lost, 1), 0.0, atol=1e-12)
-    assert helical(0.2) == helical(6 * (0.2,))
+
+
+def test_displacements_are_for_tendons_without_friction() -> None:
+    solver = Solver(uniform(), 'exact')
+    for ask in (
+        lambda: solve_displacements(solver, {'tendon_1_1': 0.01}),
+        lambda: displacements_of(solver, solver.solve([[1.0]])),
+    ):
+        with pytest.raises(ConfigError, match=r'without friction; tendons\.friction is \[0\.3\]'):
+            ask()
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
+    solver = Solver(helical(0.2), model)
+    goal = solver.solve(0.7 * HELICAL).tip
+    found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
+    np.testing.assert_allclose(solver.solve(found.tensions).tip, goal, atol=1e-6)
 
 
 def test_machine_code_leaves_friction_to_numpy() -> None:
@@ -440,7 +460,7 @@ def test_a_tendon_along_the_midline_of_a_bent_arm_turns_with_it() -> None:
     )
     arm = Arm(
         Material(YOUNG, 0.5), Body(LENGTH, RADIUS, RADIUS), (RoutedSection(LENGTH, paths),),
-        friction=(MU,),
+        friction=3 * (MU,),
     )  # fmt: skip
     left = Solver(arm, 'exact', material='linear').solve([[1.0, 0.1, 0.1]]).tendon_tensions[-1]
     np.testing.assert_allclose(left / left[0], [1.0, 0.1, 0.1], rtol=1e-9)
