@@ -444,7 +444,7 @@ def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
     solver = Solver(helical(0.2), model)
     goal = solver.solve(0.7 * HELICAL).tip
     found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
-    np.testing.assert_allclose(solver.solve(found.tensions).tip, goal, atol=1e-6)
+    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
 
 
 def test_machine_code_leaves_friction_to_numpy() -> None:
