@@ -56,7 +56,7 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
     """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
 
     Raises:
-        ConfigError: if they are not as many as the tendons.
+        ConfigError: if their number is not that of the tendons.
         ArmDefinitionError: if one is not finite or not > 0.
     """
     limits = given['tendon_limits']
@@ -69,7 +69,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """Calibration of the load cells of ``arm``.
 
     Raises:
-        ConfigError: if there are offsets or scales, but not as many as tendons.
+        ConfigError: if there are offsets, scales or names, but not one for each tendon.
         ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
     """
     names = given['tension_names']
@@ -106,7 +106,8 @@ def build_uncertainty(given: Values) -> Uncertainty:
         deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
     name = 'model_error_stddev'
     model = not_negative(name, given[name], 'standard deviation', '-')
-    # A tip that is off by d because the curvature is wrong all along has turned by 2 d / length.
+    # An error of the curvature, constant along the arm, that moves the tip by d turns it by
+    # 2 d / length.
     return Uncertainty(
         **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
     )

@@ -42,16 +42,16 @@ class Config:
         model: name of the model.
         stations: number of stations along the backbone.
         base_frame: name of the frame the backbone is expressed in.
-        frame_prefix: what the names of the frames of tip and anchorages begin with.
+        frame_prefix: prefix of the names of the frames of tip and anchorages.
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
         uncertainty: standard deviations of tensions, material and tendon offsets.
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
-        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
-            the arm bears, see `simulation.limits`.
-        load_cells: how readings become tensions.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
+            defaults of `simulation.limits`.
+        load_cells: calibration of the load cells.
     """
 
     arm: Arm
@@ -71,7 +71,7 @@ class Config:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
-        """From a mapping of dotted parameter names to values, as ROS has them.
+        """From a mapping of dotted parameter names, as in ROS, to values.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
@@ -159,17 +159,17 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
 
     Raises:
-        ConfigError: if the file cannot be read or is none; the message names the file.
+        ConfigError: if the file cannot be read or is no parameter file; the message names it.
     """
     with naming(path):
         return _parse(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
-    """As `load_parameters`, from the text of a file that is called ``name`` in errors.
+    """As `load_parameters`, from the text of a file, called ``name`` in errors.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if it is no parameter file.
     """
     with naming(name):
         return _parse(text)
@@ -196,7 +196,7 @@ def _parse(text: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Turn every error of a parameter file into one that names it."""
+    """Convert every error of a parameter file to one that names the file."""
     with reading(path, ConfigError):
         try:
             yield

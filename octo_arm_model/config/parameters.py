@@ -1,7 +1,6 @@
-"""Every parameter of the arm and its node, declared once.
+"""The table of the parameters of an arm and its node.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and the manual
-prints it, so a name, a unit or a default is written in one place only.
+The YAML loader reads it, the node declares its ROS parameters from it and the manual prints it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The table of the simulator's parameters beside those of the arm."""
+"""The table of the simulator's parameters, in addition to those of the arm."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class SimulatorConfig:
 
     Attributes:
         arm: the arm whose tendons are pulled.
-        limits: largest tension that each tendon is pulled with (tendons,) [N].
+        limits: limits of the commanded tensions (tendons,) [N].
         base_frame: name of its frame.
         rate: how often tensions are measured [Hz].
         hardware: winches, load cells and relaxation.
@@ -93,8 +93,8 @@ class SimulatorConfig:
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
-            ArmDefinitionError: if a value is impossible.
-            ProfileError: if the profile is none, not for this arm, or beyond the limit of a
+            ArmDefinitionError: if a value is outside its range.
+            ProfileError: if the profile is invalid, not for this arm, or beyond the limit of a
                 tendon.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
