@@ -22,11 +22,6 @@ NEEDED = {
     'node.py': ['rclpy'],
     'viewer.py': ['rclpy', 'viser'],
 }
-    'bags.py': ['rosbags'],
-    'floods.py': ['rclpy'],
-    'node.py': ['rclpy'],
-    'viewer.py': ['rclpy', 'viser'],
-}
 
 
 @pytest.mark.parametrize('name', sorted(BENCHMARKS))

@@ -111,7 +111,8 @@ def controller(shared):
 
 @pytest.mark.parametrize('topic', COMMANDS)
 def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic) -> None:
-    for tensions in (PLANE, SPACE, SLACK):
+    for given in (PLANE, SPACE, SLACK):
+        tensions = np.float64(np.float32(given))  # which every type can hold
         controller.reach(tensions, topic, tolerance=0.0)
     message = controller.measured[-1]
     assert message.name == NAMES

@@ -57,8 +57,8 @@ class Prepared(NamedTuple):
         """
         config = Config.from_parameters(values)
         solver = config.solver(budget=config.solve_budget)
-        # What is tabulated, or loaded of machine code, at its first use is so before messages come.
-        # Whether a solve keeps to its budget is told when they do.
+        # What is tabulated or loaded at its first use is so before messages come. Whether a solve
+        # keeps to its budget is told when they do.
         with contextlib.suppress(ContinuationError):
             backbone = solver.solve(0.0 * solver.rest_lengths)
             solver.tendon_lengths(backbone)
