@@ -316,9 +316,11 @@ class NodeClient(RosClient):
 
 
 @contextlib.contextmanager
-def running(module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm'):
-    """A node in a domain of its own, and its client, which has its ``process``."""
-    domain = new_domain()
+def running(
+    module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
+):
+    """A node in a domain of its own, or one given, and its client, which has its ``process``."""
+    domain = domain or new_domain()
     process = start_node(module, domain, *arguments, files=files)
     connected = client(domain, node)
     connected.process = process

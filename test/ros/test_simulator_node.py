@@ -29,9 +29,10 @@ from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
 
+from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.parameters import PARAMETERS
+from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
 
 pytestmark = pytest.mark.slow
 
@@ -415,6 +416,29 @@ def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameter
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
         controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
         assert heard[-1].tension[0] <= 0.03
+
+
+def test_readings_around_zero_are_no_refusals_for_a_node_that_knows_of_them() -> None:
+    shared = for_arm_node(load_parameters(EXAMPLE))
+    assert shared == {'tension_deadband': 0.06}
+    # As simulation.launch.py starts the two.
+    given = [word for name, value in shared.items() for word in ('-p', f'{name}:={value}')]
+    played = ('-p', 'profile.name:=fetching', '-p', 'profile.speed:=20.0', '-p',
+              'profile.loop:=true')  # fmt: skip
+    with (
+        simulating(*played, files=(CONFIG_FILE, EXAMPLE)) as simulator,
+        running('ros.node.main', *given, domain=simulator.domain) as node,
+    ):
+
+        def is_enough():
+            node.spin()
+            low = sum(min(message.tension) < 0.0 for message in simulator.measured)
+            return low > 20 and len(node.answers['backbone/path']) > 100
+
+        simulator.wait(is_enough, 'answers to readings below zero')
+        status, values = node.status('input')
+        assert values['refused'] == '0', values['refused by reason']
+        assert 'refused' not in status.message
 
 
 def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> None:
