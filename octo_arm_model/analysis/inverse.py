@@ -7,6 +7,7 @@ quadratic programming minimises the effort among them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,7 @@ def find_tensions(
     stiffness: Stiffness | None = None,
     start: ArrayLike | None = None,
     seed: int = 0,
+    pause: Callable[[], None] | None = None,
 ) -> Inverse:
     """Tensions from 0 to ``highest`` [N] that bring the arm to ``target`` with least effort.
 
@@ -73,6 +75,7 @@ def find_tensions(
         stiffness: target stiffness, reached by co-contraction.
         start: tensions at which the search starts [N].
         seed: of the random starts.
+        pause: called before every solve.
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
@@ -80,7 +83,7 @@ def find_tensions(
     """
     arm = solver.arm
     limit = check_highest(arm, highest)
-    search = _Search(solver, target, limit, stiffness)
+    search = _Search(solver, target, limit, stiffness, pause or (lambda: None))
     drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
@@ -132,17 +135,27 @@ class _Search:
     """Error of a target, and its Jacobian, by tensions over their bounds (0 to 1)."""
 
     def __init__(
-        self, solver: Solver, target: Target, limit: FloatArray, stiffness: Stiffness | None
+        self,
+        solver: Solver,
+        target: Target,
+        limit: FloatArray,
+        stiffness: Stiffness | None,
+        pause: Callable[[], None],
     ) -> None:
         self._solver, self._target, self._limit = solver, target, limit
-        self._stiffness = stiffness
+        self._stiffness, self._pause = stiffness, pause
         self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
         self._last: Backbone | None = None
+        # Of local minima: from elsewhere a loaded arm may not come back to them.
+        self._kept: dict[bytes, tuple[Backbone, Sensitivity]] = {}
         self.iterations = 0
 
     def _evaluate(self, part: FloatArray) -> tuple[Backbone, Sensitivity]:
         key = part.tobytes()
+        if key in self._kept:
+            return self._kept[key]
         if self._solved is None or self._solved[0] != key:
+            self._pause()
             tensions = np.clip(part, 0.0, 1.0) * self._limit
             shape = self._solver.arm.tension_shape
             backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
@@ -189,7 +202,9 @@ class _Search:
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
         rounded = np.where(found.x < 1e-6, 0.0, found.x)
         near = self.distance(rounded) <= self.distance(found.x) + 1e-9 * self._solver.arm.length
-        return np.asarray(rounded if near else found.x)
+        minimum = np.asarray(rounded if near else found.x)
+        self._kept[minimum.tobytes()] = self._evaluate(minimum)
+        return minimum
 
     def relax(self, part: FloatArray, enough: float) -> FloatArray:
         """The same target with least effort, or ``part`` where none is less."""

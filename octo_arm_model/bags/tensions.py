@@ -20,8 +20,6 @@ from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
-# Types that are read as by a field that is named.
-FIELDS = {'std_msgs/msg/Float32MultiArray': 'data'}
 _TOGETHER = 128  # messages read at once
 _LISTED = 20
 
@@ -80,12 +78,12 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
             )
         return topic, field
     try:
-        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+        topic = reader.pick(wanted, TYPES, 'tensions')
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [one if one in reader.topics else f'/{one}' for one in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
-    return topic, FIELDS.get(reader.topics[topic], '')
+    return topic, ''
 
 
 def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
@@ -93,7 +91,7 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
     found = []
     for topic in topics[:_LISTED]:
         type_name = reader.topics.get(topic, '')
-        if type_name and type_name not in (*TYPES, *FIELDS):
+        if type_name and type_name not in TYPES:
             if fields := reader.numeric_fields(type_name):
                 found.append(f'{topic}:{{{",".join(fields)}}}')
     return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''

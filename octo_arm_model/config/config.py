@@ -26,6 +26,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
@@ -52,6 +53,7 @@ class Config:
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
             defaults of `simulation.limits`.
         load_cells: calibration of the load cells.
+        solve_budget: what one solve of a loaded arm may take in the node.
     """
 
     arm: Arm
@@ -68,6 +70,7 @@ class Config:
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
@@ -114,6 +117,7 @@ class Config:
             diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
+            solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
 
     def solver(
@@ -121,11 +125,13 @@ class Config:
         model: str | None = None,
         stations: int | None = None,
         *,
-        compiled: bool | None = False,
+        compiled: bool | None = None,
+        budget: Budget | None = None,
     ) -> Solver:
         """Solver of this arm, with another ``model`` or number of ``stations`` if given.
 
-        ``compiled`` is as in `Solver`.
+        By default in machine code where numba works, see `Solver`, and with the iterations of
+        `solve_budget`, but not its seconds: an answer does not depend on how busy a computer is.
 
         Raises:
             ConfigError: if there is no such model, it does not cover the arm or its loads, or the
@@ -141,6 +147,7 @@ class Config:
             shear=self.shear,
             loads=self.loads,
             compiled=compiled,
+            budget=Budget(self.solve_budget.iterations) if budget is None else budget,
         )
 
 

@@ -132,6 +132,12 @@ PARAMETERS = (
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     *LOAD_PARAMETERS,
+    Parameter('solve_budget.iterations', int,
+              "iterations of Newton's method that a solve of a loaded arm may take; one that "
+              'would take more is refused', 1000, range='>= 1'),
+    Parameter('solve_budget.seconds', float,
+              'time that a solve of a loaded arm may take in the node, where nothing else is '
+              'answered meanwhile; one that would take more is refused [s]', 0.08, range='> 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),

@@ -22,6 +22,8 @@ from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
+# Parameters of the arm that say what its load cells read.
+_OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tension_scale')
 
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
@@ -125,6 +127,13 @@ class SimulatorConfig:
             speed=own['profile.speed'],
             loop=own['profile.loop'],
         )
+
+
+def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those ``values`` of a simulator's file that the node of the arm needs to read it."""
+    arm = {parameter.name: parameter for parameter in ARM_PARAMETERS}
+    shared = {name: arm[name].convert(values[name]) for name in _OF_LOAD_CELLS if name in values}
+    return {name: value for name, value in shared.items() if value != ()}
 
 
 def _group(values: Mapping[str, Any], group: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from rclpy.node import Node
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import ContinuationError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
@@ -20,6 +21,7 @@ from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.ros.node.queued_service import QueuedService, Steps
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import (
     TOPICS,
@@ -27,6 +29,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionInput,
     TensionSubscription,
 )
+from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire.stamp import Stamp
@@ -53,9 +56,13 @@ class Prepared(NamedTuple):
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
-        solver = config.solver(compiled=None)
-        # The first solve makes the tables of the arm.
-        solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
+        solver = config.solver(budget=config.solve_budget)
+        # What is tabulated or loaded at its first use is so before messages come. Whether a solve
+        # keeps to its budget is told when they do.
+        with contextlib.suppress(ContinuationError):
+            backbone = solver.solve(0.0 * solver.rest_lengths)
+            solver.tendon_lengths(backbone)
+            solver.sensitivity(backbone)
         return cls(values, config, solver)
 
 
@@ -76,7 +83,8 @@ class ArmServer:
         self._refusal_log = RefusalLog(node)
         self._inputs: list[TensionSubscription] = []
         self._wrenches: LatestSubscription | None = None
-        self._services: list[Any] = []
+        self._services: list[QueuedService] = []
+        self._work = WorkQueue(node)
         self._publishers: BackbonePublishers | None = None
         self._tip_wrench: FloatArray | None = None
         self._last: Backbone | None = None
@@ -102,16 +110,18 @@ class ArmServer:
         node = self._node
         self._inputs = [
             TensionSubscription(
-                node, topic, self._current_arm, self._answer, names=self._current_names
+                node, topic, self._current_arm, self._answer, self._work, names=self._current_names
             )
             for topic in TOPICS
         ]
         self._diagnostics.publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._diagnostics.begin()
-        self._wrenches = LatestSubscription(node, WrenchStamped, 'tip_wrench', self._on_wrench)
+        self._wrenches = LatestSubscription(
+            node, WrenchStamped, 'tip_wrench', self._on_wrench, self._work
+        )
         self._services = [
-            node.create_service(Solve, 'solve', self._on_solve),
-            node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
+            QueuedService(node, Solve, 'solve', self._on_solve, self._work),
+            QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
         ]
         check_overrides(node)
 
@@ -122,7 +132,8 @@ class ArmServer:
         if self._wrenches is not None:
             self._wrenches.close()
         for service in self._services:
-            self._node.destroy_service(service)
+            service.close()
+        self._work.clear()
         self._inputs, self._wrenches, self._services = [], None, []
         if self._publishers is not None:
             self._publishers.pause()
@@ -220,14 +231,14 @@ class ArmServer:
             self._tip_wrench = None
             self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
-    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
+    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
         assert self._prepared is not None
         frame = self._prepared.config.base_frame
         return answer_solve(request, response, self._prepared.solver, frame)
 
     def _on_find_tensions(
         self, request: FindTensions.Request, response: FindTensions.Response
-    ) -> FindTensions.Response:
+    ) -> Steps:
         assert self._prepared is not None
         now = self._node.get_clock().now().to_msg()
         frame = self._prepared.config.base_frame

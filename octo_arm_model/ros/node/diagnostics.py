@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from octo_arm_model.config.build import DiagnosticLimits
-from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
+from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
@@ -44,9 +44,12 @@ class Diagnostics:
         self.publishers: dict[str, Callable[[], int]] = {}
         self._idle = ''
         self._totals = dict.fromkeys(
-            ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'old', 'unstamped'),
+            (
+                'answered', 'refused', 'failed', 'unaffordable', 'skipped', 'backwards', 'ahead',
+                'old', 'unstamped',
+            ),
             0,
-        )
+        )  # fmt: skip
         self._lately = dict(self._totals)
         self._topics: dict[str, int] = {}
         self._received = 0
@@ -127,6 +130,7 @@ class Diagnostics:
         """Count a message that was not answered because of ``error``."""
         if isinstance(error, SolveError):
             self._count('failed')
+            self._count('unaffordable', int(isinstance(error, ContinuationError)))
             self._failure = in_short(error)
         else:
             self._count('refused')
@@ -155,6 +159,7 @@ class Diagnostics:
             'iterations': self._iterations,
             'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
             'failures': self._totals['failed'],
+            'beyond solve_budget': self._totals['unaffordable'],
             'last failure': self._failure,
         })  # fmt: skip
 
