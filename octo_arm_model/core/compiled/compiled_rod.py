@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled.numba_build import newton
+from octo_arm_model.core.compiled.rod_kernels import empty_state
 from octo_arm_model.core.compiled.rod_tables import rod_tables
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import TipAnswer
@@ -30,23 +31,24 @@ class CompiledNewton:
 
     def __call__(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        count = shape.twist.shape[1]
-        twist, a, b = np.array(shape.twist, order='C'), *map(np.array, shape.orientation)
-        rotation, hessian = np.empty((3, 3, count)), np.empty((4, 4, count))
-        force, moment = np.empty((3, count)), np.empty((3, count))
-        imbalance, change = np.empty((4, count)), np.empty((4, 6, count))
-        compliance = np.empty((6, 6))
-        try:
-            residual, iterations, strayed, sign = self._newton(
-                self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
-                float(condition.factor), tolerance, twist, a, b, rotation, force, moment,
-                imbalance, hessian, compliance, change,
-            )  # fmt: skip
-        except np.linalg.LinAlgError:  # a singular system
-            return Iterate(self._problem.state(condition, shape), 1, 0.0, None)
-        state = State(
-            condition, Shape(twist, Quaternions(a, b)), rotation, rotation[:, 0] * twist[3],
-            moment, force, imbalance, hessian, residual,
+        state = empty_state(shape.twist.shape[1])
+        a, b = shape.orientation
+        state.twist[:] = shape.twist
+        turn = state.turn
+        turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+        compliance, change = np.empty((6, 6)), np.empty((6, *state.twist.shape))
+        residual, iterations, strayed, sign, is_definite = self._newton(
+            self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
+            float(condition.factor), tolerance, state, compliance, change,
         )  # fmt: skip
-        answer = TipAnswer(compliance, change, sign) if sign else None
-        return Iterate(state, iterations, strayed, answer)
+        rotation = state.rotation
+        found = State(
+            condition,
+            Shape(state.twist, Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])),
+            rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
+            state.imbalance, state.hessian, residual,
+        )  # fmt: skip
+        answer = None
+        if sign:
+            answer = TipAnswer(compliance, change.transpose(1, 0, 2), sign, is_definite)
+        return Iterate(found, iterations, strayed, answer)

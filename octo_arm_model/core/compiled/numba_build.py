@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled import (
+    dense_kernels,
     exact_kernels,
     frame_kernels,
     kernels,
@@ -40,7 +41,8 @@ _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
 _KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels, products,
+    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
+    dense_kernels, products,
 )  # fmt: skip
 
 
@@ -95,15 +97,13 @@ def evaluate_sections() -> Callable[..., None]:
 
 
 @functools.cache
-def newton() -> Callable[..., tuple[float, int, float, int]]:
+def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
     """`rod_kernels.newton`, compiled; raises as `find_shapes`."""
-    four, three, none = np.zeros((4, 0)), np.zeros((3, 0)), np.zeros(0, np.complex128)
-    six = np.zeros((4, 6, 0))
     return _made(
         functools.partial(_entry, function=rod_kernels.newton),
         (
-            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, four, none, none, np.zeros((3, 3, 0)),
-            three, three, four, np.zeros((4, 4, 0)), np.zeros((6, 6)), six,
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, rod_kernels.empty_state(0),
+            np.zeros((6, 6)), np.zeros((6, 4, 0)),
         ),
     )  # fmt: skip
 

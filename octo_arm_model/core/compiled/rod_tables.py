@@ -17,8 +17,8 @@ class RodTables(NamedTuple):
     Attributes:
         sections: at the points of all elements.
         from_start: matrix of the integrals within an element from its start, (each, each).
-        to_end: to its end.
-        twice: of the integrals to the end of the integrals from the start, (each x each, each).
+        from_start_columns: its columns as rows.
+        to_end_columns: likewise of the integrals to its end.
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
         force: resultant of the loads beyond each point [N], (3, points).
@@ -29,8 +29,8 @@ class RodTables(NamedTuple):
 
     sections: SectionTables
     from_start: FloatArray
-    to_end: FloatArray
-    twice: FloatArray
+    from_start_columns: FloatArray
+    to_end_columns: FloatArray
     weights: FloatArray
     step: FloatArray
     force: FloatArray
@@ -43,12 +43,11 @@ def rod_tables(problem: Equilibrium) -> RodTables:
     """The rod of ``problem``."""
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
-    twice = rule.to_end[:, np.newaxis] * rule.from_start.T
     return RodTables(
         sections=section_tables(problem.energy),
         from_start=rule.from_start,
-        to_end=rule.to_end,
-        twice=twice.reshape(-1, rule.points.size),
+        from_start_columns=rule.from_start.T,
+        to_end_columns=rule.to_end.T,
         weights=rule.weights,
         step=own.step,
         force=problem.loads.dead.force,

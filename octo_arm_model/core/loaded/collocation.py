@@ -19,7 +19,7 @@ from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
 # Points in each element, for at most so many elements.
-_POINTS = ((4, 18), (8, 14), (16, 10))
+_POINTS = ((4, 20), (8, 14), (16, 10))
 _FEWEST = 6  # in each of more elements
 _LONGEST = 0.41  # of the length of the arm
 _ROUNDING = 1e-12  # of the length of the arm
