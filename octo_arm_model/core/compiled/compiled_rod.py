@@ -1,4 +1,4 @@
-"""Loaded rods in machine code: Newton's method as `loaded.newton` has it."""
+"""Loaded rods in machine code: Newton's method and what is read out, as `loaded` has them."""
 
 from __future__ import annotations
 
@@ -6,30 +6,45 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numba_build import newton
+from octo_arm_model.core.compiled.numba_build import newton, read_rod
 from octo_arm_model.core.compiled.rod_kernels import empty_state
 from octo_arm_model.core.compiled.rod_tables import rod_tables
-from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
 
 
-class CompiledNewton:
-    """`Newton` for one rod."""
+class CompiledRod:
+    """`Newton` and `ReadOut` of one rod."""
 
-    def __init__(self, problem: Equilibrium, own: Any) -> None:
-        """Tabulate ``problem``; ``own`` makes tables ready for the compiler.
+    def __init__(self, rod: LoadedRod, own: Any) -> None:
+        """Tabulate ``rod``; ``own`` makes tables ready for the compiler.
 
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._problem, self._tables = problem, own(rod_tables(problem))
-        self._newton = newton()
+        self._tables = own(rod_tables(rod))
+        self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
+        self._newton, self._read_out = newton(), read_rod()
 
-    def __call__(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+    def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`ReadOut` of the rod."""
+        count = self._stations
+        twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
+        quaternion = np.empty((count, 4))
+        # Arrays of a `Backbone`, which is followed from, cannot be written.
+        shape = state.shape
+        self._read_out(
+            self._tables, np.array(shape.twist), *map(np.array, shape.orientation),
+            np.ascontiguousarray(state.rotation), twist, position, quaternion,
+        )  # fmt: skip
+        return twist, position, quaternion
+
+    def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
         state = empty_state(shape.twist.shape[1])
         a, b = shape.orientation

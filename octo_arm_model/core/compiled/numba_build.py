@@ -29,6 +29,7 @@ from octo_arm_model.core.compiled import (
     frame_kernels,
     kernels,
     products,
+    readout_kernels,
     rod_kernels,
     section_kernels,
     system_kernels,
@@ -42,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
-    dense_kernels, products,
+    dense_kernels, readout_kernels, products,
 )  # fmt: skip
 
 
@@ -104,6 +105,19 @@ def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
         (
             no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, rod_kernels.empty_state(0),
             np.zeros((6, 6)), np.zeros((6, 4, 0)),
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def read_rod() -> Callable[..., None]:
+    """`readout_kernels.read_rod`, compiled; raises as `find_shapes`."""
+    four, none = np.zeros((4, 0)), np.zeros(0, np.complex128)
+    return _made(
+        functools.partial(_entry, function=readout_kernels.read_rod),
+        (
+            no_rod(), four, none, none, np.zeros((3, 3, 0)), four, np.zeros((0, 3)),
+            np.zeros((0, 4)),
         ),
     )  # fmt: skip
 

@@ -21,10 +21,10 @@ from octo_arm_model.core.compiled.system_kernels import (
     tip_wrenches,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, UPHILL
+from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, SAME, UPHILL
 
 _MOST_SWEEPS = 60
-_SETTLED = 4e-15  # change of quaternions in the last sweep
+_SETTLED = 1e-26  # sum of squares of what quaternions change by in the last sweep
 
 
 class RodState(NamedTuple):
@@ -81,24 +81,25 @@ def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> bool:
         first, half = element * s, 0.5 * tables.step[element]
         x, y, z = twist[0, first:], twist[1, first:], twist[2, first:]
         raw[:] = turn[:, first : first + s]
+        change = 0.0
         for _ in range(_MOST_SWEEPS):
+            a, b, c, d = raw[0], raw[1], raw[2], raw[3]
             for j in range(s):
-                a, b, c, d = raw[0, j], raw[1, j], raw[2, j], raw[3, j]
                 t, n, m = half * x[j], half * y[j], half * z[j]
-                rate[0, j] = -b * t - c * n - d * m
-                rate[1, j] = a * t + c * m - d * n
-                rate[2, j] = a * n + d * t - b * m
-                rate[3, j] = a * m + b * n - c * t
+                rate[0, j] = -b[j] * t - c[j] * n - d[j] * m
+                rate[1, j] = a[j] * t + c[j] * m - d[j] * n
+                rate[2, j] = a[j] * n + d[j] * t - b[j] * m
+                rate[3, j] = a[j] * m + b[j] * n - c[j] * t
             change = 0.0
             for k in range(4):
                 new[k] = start[k]
                 add_products(rate[k], tables.from_start_columns, new[k])
                 for i in range(s):
-                    change = max(change, abs(new[k, i] - raw[k, i]))
+                    change += (new[k, i] - raw[k, i]) ** 2
             raw[:] = new
             if change <= _SETTLED:
                 break
-        if not change <= 100.0 * _SETTLED:
+        if not change <= _SETTLED:
             return False
         for k in range(4):
             for j in range(s):
@@ -208,7 +209,7 @@ def newton(
     system, new = empty_system(tables), empty_state(count)
     side, step = np.empty((1, 4, count)), np.empty((1, 4, count))
     residual = find_state(tables, tensions, tip_wrench, factor, state)
-    strayed, iterations, is_near, sign = 0.0, 0, False, 0
+    strayed, turned, iterations, is_near, sign = 0.0, 0.0, 0, False, 0
     while residual > tolerance and iterations < MOST:
         if not (sign and is_near):
             sign = find_system(
@@ -216,7 +217,8 @@ def newton(
                 system,
             )  # fmt: skip
             if sign == 0:
-                return residual, iterations + 1, 0.0, 0, False
+                return residual, iterations, strayed, 0, False
+            turned = 0.0
         side[0] = state.imbalance
         respond(tables, state.rotation, system, side, step)
         iterations += 1
@@ -230,14 +232,18 @@ def newton(
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
+        turn = turn_of(tables, step[0])
+        turned += turn
         if iterations > 1:
-            strayed += turn_of(tables, step[0])
+            strayed += turn
     if not residual <= tolerance:
         return residual, iterations, strayed, 0, False
-    if sign == 0:
+    if sign == 0 or turned > SAME:
         sign = find_system(
             tables, state.twist, state.rotation, state.force, state.moment, state.hessian, system
         )
+        if sign == 0:
+            return residual, iterations, strayed, 0, False
     wrench = tip_wrenches(tables, state.twist, state.rotation)
     respond(tables, state.rotation, system, wrench, change)
     for row in range(6):
