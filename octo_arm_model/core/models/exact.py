@@ -138,10 +138,12 @@ class Exact:
                 except SolveError as error:
                     error.number = number
                     raise
-            twist, residual, iterations, shapes = zip(*found)
+            twist, residual, iterations, shapes, frames = zip(*found)
+            position, quaternion = zip(*frames)
             solution = Solution(
-                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1]
-            )
+                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1],
+                (np.stack(position), np.stack(quaternion)),
+            )  # fmt: skip
         return solution if tensions.ndim > 1 else solution.one()
 
     def _solve_loaded(
@@ -168,8 +170,8 @@ class Exact:
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
-        twist = rod.twist_at_nodes(state.shape)
-        return Solution(twist, state.residual, spending.iterations, state.shape)
+        twist, *frames = rod.read_out(state)
+        return Solution(twist, state.residual, spending.iterations, state.shape, tuple(frames))
 
     def _level_of(self, shape: Shape) -> int:
         """Number of the rod that a ``shape`` is one of."""

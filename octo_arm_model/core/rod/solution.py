@@ -32,12 +32,15 @@ class Solution(NamedTuple):
         residual: relative residual of the model's equations, (batch,), or one for all.
         iterations: number of iterations, likewise.
         shape: of one loaded arm, for continuation.
+        frames: position (..., stations, 3) [m] and orientation x, y, z, w (..., stations, 4) of
+            the stations, where they are known better than from the twist at the nodes.
     """
 
     twist: FloatArray
     residual: FloatArray | float
     iterations: IntArray | int
     shape: Shape | None = None
+    frames: tuple[FloatArray, FloatArray] | None = None
 
     def one(self) -> Solution:
         """The only arm of a batch, without the axis of the batch."""
