@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -83,6 +83,20 @@ def sections_of(
     return kind(arm, nodes, section, law, shear)
 
 
+_Parts: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+
+
+class _Stand(NamedTuple):
+    """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
+
+    sections: SectionEnergy
+    offset: FloatArray
+    unit: _Parts
+    over: FloatArray
+    pull: tuple[FloatArray, FloatArray]
+    inverse: _Parts
+
+
 class Condensed(NamedTuple):
     """Tendons where they stand, and how they give way to changes.
 
@@ -106,7 +120,7 @@ class Condensed(NamedTuple):
     mixed: FloatArray
     strain: FloatArray
     weight: FloatArray
-    unit: tuple[FloatArray, FloatArray, FloatArray]
+    unit: _Parts
 
     def moved(self, by_offset: FloatArray) -> FloatArray:
         """Product of D^-1 and ``by_offset`` (2, ...)."""
@@ -163,50 +177,47 @@ class SheathedSections(SectionEnergy):
             ConvergenceError: if they stand nowhere.
         """
         t, n, b = strain[:3]
-        width, slope, _ = self.widening(strain[3])
+        slope = self.widening(strain[3])[1]
+        moved, offset, unit, over, pull, inverse = self._stand(strain, local_tensions)
+        g = tendon_gradient(*unit, slope, moved.x, moved.y, self.dx, self.dy)
+        weight = local_tensions * over
+        mixed = np.empty((2, len(strain), *weight.shape))
+        terms = sheath_mixed(
+            t, n, b, slope, moved.x, moved.y, self.dx, self.dy, *unit, *pull, *g, local_tensions,
+            weight,
+        )  # fmt: skip
+        for place, term in enumerate(terms):
+            mixed[divmod(place, 4)] = term
+        if len(strain) == 6:
+            (_, e_n, e_b), (p_n, p_b) = unit, pull
+            mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
+            mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
+        compliance = self.give * np.stack(inverse)
+        return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
+
+    def _stand(self, strain: FloatArray, local_tensions: FloatArray) -> _Stand:
+        """Newton's method for where tendons stand; raises as `condensed`."""
+        t, n, b = strain[:3]
+        width = self.widening(strain[3])[0]
         gives = self.give * local_tensions
-        offset_n = offset_b = 0.0 * gives
+        offset = np.zeros((2, *gives.shape))
         moved = copy.copy(self)
         worst = np.inf
         for _ in range(MOST_STEPS):
-            self._place(moved, offset_n, offset_b)
-            *u, length = SectionEnergy.stretching(moved, strain, width)
+            self._place(moved, *offset)
+            u_t, u_n, u_b, length = SectionEnergy.stretching(moved, strain, width)
             over = 1.0 / length
-            e_t, e_n, e_b = (part * over for part in u)
-            p_n, p_b = sheath_pull(t, n, b, e_t, e_n, e_b)
-            nn, nb, bb = sheath_inverse(t, n, b, p_n, p_b, gives * over)
-            left_n, left_b = offset_n + gives * p_n, offset_b + gives * p_b
+            unit = u_t * over, u_n * over, u_b * over
+            pull = sheath_pull(t, n, b, *unit)
+            inverse = sheath_inverse(t, n, b, *pull, gives * over)
+            left_n, left_b = offset[0] + gives * pull[0], offset[1] + gives * pull[1]
             worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
             if not worst > STANDING:  # NaN where a section cannot be
-                break
-            offset_n = offset_n - (nn * left_n + nb * left_b)
-            offset_b = offset_b - (nb * left_n + bb * left_b)
-        else:
-            raise ConvergenceError('the place of tendons in their sheaths', worst, MOST_STEPS)
-        g = tendon_gradient(e_t, e_n, e_b, slope, moved.x, moved.y, self.dx, self.dy)
-        weight = local_tensions * over
-        mixed = np.empty((2, len(strain), *gives.shape))
-        mixed[:, :4] = np.stack(
-            np.broadcast_arrays(
-                *sheath_mixed(
-                    t, n, b, slope, moved.x, moved.y, self.dx, self.dy, e_t, e_n, e_b, p_n, p_b,
-                    *g, local_tensions, weight,
-                )
-            )
-        ).reshape(2, 4, *gives.shape)  # fmt: skip
-        if len(strain) == 6:
-            mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
-            mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
-        return Condensed(
-            moved,
-            np.stack([offset_n, offset_b]),
-            np.stack([p_n, p_b]),
-            self.give * np.stack([nn, nb, bb]),
-            mixed,
-            strain,
-            weight,
-            (e_t, e_n, e_b),
-        )
+                return _Stand(moved, offset, unit, over, pull, inverse)
+            nn, nb, bb = inverse
+            offset[0] -= nn * left_n + nb * left_b
+            offset[1] -= nb * left_n + bb * left_b
+        raise ConvergenceError('the place of tendons in their sheaths', worst, MOST_STEPS)
 
     def _place(self, moved: SectionEnergy, offset_n: FloatArray, offset_b: FloatArray) -> None:
         """Put the tendons of ``moved`` where they are off their paths."""
@@ -215,7 +226,7 @@ class SheathedSections(SectionEnergy):
 
     def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Gradient (n, batch, nodes) of the energy of tendons and sheaths."""
-        moved = self.condensed(strain, local_tensions).sections
+        moved = self._stand(strain, local_tensions).sections
         return SectionEnergy.tendon_gradient(moved, strain, local_tensions)
 
     def tendon_derivatives(
@@ -234,9 +245,8 @@ class SheathedSections(SectionEnergy):
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
-        return SectionEnergy.stretches(
-            self.condensed(strain, local_tensions).sections, strain, local_tensions
-        )
+        moved = self._stand(strain, local_tensions).sections
+        return SectionEnergy.stretches(moved, strain, local_tensions)
 
     def lengthening(
         self, strain: FloatArray, local_tensions: FloatArray
@@ -257,7 +267,7 @@ class SheathedSections(SectionEnergy):
         Raises:
             SolveError: if one is; the message says where.
         """
-        moved = self.condensed(strain, local_tensions).sections
+        moved = self._stand(strain, local_tensions).sections
         outside = np.hypot(moved.x, moved.y) > self.farthest
         if outside.any():
             _, number, node = np.argwhere(outside)[0]
