@@ -40,15 +40,14 @@ def build_arm(given: Values) -> Arm:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if the arm cannot exist.
     """
-    sections = _sections(given)
-    count = sum(len(section.tendons) for section in sections)
     return Arm(
         _material(given),
         _body(given),
-        sections,
+        _sections(given),
         given['tendon_names'],
-        axial_stiffness=_per_tendon(given, 'tendons.axial_stiffness', count),
-        free_length=_per_tendon(given, 'tendons.free_length', count),
+        axial_stiffness=given['tendons.axial_stiffness'],
+        free_length=given['tendons.free_length'],
+        sheath_stiffness=given['tendons.sheath_stiffness'],
     )
 
 
@@ -122,16 +121,6 @@ def build_diagnostic_limits(given: Values) -> DiagnosticLimits:
     names = ('silence', 'age', 'ahead')
     parameters = (f'diagnostics.{name}_limit' for name in names)
     return DiagnosticLimits(*(not_negative(name, given[name], 'time', 's') for name in parameters))
-
-
-def _per_tendon(given: Values, name: str, count: int) -> tuple[float, ...]:
-    """Values of the parameter ``name``, one for each of ``count`` tendons or one for all."""
-    values: tuple[float, ...] = given[name]
-    if len(values) == 1:
-        return count * values
-    if values:
-        check_length(name, values, count, ', one per tendon or one for all')
-    return values
 
 
 def _material(given: Values) -> Material:

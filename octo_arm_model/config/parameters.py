@@ -111,6 +111,11 @@ PARAMETERS = (
               'length of each tendon between the base and its winch [m], which stretches as well '
               'as what runs in the arm, or one number for all; empty for none', (), is_array=True,
               range='>= 0'),
+    Parameter('tendons.sheath_stiffness', float,
+              'stiffness k of the body about each tendon [Pa]: force per length over how far it '
+              'digs in, section by section from the tip, or one number for all; with model exact; '
+              '0 for tendons that keep their places; empty for all such', (), is_array=True,
+              range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),

@@ -22,10 +22,10 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
@@ -60,7 +60,7 @@ class LoadedRod:
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts)
         self.points = own.s.size
-        energy = SectionEnergy(arm, own.s, own.section, law, shear)
+        energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
         LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)

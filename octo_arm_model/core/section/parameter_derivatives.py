@@ -38,7 +38,8 @@ class ParameterDerivatives:
         Returns:
             (n, tendons, batch, nodes).
         """
-        energy = self._energy
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
         torsion, about_n, about_b, stretch = strain[:4]
         width, slope, _ = energy.widening(stretch)
         u_t, u_n, u_b, length = energy.stretching(strain, width)
@@ -47,6 +48,7 @@ class ParameterDerivatives:
         x, y, dx, dy = self._out
         c_t = about_n * y - about_b * x
         c_n, c_b = width * dx - torsion * y, width * dy + torsion * x
+        moved = np.stack(np.broadcast_arrays(c_t, c_n, c_b))
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -60,19 +62,46 @@ class ParameterDerivatives:
         change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
         if energy.strains == 6:
             change[4], change[5] = c_n, c_b
-        return change * local_tensions
+        change *= local_tensions
+        if condensed is not None:
+            change -= condensed.answer(condensed.by_path(moved))
+        return change
 
-    def length_by_offset(self, strain: FloatArray) -> FloatArray:
+    def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of the gradient with the stiffness of each tendon's sheath.
+
+        Returns:
+            (n, tendons, batch, nodes), zero where a tendon keeps its place; where all do, of no
+            tendon.
+        """
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((len(strain), 0, *strain.shape[1:]))
+        return -condensed.answer(condensed.offset)
+
+    def length_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of every tendon's stretch with that of its sheath, (tendons, nodes)."""
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((0, strain.shape[2]))
+        return -condensed.shortening(condensed.offset)[:, 0]
+
+    def length_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of every tendon's stretch with its distance from the midline, of one arm.
 
         Returns:
             (tendons, nodes).
         """
-        energy = self._energy
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
         torsion, about_n, about_b, stretch = strain[:4]
         width = energy.widening(stretch)[0]
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         x, y, dx, dy = self._out
-        along = u_t * (about_n * y - about_b * x)
-        along += u_n * (width * dx - torsion * y) + u_b * (width * dy + torsion * x)
-        return (along / length)[:, 0]
+        c_t, c_n = about_n * y - about_b * x, width * dx - torsion * y
+        c_b = width * dy + torsion * x
+        change = (u_t * c_t + u_n * c_n + u_b * c_b) / length
+        if condensed is not None:
+            moved = np.stack(np.broadcast_arrays(c_t, c_n, c_b))
+            change -= condensed.shortening(condensed.by_path(moved))
+        return np.asarray(change[:, 0])

@@ -40,17 +40,19 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     count, tendons = len(twist), tensions.size
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
-    columns = np.zeros((6, 2 * tendons + 8, twist.shape[1]))
+    by_sheath = parameters.gradient_by_sheath(strain, local_tensions)
+    columns = np.zeros((6, 2 * tendons + 8 + by_sheath.shape[1], twist.shape[1]))
     elastic, _ = energy.material(strain)
-    lengthening = energy.lengthening(strain)[1]
+    lengthening = energy.lengthening(strain, local_tensions)[1]
     for part, gradient in (
         (slice(0, tendons), lengthening * energy.transmission),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
         (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
         (
-            slice(tendons + 8, None),
+            slice(tendons + 8, 2 * tendons + 8),
             parameters.gradient_by_offset(strain, local_tensions),
         ),
+        (slice(2 * tendons + 8, None), by_sheath),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
@@ -59,16 +61,25 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
     length = _lengths(by_twist * weights, response.twist)
-    direct = parameters.length_by_offset(strain) @ weights
-    length[:, tendons + 8 :] += np.diag(direct)
-    edges = np.cumsum([tendons, 6, 1, 1])
-    tension, wrench, young, poisson, offset = (
+    # What changes the length of a tendon at a given twist.
+    at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
+    tendon = np.arange(tendons)
+    length[tendon, tendon] += at_place[:, 0] @ weights
+    direct = parameters.length_by_offset(strain, local_tensions) @ weights
+    length[tendon, tendons + 8 + tendon] += direct
+    if by_sheath.size:
+        direct = parameters.length_by_sheath(strain, local_tensions) @ weights
+        length[tendon, 2 * tendons + 8 + tendon] += direct
+    edges = np.cumsum([tendons, 6, 1, 1, tendons])
+    tension, wrench, young, poisson, offset, sheath = (
         Change(*part)
         for part in zip(
             *(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True
         )
     )
-    return Sensitivity(tension, young, wrench, poisson, offset)
+    return Sensitivity(
+        tension, young, wrench, poisson, offset, sheath if by_sheath.size else None
+    )
 
 
 def _read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
@@ -118,7 +129,8 @@ def papers_derivatives(
     changes[:, :-1] = by_tension
     changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
     pose, strains = _integrate(twist, frames, grid, changes)
-    by_twist = energy.lengthening(twist[:, np.newaxis])[1][:, :, 0]
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    by_twist = energy.lengthening(twist[:, np.newaxis], local_tensions)[1][:, :, 0]
     length = _lengths(by_twist * integration_weights(grid), changes)
     return Sensitivity(
         Change(pose[..., :-1], strains[..., :-1], length[:, :-1]),

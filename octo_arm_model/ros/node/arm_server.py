@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ContinuationError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
@@ -29,9 +29,11 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionInput,
     TensionSubscription,
 )
+from octo_arm_model.ros.node.winding import Winding
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -86,8 +88,9 @@ class ArmServer:
         self._services: list[QueuedService] = []
         self._work = WorkQueue(node)
         self._publishers: BackbonePublishers | None = None
+        self._winches: LatestSubscription | None = None
         self._tip_wrench: FloatArray | None = None
-        self._last: Backbone | None = None
+        self._winding = Winding()
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -119,6 +122,10 @@ class ArmServer:
         self._wrenches = LatestSubscription(
             node, WrenchStamped, 'tip_wrench', self._on_wrench, self._work
         )
+        self._winches = LatestSubscription(
+            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._work
+        )
+        self._diagnostics.apart = self._winches.topic
         self._services = [
             QueuedService(node, Solve, 'solve', self._on_solve, self._work),
             QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
@@ -129,16 +136,18 @@ class ArmServer:
         """Stop answering."""
         for subscription in self._inputs:
             subscription.close()
-        if self._wrenches is not None:
-            self._wrenches.close()
+        for latest in (self._wrenches, self._winches):
+            if latest is not None:
+                latest.close()
         for service in self._services:
             service.close()
         self._work.clear()
-        self._inputs, self._wrenches, self._services = [], None, []
+        self._inputs, self._services = [], []
+        self._wrenches = self._winches = None
         if self._publishers is not None:
             self._publishers.pause()
         self._diagnostics.end('inactive')
-        self._last = self._tip_wrench = None
+        self._tip_wrench, self._winding = None, Winding()
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
@@ -153,7 +162,11 @@ class ArmServer:
         assert self._publishers is not None
         config = prepared.config
         self._check_wrench_of_before(prepared)
-        self._prepared, self._last = prepared, None
+        self._prepared = prepared
+        if gone := self._winding.change_arm(config.arm):
+            self._node.get_logger().warning(
+                f'displacements dropped: this arm has no tendon {gone[0]}'
+            )
         self._diagnostics.model, self._diagnostics.limits = config.model, config.diagnostic_limits
         self._diagnostics.is_compiled = prepared.solver.is_compiled
         self._publishers.describe(prepared.solver, config)
@@ -185,21 +198,56 @@ class ArmServer:
         if isinstance(given.tensions, OctoArmError):
             self._refuse(given.topic, given.tensions)
             return
+        self._publish_shape(given.topic, given.stamp, readings=given.tensions)
+
+    def _publish_shape(
+        self,
+        topic: str,
+        stamp: Stamp | None,
+        readings: FloatArray | None = None,
+        displacements: dict[str, float] | None = None,
+    ) -> None:
+        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``."""
+        prepared, outbox, winding = self._prepared, self._publishers, self._winding
+        assert prepared is not None and outbox is not None
+        config = prepared.config
         try:
-            if self._diagnostics.received(given.topic, given.stamp):
-                self._last = None  # stamps start over: do not continue from the last shape
+            if self._diagnostics.received(topic, stamp):
+                winding.begin_anew()  # stamps start over: do not continue from the last shape
             began = time.perf_counter()
-            config = prepared.config
-            tensions = config.load_cells.tensions(config.arm, given.tensions)
-            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
-            self._last = backbone
-            covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
+            tensions = None
+            if readings is not None:
+                tensions = config.load_cells.tensions(config.arm, readings)
+            answer = winding.answer(
+                prepared.solver, config, self._tip_wrench, tensions, displacements
+            )
             duration = time.perf_counter() - began
         except OctoArmError as error:
-            self._refuse(given.topic, error)
+            self._refuse(topic, error)
             return
-        outbox.publish(backbone, covariance, self._stamp(given.stamp))
-        self._diagnostics.answered(backbone, duration)
+        at = self._stamp(stamp)
+        outbox.publish(answer.backbone, answer.covariance, at)
+        if winding.displacements:
+            outbox.publish_estimates(answer.backbone, at)
+        self._diagnostics.answered(answer.backbone, duration)
+
+    def _on_displacements(self, data: bytes, older: int) -> None:
+        """Drive the named tendons by length from now on, and the others by tension."""
+        prepared, winches = self._prepared, self._winches
+        if prepared is None or winches is None:
+            return
+        if older:
+            self._diagnostics.skipped(older)
+        if self._wrenches is not None:
+            self._wrenches.answer_latest()
+        try:
+            message = winches.decode(data)
+            found = displacement_messages.read_displacements(message, prepared.config.arm)
+        except OctoArmError as error:
+            self._refuse(winches.topic, error)
+            return
+        stamp = Stamp(message.header.stamp.sec, message.header.stamp.nanosec)
+        self._publish_shape(winches.topic, stamp, displacements=found)
 
     def _on_wrench(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""

@@ -34,6 +34,7 @@ class Diagnostics:
         is_compiled: whether the compiled solver is used.
         limits: thresholds of the warnings.
         publishers: counts the publishers of each input topic.
+        apart: whole name of the topic of displacements, no second source of tensions.
     """
 
     def __init__(self, node: Node) -> None:
@@ -42,7 +43,7 @@ class Diagnostics:
         self.model, self.is_compiled = '', False
         self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
-        self._idle = ''
+        self._idle = self.apart = ''
         self._totals = dict.fromkeys(
             (
                 'answered', 'refused', 'failed', 'unaffordable', 'skipped', 'backwards', 'ahead',
@@ -176,8 +177,9 @@ class Diagnostics:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
-        if len(self._topics) > 1:
-            problems.append(f'several sources: {", ".join(sorted(self._topics))}')
+        of_tensions = sorted(self._topics.keys() - {self.apart})
+        if len(of_tensions) > 1:
+            problems.append(f'several sources: {", ".join(of_tensions)}')
         publishers = {topic: count() for topic, count in self.publishers.items()}
         for topic in sorted(self._topics):
             if publishers.get(topic, 0) > 1:

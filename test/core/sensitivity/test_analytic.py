@@ -263,7 +263,10 @@ def test_by_the_distance_of_each_tendon(solved: Solved) -> None:
 
 
 def test_at_the_base_nothing_moves(solved: Solved) -> None:
-    for change in vars(solved.sensitivity).values():
+    for name, change in vars(solved.sensitivity).items():
+        if name == 'by_sheath_stiffness':
+            assert change is None  # tendons keep their places
+            continue
         np.testing.assert_array_equal(change.pose[0], 0.0)
         np.testing.assert_array_equal(change.tip, change.pose[-1])
         assert np.isfinite(change.strain).all()
