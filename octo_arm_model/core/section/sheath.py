@@ -162,9 +162,7 @@ class SheathedSections(SectionEnergy):
         """As `SectionEnergy`."""
         super().__init__(arm, nodes, section, law, shear)
         stiffness = np.array(arm.sheath_stiffness)
-        compliance = np.divide(
-            1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
-        )
+        compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
         self.give = compliance[:, np.newaxis, np.newaxis] * self.active
         self.farthest = np.maximum(self.radius, np.hypot(self.x, self.y))
         # A tendon pushed aside twists where its path has a slope.

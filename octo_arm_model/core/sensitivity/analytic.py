@@ -77,9 +77,7 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
             *(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True
         )
     )
-    return Sensitivity(
-        tension, young, wrench, poisson, offset, sheath if by_sheath.size else None
-    )
+    return Sensitivity(tension, young, wrench, poisson, offset, sheath if by_sheath.size else None)
 
 
 def _read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:

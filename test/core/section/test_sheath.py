@@ -139,9 +139,7 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     np.testing.assert_allclose(
         energy.tendon_gradient(strain, local_tensions), gradient, rtol=1e-12, atol=1e-15
     )
-    np.testing.assert_allclose(
-        gradient[:, 0].T, jacobian(least, at, steps), rtol=1e-7, atol=1e-9
-    )
+    np.testing.assert_allclose(gradient[:, 0].T, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
     expected = jacobian(lambda x: energy.tendon_gradient(at_both(x), local_tensions), at, steps)
     scale = np.abs(expected[:, 0]).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(
@@ -275,9 +273,7 @@ def test_lengths_and_tensions_in_proportion_scale_the_shape(
     """k is a modulus: lengths times c, tensions times c^2, the same k."""
     arm, tensions = loaded
     stiffness = 20.0 * float(arm.material.youngs_modulus)
-    small, large = (
-        with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale))
-    )
+    small, large = (with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale)))
     before = Solver(small, 'exact', 31).solve(0.5 * tensions)
     after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
     np.testing.assert_allclose(
