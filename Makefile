@@ -42,6 +42,7 @@ lint: prepare
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
 	@tools/with_ros python benchmarks/node.py
+	@tools/with_ros python benchmarks/floods.py
 	@tools/with_ros python benchmarks/bags.py
 	@tools/with_ros python benchmarks/viewer.py
 

@@ -7,14 +7,21 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without all options, which --help lists."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
+
+
 def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
     """Parser of a program, whose texts are printed as they are."""
-    return argparse.ArgumentParser(
+    return _Parser(
         prog=prog,
         description=description,
         epilog=epilog,
@@ -34,14 +41,14 @@ def missing(error: ModuleNotFoundError) -> str:
 
 
 class StatusLine:
-    """One line of a terminal that each new text overwrites; elsewhere each text is a line.
+    """A line on a terminal that each new text overwrites; elsewhere each text is a new line.
 
     Attributes:
         is_terminal: whether it is written to a terminal.
     """
 
     def __init__(self, stream: TextIO, period_elsewhere: float = math.inf) -> None:
-        """Write to ``stream``; no terminal gets more than a line per ``period_elsewhere`` [s]."""
+        """Write to ``stream``, at most every ``period_elsewhere`` [s] where it is no terminal."""
         self.is_terminal = stream.isatty()
         self._stream = stream
         self._period = _PERIOD if self.is_terminal else period_elsewhere
@@ -54,7 +61,7 @@ class StatusLine:
         if now - self._shown < self._period and not always:
             return
         self._shown, self._is_open = now, self.is_terminal
-        # Back to the first column, and erase what is left of a longer text.
+        # Carriage return, and erase the rest of a longer text.
         self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
         self._stream.flush()
 
@@ -65,7 +72,7 @@ class StatusLine:
         self.leave()
 
     def leave(self) -> None:
-        """End the line, so that what follows is written below it."""
+        """End the line, so that later output is below it."""
         if self._is_open:
             self._stream.write('\n')
             self._is_open = False

@@ -12,7 +12,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
 SIDES = 12
-# A screen does not resolve more rings, and each costs time.
+# More rings would not be resolved on a screen.
 MOST_RINGS = 101
 
 SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
@@ -21,7 +21,7 @@ TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
 # Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
 LINE_WIDTH = 0.002
 DISC_THICKNESS = 0.004
-_DISC_RIM = 1.05  # coincident surfaces flicker
+_DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicker
 
 # A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
 _UPRIGHT = Quaternions.from_xyzw((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
@@ -46,14 +46,14 @@ class Drawn(NamedTuple):
 
 
 class Drawing:
-    """Geometry of many shapes of one arm; what does not depend on the shape is tabulated once.
+    """Geometry of shapes of one arm, from tables that do not depend on the shape.
 
     Attributes:
         triangles: vertices of each triangle of the body, anticlockwise seen from outside,
             (triangles, 3).
-        disc_count: how many discs there are.
+        disc_count: number of discs.
         disc_thickness: [m].
-        tendon_points: how many points each tendon is drawn through.
+        tendon_points: number of points of each tendon.
         line_width: of a tendon [m].
     """
 

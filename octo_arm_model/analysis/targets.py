@@ -61,7 +61,7 @@ class TipPosition:
         object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Tip less wanted position."""
+        """Position of the tip less that of the target."""
         return backbone.tip - self.position
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
@@ -95,13 +95,13 @@ class TipPose:
         object.__setattr__(self, 'quaternion', quaternion)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Tip less wanted position, and the rotation vector between the orientations."""
+        """Position of the tip less that of the target, and the rotation vector between them."""
         angle = self._away(backbone).as_rotvec()
         return np.concatenate([backbone.tip - self.position, self.length_per_radian * angle])
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Displacement and rotation of the tip."""
-        # At most half a turn, where the left Jacobian is regular.
+        # The left Jacobian is regular for the at most pi of `as_rotvec`.
         turned = left_jacobian(self._away(backbone).as_rotvec())
         angle = np.linalg.solve(turned, change.tip[3:])
         return np.concatenate([change.tip[:3], self.length_per_radian * angle])
@@ -117,7 +117,7 @@ class Bending:
 
     Attributes:
         plane: angle of the plane about the base's tangent [rad], from its n towards its b.
-        angle: how far the tangent has turned in it [rad], up to pi.
+        angle: angle by which the tangent has turned in it [rad], 0 to pi.
         length_per_radian: weight of angles [m/rad].
 
     Raises:
@@ -135,7 +135,7 @@ class Bending:
             raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Angle from the wanted tangent to that of the tip, along two axes across it."""
+        """Angle from the target tangent to that of the tip, along two axes normal to it."""
         tangent, wanted, across = self._directions(backbone)
         factor, _ = _angle_over_sine(float(tangent @ wanted))
         return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
@@ -150,7 +150,7 @@ class Bending:
         return self.length_per_radian * (rate + slope * np.outer(sine, turned @ wanted))
 
     def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tangent of the tip, the wanted one, and two directions across the latter (2, 3)."""
+        """Tangent of the tip, target tangent, and two directions normal to the latter (2, 3)."""
         base = Rotation.from_quat(np.array(backbone.quaternion[0])).as_matrix()
         tip = Rotation.from_quat(np.array(backbone.quaternion[-1])).as_matrix()
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
@@ -163,11 +163,11 @@ class Bending:
 
 @dataclass(frozen=True)
 class BackboneShape:
-    """Points of the midline at given places, e.g. from a camera.
+    """Points of the midline, e.g. from a camera.
 
     Attributes:
-        s: arc coordinates [m], (n,); the nearest stations are taken.
-        position: where they should be, in base_frame [m], (n, 3).
+        s: arc coordinates [m], (n,); the nearest stations are used.
+        position: target positions in base_frame [m], (n, 3).
 
     Raises:
         TargetError: if they are not finite numbers, one point for each s.
@@ -185,14 +185,14 @@ class BackboneShape:
             raise TargetError(f'backbone position has {len(position)} points, expected {len(s)}')
         object.__setattr__(self, 's', s)
         object.__setattr__(self, 'position', position)
-        # So that the error is the root mean square distance.
+        # Makes the norm of the error the root mean square distance.
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
     def _stations(self, backbone: Backbone) -> IntArray:
         return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Every point less the wanted one."""
+        """Every point less that of the target."""
         away = backbone.position[self._stations(backbone)] - self.position
         return self._weight * away.ravel()
 
@@ -204,14 +204,14 @@ class BackboneShape:
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of the tip against a force, to be reached by co-contraction.
+    """Target stiffness of the tip against a force, reached by co-contraction.
 
     Attributes:
         direction: of the force, in base_frame, (3,).
         value: force per displacement along it [N/m], > 0.
 
     Raises:
-        TargetError: if they are not such.
+        TargetError: if a value is not as described.
     """
 
     direction: FloatArray

@@ -1,4 +1,4 @@
-"""A picture of a workspace: the tips in space and seen along each axis. Needs matplotlib."""
+"""A picture of a workspace: the tips in space and projected along each axis. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -21,11 +21,10 @@ _SIDES = 24  # of the polygons drawn for cross sections
 def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> None:
     """Draw ``workspace`` of the arm of ``solver`` into the PNG file ``path``.
 
-    Each tip has the colour of its tensions' sum; the arm without tensions gives the scale, its
-    thickness true.
+    Each tip has the colour of the sum of its tensions; the arm without tensions is drawn to scale.
 
     Raises:
-        SolveError: if there is no answer without tensions, under the loads of ``solver``.
+        SolveError: if there is no solution without tensions, under the loads of ``solver``.
         OSError: if the file cannot be written.
     """
     # Imported here: matplotlib is optional.
@@ -52,7 +51,7 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     cloud = _draw_in_space(in_space, workspace, skin, limits)
     bar = figure.colorbar(cloud, ax=[*views, in_space], shrink=0.6, aspect=40, pad=0.02)
     bar.set_label('sum of tensions [N]')
-    # A PNG, whatever the suffix.
+    # A PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')
 
 
@@ -67,7 +66,7 @@ def _limits(workspace: Workspace, skin: FloatArray) -> FloatArray:
 def _style(workspace: Workspace) -> dict[str, Any]:
     """Colours and sizes of the dots: smaller where there are more."""
     total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
-    # A colour bar needs two different ends, also for one tip or none.
+    # The limits of a colour bar must differ, also for one tip or none.
     low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
     return {
         'c': total,

@@ -76,6 +76,7 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             held(found.by_tip_wrench),
             held(found.by_poisson_ratio),
             held(found.by_offset, np.diag(stretch * _rest_by_offset(solver))),
+            held(found.by_sheath_stiffness),
         ),
     )
 

@@ -24,7 +24,7 @@ from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
-_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # preferred ones first
+_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
 _POLL = 1.0 / 30.0  # [s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
@@ -38,7 +38,7 @@ The simulator moves the arm until a slider of the page, or `octo-arm play`, take
 
 
 def movement_of(arm: Arm) -> str:
-    """Name of the preferred movement that ``arm`` has."""
+    """Name of the first of the preferred movements that is for ``arm``."""
     names = profile_names(arm)
     return next(name for name in _MOVEMENTS if name in names)
 

@@ -1,7 +1,7 @@
 """The program `octo_arm_octopus`: eight arms around a body, playing a movement out of phase.
 
 The nodes are those of `launch/octopus.launch.py`, in namespaces arm_1 to arm_8. They share a few
-processes, because Python itself takes most of the memory and start-up time of each.
+processes, as the interpreter takes most of the memory and start-up time of each.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ examples:
 
 
 class Crawl:
-    """Plays one movement on all arms, each an eighth of a period ahead of the one before."""
+    """Plays one movement on all arms, each an eighth of a period ahead of the previous arm."""
 
     def __init__(self, node: Node, config: Config, movement: str) -> None:
         """Publish on ``node`` tensions for eight arms of ``config``.
@@ -67,7 +67,7 @@ class Crawl:
         now = time.monotonic()
         if now < self._due:
             return
-        # Tensions that are late are skipped.
+        # Late tensions are skipped.
         self._due = max(self._due + 1.0 / RATE, now)
         stamp = self._node.get_clock().now().to_msg()
         for number, publisher in enumerate(self._publishers):
@@ -92,7 +92,7 @@ def describe(clients: Sequence[ArmClient]) -> str:
 def host(config_file: str, numbers: Sequence[int]) -> None:
     """Run the nodes of the arms ``numbers`` until a signal comes."""
     is_over = stop_signals()
-    # Each node would log the same lines.
+    # Errors only, as all nodes log the same lines.
     start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes = []

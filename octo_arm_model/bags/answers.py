@@ -60,7 +60,7 @@ class Answers:
             ConfigError: if the model does not cover the arm or its loads.
         """
         self._uncertainty = config.uncertainty
-        self._solver = config.solver(compiled=None)
+        self._solver = config.solver()
         self.topics = tuple(topic for topic in ANSWERS if lengths or topic != LENGTHS)
         self._follower = Follower(self._solver, config.friction_memory)
         grid = self._solver.grid

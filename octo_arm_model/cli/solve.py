@@ -42,7 +42,8 @@ def add_command(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    solver = read_config(options).solver()
+    # For one shape machine code takes longer to load than it saves.
+    solver = read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
     if options.displacements is not None:
         displacements = _by_name(options.displacements, '--displacements', _NAMED)

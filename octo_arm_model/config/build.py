@@ -40,16 +40,15 @@ def build_arm(given: Values) -> Arm:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if the arm cannot exist.
     """
-    sections = _sections(given)
-    count = sum(len(section.tendons) for section in sections)
     return Arm(
         _material(given),
         _body(given),
-        sections,
+        _sections(given),
         given['tendon_names'],
-        axial_stiffness=_per_tendon(given, 'tendons.axial_stiffness', count),
-        free_length=_per_tendon(given, 'tendons.free_length', count),
-        friction=_per_tendon(given, 'tendons.friction', count),
+        axial_stiffness=given['tendons.axial_stiffness'],
+        free_length=given['tendons.free_length'],
+        sheath_stiffness=given['tendons.sheath_stiffness'],
+        friction=given['tendons.friction'],
     )
 
 
@@ -57,7 +56,7 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
     """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
 
     Raises:
-        ConfigError: if they are not as many as the tendons.
+        ConfigError: if their number is not that of the tendons.
         ArmDefinitionError: if one is not finite or not > 0.
     """
     limits = given['tendon_limits']
@@ -70,7 +69,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """Calibration of the load cells of ``arm``.
 
     Raises:
-        ConfigError: if there are offsets or scales, but not as many as tendons.
+        ConfigError: if there are offsets, scales or names, but not one for each tendon.
         ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
     """
     names = given['tension_names']
@@ -107,7 +106,8 @@ def build_uncertainty(given: Values) -> Uncertainty:
         deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
     name = 'model_error_stddev'
     model = not_negative(name, given[name], 'standard deviation', '-')
-    # A tip that is off by d because the curvature is wrong all along has turned by 2 d / length.
+    # An error of the curvature, constant along the arm, that moves the tip by d turns it by
+    # 2 d / length.
     return Uncertainty(
         **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
     )
@@ -122,16 +122,6 @@ def build_diagnostic_limits(given: Values) -> DiagnosticLimits:
     names = ('silence', 'age', 'ahead')
     parameters = (f'diagnostics.{name}_limit' for name in names)
     return DiagnosticLimits(*(not_negative(name, given[name], 'time', 's') for name in parameters))
-
-
-def _per_tendon(given: Values, name: str, count: int) -> tuple[float, ...]:
-    """Values of the parameter ``name``, one for each of ``count`` tendons or one for all."""
-    values: tuple[float, ...] = given[name]
-    if len(values) == 1:
-        return count * values
-    if values:
-        check_length(name, values, count, ', one per tendon or one for all')
-    return values
 
 
 def _material(given: Values) -> Material:

@@ -26,6 +26,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
@@ -42,7 +43,7 @@ class Config:
         model: name of the model.
         stations: number of stations along the backbone.
         base_frame: name of the frame the backbone is expressed in.
-        frame_prefix: what the names of the frames of tip and anchorages begin with.
+        frame_prefix: prefix of the names of the frames of tip and anchorages.
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
@@ -51,9 +52,10 @@ class Config:
             forgotten [s]; 0 for never.
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
-        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
-            the arm bears, see `simulation.limits`.
-        load_cells: how readings become tensions.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
+            defaults of `simulation.limits`.
+        load_cells: calibration of the load cells.
+        solve_budget: what one solve of a loaded arm may take in the node.
     """
 
     arm: Arm
@@ -71,10 +73,11 @@ class Config:
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
-        """From a mapping of dotted parameter names to values, as ROS has them.
+        """From a mapping of dotted parameter names, as in ROS, to values.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
@@ -118,6 +121,7 @@ class Config:
             diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
+            solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
 
     def solver(
@@ -125,11 +129,13 @@ class Config:
         model: str | None = None,
         stations: int | None = None,
         *,
-        compiled: bool | None = False,
+        compiled: bool | None = None,
+        budget: Budget | None = None,
     ) -> Solver:
         """Solver of this arm, with another ``model`` or number of ``stations`` if given.
 
-        ``compiled`` is as in `Solver`.
+        By default in machine code where numba works, see `Solver`, and with the iterations of
+        `solve_budget`, but not its seconds: an answer does not depend on how busy a computer is.
 
         Raises:
             ConfigError: if there is no such model, it does not cover the arm or its loads, or the
@@ -145,6 +151,7 @@ class Config:
             shear=self.shear,
             loads=self.loads,
             compiled=compiled,
+            budget=Budget(self.solve_budget.iterations) if budget is None else budget,
         )
 
 
@@ -163,17 +170,17 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
 
     Raises:
-        ConfigError: if the file cannot be read or is none; the message names the file.
+        ConfigError: if the file cannot be read or is no parameter file; the message names it.
     """
     with naming(path):
         return _parse(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
-    """As `load_parameters`, from the text of a file that is called ``name`` in errors.
+    """As `load_parameters`, from the text of a file, called ``name`` in errors.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if it is no parameter file.
     """
     with naming(name):
         return _parse(text)
@@ -200,7 +207,7 @@ def _parse(text: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Turn every error of a parameter file into one that names it."""
+    """Convert every error of a parameter file to one that names the file."""
     with reading(path, ConfigError):
         try:
             yield

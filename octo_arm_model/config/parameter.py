@@ -1,4 +1,4 @@
-"""What a parameter is: its name, type, default and meaning, declared once."""
+"""A parameter: its name, type, default and meaning."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ class Parameter:
 
     @property
     def type_name(self) -> str:
-        """Type in the words of ROS, e.g. ``double[]``."""
+        """Name of the type in ROS, e.g. ``double[]``."""
         word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
         return word + '[]' if self.is_array else word
 
     @property
     def default_or_none_given(self) -> Any:
-        """Value in ROS, where every parameter has one, if none is given.
+        """Value declared in ROS, where every parameter has one.
 
-        The default, or zero or an empty list for a parameter without one.
+        The default, or zero or an empty list for a parameter without default.
         """
         if self.default is not None:
             return self.default
@@ -99,7 +99,7 @@ def check_length(name: str, column: Sequence[Any], count: int, what: str) -> Non
     """Check that the list ``name`` has ``count`` values.
 
     Raises:
-        ConfigError: if not; ``what`` says what they are.
+        ConfigError: if not; ``what`` ends the message.
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')

@@ -10,54 +10,59 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
 
-class Follower:
-    """Solves each set of tensions from the last, with the history of tendons that have friction.
+class FrictionMemory:
+    """For how long the history of tendons with friction counts.
 
     Attributes:
-        forgotten: how many times the history was forgotten because of a gap in time.
+        forgotten: how many times it was forgotten because of a gap in time.
     """
 
-    def __init__(self, solver: Solver, memory: float) -> None:
-        """Begin with slack tendons.
-
-        After a gap of more than ``memory`` [s] tendons are pulled from slack anew, as nobody knows
-        what they did in between; 0 for never.
-        """
-        self._solver, self._memory_ns = solver, round(1e9 * memory)
-        self._last: Backbone | None = None
+    def __init__(self) -> None:
+        """Begin at no time."""
         self._time_ns: int | None = None
         self.forgotten = 0
 
-    @property
-    def has_history(self) -> bool:
-        """Whether tendons with friction slide from where they were."""
-        return self._last is not None and self._last.point_tensions is not None
+    def recall(self, last: Backbone | None, time_ns: int, seconds: float) -> Backbone | None:
+        """What to continue from at ``time_ns`` [ns], of the ``last`` solution.
 
-    def restart(self) -> None:
-        """Continue from nothing, as where time starts over."""
-        self._last = self._time_ns = None
+        Nothing where time goes back, as sequences start over. After a gap of more than ``seconds``
+        [s] nobody knows what tendons did in between: then it comes without its history, so that
+        they are pulled from slack; 0 for never.
+        """
+        gap = time_ns - self._time_ns if self._time_ns is not None else 0
+        self._time_ns = time_ns
+        if gap < 0:
+            return None
+        if not 0.0 < seconds < 1e-9 * gap:
+            return last
+        if last is None or last.point_tensions is None:
+            return last
+        self.forgotten += 1
+        # A loaded arm is still followed from there.
+        return dataclasses.replace(last, point_tensions=None)
+
+
+class Follower:
+    """Solves each set of tensions from the last, with the history of tendons with friction.
+
+    Attributes:
+        memory: what counts how often that was forgotten.
+    """
+
+    def __init__(self, solver: Solver, seconds: float) -> None:
+        """Begin with slack tendons; ``seconds`` is as in `FrictionMemory.recall`."""
+        self._solver, self._seconds = solver, seconds
+        self._last: Backbone | None = None
+        self.memory = FrictionMemory()
 
     def follow(
-        self, tensions: ArrayLike, time_ns: int | None, tip_wrench: ArrayLike | None = None
+        self, tensions: ArrayLike, time_ns: int, tip_wrench: ArrayLike | None = None
     ) -> Backbone:
-        """Shape under ``tensions`` at ``time_ns`` [ns], None if unknown; see `Solver.follow`.
-
-        Where time goes back the sequence starts over.
+        """Shape under ``tensions`` at ``time_ns`` [ns]; see `Solver.follow`.
 
         Raises:
             OctoArmError: as `Solver.solve`.
         """
-        if time_ns is not None:
-            if self._time_ns is not None:
-                self._pass_time(time_ns - self._time_ns)
-            self._time_ns = time_ns
+        self._last = self.memory.recall(self._last, time_ns, self._seconds)
         self._last = self._solver.follow(tensions, self._last, tip_wrench)
         return self._last
-
-    def _pass_time(self, gap_ns: int) -> None:
-        if gap_ns < 0:
-            self._last = None
-        elif self._last is not None and self.has_history and 0 < self._memory_ns < gap_ns:
-            # Where loads are, it is still followed from there.
-            self._last = dataclasses.replace(self._last, point_tensions=None)
-            self.forgotten += 1

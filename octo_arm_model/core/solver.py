@@ -264,18 +264,20 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        return self._lengths(self._own_twist(backbone))
+        return self._lengths(self._own_twist(backbone), backbone.tensions)
 
     @functools.cached_property
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
         twist = np.zeros((self._statics.strains, self.grid.nodes.size))
         twist[3] = 1.0
-        return self._lengths(twist)
+        return self._lengths(twist, np.zeros(self.arm.tension_shape))
 
-    def _lengths(self, twist: FloatArray) -> FloatArray:
+    def _lengths(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
         sections = self._statics.sections
-        stretches = sections.stretches(to_scaled(sections.law, twist[:, np.newaxis]))[:, 0]
+        strain = to_scaled(sections.law, twist[:, np.newaxis])
+        local_tensions = sections.local_tensions(tensions.reshape(1, -1))
+        stretches = sections.stretches(strain, local_tensions)[:, 0]
         lengths = np.einsum('jn,jn->j', stretches, self._length_weights)
         return lengths.reshape(self.arm.tension_shape)
 

@@ -39,7 +39,7 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until a signal comes; returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    # rcl parses all after --ros-args.
+    # rcl parses everything after --ros-args.
     own = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = build_parser().parse_args(given[:own])
     try:

@@ -21,15 +21,13 @@ def solver(prototype: Config) -> Solver:
 
 def test_a_sequence_goes_on_from_the_last_shape(solver: Solver) -> None:
     follower = Follower(solver, 2.0)
-    assert not follower.has_history
     pulled = follower.follow(HIGH, 5 * SECOND)
     np.testing.assert_array_equal(pulled.position, solver.solve(HIGH).position)
-    assert follower.has_history
     released = follower.follow(LOW, 7 * SECOND)
     expected = solver.follow(LOW, pulled)
     np.testing.assert_array_equal(released.position, expected.position)
     assert np.linalg.norm(released.tip - solver.solve(LOW).tip) > 1e-3
-    assert follower.forgotten == 0
+    assert follower.memory.forgotten == 0
 
 
 @pytest.mark.parametrize(
@@ -44,15 +42,12 @@ def test_after_a_gap_the_history_is_forgotten(
     found = follower.follow(LOW, SECOND + round(gap * SECOND))
     expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
     np.testing.assert_array_equal(found.position, expected.position)
-    assert follower.forgotten == forgets
+    assert follower.memory.forgotten == forgets
 
 
-@pytest.mark.parametrize('how', ['back', 'restart'])
-def test_where_time_starts_over_so_does_the_arm(solver: Solver, how: str) -> None:
+def test_where_time_starts_over_so_does_the_arm(solver: Solver) -> None:
     follower = Follower(solver, 0.0)
     follower.follow(HIGH, 10 * SECOND)
-    if how == 'restart':
-        follower.restart()
     found = follower.follow(LOW, 9 * SECOND)
     np.testing.assert_array_equal(found.position, solver.solve(LOW).position)
 
@@ -61,5 +56,4 @@ def test_without_friction_there_is_no_history(prototype: Config) -> None:
     follower = Follower(Solver(prototype.arm, 'exact'), 1.0)
     follower.follow(HIGH, 0)
     follower.follow(LOW, 10 * SECOND)
-    assert not follower.has_history
-    assert follower.forgotten == 0
+    assert follower.memory.forgotten == 0

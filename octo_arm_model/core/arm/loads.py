@@ -1,7 +1,7 @@
 """Loads on the arm besides its tendons.
 
-Weight, the wrench on the tip, point loads and distributed loads are dead: fixed in base_frame,
-whatever the shape. A `Load` of another kind states its resultants and how they change.
+Weight, the wrench on the tip, point loads and distributed loads are dead loads: fixed in
+base_frame. A `Load` of another kind states its resultants and their derivatives by the shape.
 """
 
 from __future__ import annotations

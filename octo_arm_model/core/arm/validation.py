@@ -63,18 +63,21 @@ def not_negative(name: str, value: object, what: str, unit: str) -> float:
 def per_tendon(
     name: str, values: Sequence[object], count: int, what: str, unit: str
 ) -> tuple[float, ...]:
-    """Return ``values``, none or one for each of ``count`` tendons, as floats >= 0.
+    """Return ``values``, one for all or for each of ``count`` tendons, as so many floats >= 0.
 
-    Empty where all are zero.
+    None where all are zero.
 
     Raises:
         ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit``.
     """
+    expected = f'one number for all tendons or {count}, one for each'
     if isinstance(values, str) or not isinstance(values, Sequence):
-        raise ArmDefinitionError(name, values, f'numbers, one for each of {count} tendons')
+        raise ArmDefinitionError(name, values, expected)
     numbers = tuple(not_negative(name, value, what, unit) for value in values)
-    if numbers and len(numbers) != count:
-        raise ArmDefinitionError(name, numbers, f'{count} numbers, one for each tendon')
+    if len(numbers) not in (0, 1, count):
+        raise ArmDefinitionError(name, list(numbers), expected)
+    if len(numbers) == 1:
+        numbers = count * numbers
     return numbers if any(numbers) else ()
 
 

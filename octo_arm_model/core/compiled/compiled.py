@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledNewton
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.numba_build import (
     evaluate_sections,
     find_shapes,
     newton,
     read_out,
+    read_rod,
 )
 from octo_arm_model.core.compiled.section_tables import (
     SectionTables,
@@ -70,6 +71,7 @@ class Compiled:
         if isinstance(statics, Exact):
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
             newton()
+            read_rod()
             statics.use(_speed_up)
 
     def read_out(
@@ -115,7 +117,8 @@ def _speed_up(rod: LoadedRod) -> None:
     """Have a ``rod`` evaluate its sections and iterate in machine code."""
     rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
     if not rod.equilibrium.loads.others:
-        rod.newton = CompiledNewton(rod.equilibrium, _own)
+        compiled = CompiledRod(rod, _own)
+        rod.newton, rod.read_out = compiled.newton, compiled.read_out
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:

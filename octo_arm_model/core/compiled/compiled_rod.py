@@ -1,4 +1,4 @@
-"""Loaded rods in machine code: Newton's method as `loaded.newton` has it."""
+"""Loaded rods in machine code: Newton's method and what is read out, as `loaded` has them."""
 
 from __future__ import annotations
 
@@ -6,47 +6,64 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numba_build import newton
+from octo_arm_model.core.compiled.numba_build import newton, read_rod
+from octo_arm_model.core.compiled.rod_kernels import empty_state
 from octo_arm_model.core.compiled.rod_tables import rod_tables
-from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
+from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
 
 
-class CompiledNewton:
-    """`Newton` for one rod."""
+class CompiledRod:
+    """`Newton` and `ReadOut` of one rod."""
 
-    def __init__(self, problem: Equilibrium, own: Any) -> None:
-        """Tabulate ``problem``; ``own`` makes tables ready for the compiler.
+    def __init__(self, rod: LoadedRod, own: Any) -> None:
+        """Tabulate ``rod``; ``own`` makes tables ready for the compiler.
 
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._problem, self._tables = problem, own(rod_tables(problem))
-        self._newton = newton()
+        self._tables = own(rod_tables(rod))
+        self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
+        self._newton, self._read_out = newton(), read_rod()
 
-    def __call__(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
-        """Iterate until the residual is within ``tolerance``."""
-        count = shape.twist.shape[1]
-        twist, a, b = np.array(shape.twist, order='C'), *map(np.array, shape.orientation)
-        rotation, hessian = np.empty((3, 3, count)), np.empty((4, 4, count))
-        force, moment = np.empty((3, count)), np.empty((3, count))
-        imbalance, change = np.empty((4, count)), np.empty((4, 6, count))
-        compliance = np.empty((6, 6))
-        try:
-            residual, iterations, strayed, sign = self._newton(
-                self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
-                float(condition.factor), tolerance, twist, a, b, rotation, force, moment,
-                imbalance, hessian, compliance, change,
-            )  # fmt: skip
-        except np.linalg.LinAlgError:  # a singular system
-            return Iterate(self._problem.state(condition, shape), 1, 0.0, None)
-        state = State(
-            condition, Shape(twist, Quaternions(a, b)), rotation, rotation[:, 0] * twist[3],
-            moment, force, imbalance, hessian, residual,
+    def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`ReadOut` of the rod."""
+        count = self._stations
+        twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
+        quaternion = np.empty((count, 4))
+        # Arrays of a `Backbone`, which is followed from, cannot be written.
+        shape = state.shape
+        self._read_out(
+            self._tables, np.array(shape.twist), *map(np.array, shape.orientation),
+            np.ascontiguousarray(state.rotation), twist, position, quaternion,
         )  # fmt: skip
-        answer = TipAnswer(compliance, change, sign) if sign else None
-        return Iterate(state, iterations, strayed, answer)
+        return twist, position, quaternion
+
+    def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+        """Iterate until the residual is within ``tolerance``."""
+        state = empty_state(shape.twist.shape[1])
+        a, b = shape.orientation
+        state.twist[:] = shape.twist
+        turn = state.turn
+        turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+        compliance, change = np.empty((6, 6)), np.empty((6, *state.twist.shape))
+        residual, iterations, strayed, sign, is_definite = self._newton(
+            self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
+            float(condition.factor), tolerance, state, compliance, change,
+        )  # fmt: skip
+        rotation = state.rotation
+        found = State(
+            condition,
+            Shape(state.twist, Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])),
+            rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
+            state.imbalance, state.hessian, residual,
+        )  # fmt: skip
+        answer = None
+        if sign:
+            answer = TipAnswer(compliance, change.transpose(1, 0, 2), sign, is_definite)
+        return Iterate(found, iterations, strayed, answer)

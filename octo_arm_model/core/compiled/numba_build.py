@@ -24,10 +24,12 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled import (
+    dense_kernels,
     exact_kernels,
     frame_kernels,
     kernels,
     products,
+    readout_kernels,
     rod_kernels,
     section_kernels,
     system_kernels,
@@ -40,7 +42,8 @@ _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
 _KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels, products,
+    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
+    dense_kernels, readout_kernels, products,
 )  # fmt: skip
 
 
@@ -95,15 +98,26 @@ def evaluate_sections() -> Callable[..., None]:
 
 
 @functools.cache
-def newton() -> Callable[..., tuple[float, int, float, int]]:
+def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
     """`rod_kernels.newton`, compiled; raises as `find_shapes`."""
-    four, three, none = np.zeros((4, 0)), np.zeros((3, 0)), np.zeros(0, np.complex128)
-    six = np.zeros((4, 6, 0))
     return _made(
         functools.partial(_entry, function=rod_kernels.newton),
         (
-            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, four, none, none, np.zeros((3, 3, 0)),
-            three, three, four, np.zeros((4, 4, 0)), np.zeros((6, 6)), six,
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, rod_kernels.empty_state(0),
+            np.zeros((6, 6)), np.zeros((6, 4, 0)),
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def read_rod() -> Callable[..., None]:
+    """`readout_kernels.read_rod`, compiled; raises as `find_shapes`."""
+    four, none = np.zeros((4, 0)), np.zeros(0, np.complex128)
+    return _made(
+        functools.partial(_entry, function=readout_kernels.read_rod),
+        (
+            no_rod(), four, none, none, np.zeros((3, 3, 0)), four, np.zeros((0, 3)),
+            np.zeros((0, 4)),
         ),
     )  # fmt: skip
 

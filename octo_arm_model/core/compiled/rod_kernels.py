@@ -6,55 +6,116 @@ As `loaded.newton`, with cross sections as in `section_kernels` and the linearis
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from octo_arm_model.core.compiled.dense_kernels import is_definite
+from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections
-from octo_arm_model.core.compiled.system_kernels import find_system, respond, tip_wrenches
-from octo_arm_model.core.hints import ComplexArray, FloatArray
-from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, UPHILL
-from octo_arm_model.core.numerics.quaternion import product
+from octo_arm_model.core.compiled.system_kernels import (
+    empty_system,
+    find_system,
+    respond,
+    tip_wrenches,
+)
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, SAME, UPHILL
+
+_MOST_SWEEPS = 60
+_SETTLED = 1e-26  # sum of squares of what quaternions change by in the last sweep
 
 
-def find_frames(tables: RodTables, twist: FloatArray, a: ComplexArray, b: ComplexArray) -> None:
-    """Fill in orientations (a, b) at the points under ``twist``, as `kinematics.frames`."""
-    points = tables.weights.size
-    size = 2 * points
-    system, start = np.empty((size, size), np.complex128), np.zeros(size, np.complex128)
-    start[::2] = 1.0
-    a_0, b_0 = complex(tables.base[0], tables.base[1]), complex(tables.base[2], tables.base[3])
+class RodState(NamedTuple):
+    """A loaded rod as `State` has it.
+
+    Attributes:
+        twist: (4, points).
+        turn: orientation w, x, y, z of the points, (4, points).
+        rotation: the same as matrices, (3, 3, points).
+        force: of what lies beyond, in base_frame, (3, points) [N].
+        moment: likewise [N m].
+        imbalance: in the axes of the cross sections, (4, points).
+        hessian: of the energy by the twist, (4, 4, points).
+    """
+
+    twist: FloatArray
+    turn: FloatArray
+    rotation: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    imbalance: FloatArray
+    hessian: FloatArray
+
+
+def empty_state(count: int) -> RodState:
+    """Room for a state of ``count`` points."""
+    return RodState(
+        np.empty((4, count)), np.empty((4, count)), np.empty((3, 3, count)),
+        np.empty((3, count)), np.empty((3, count)), np.empty((4, count)),
+        np.empty((4, 4, count)),
+    )  # fmt: skip
+
+
+def copy_state(state: RodState, out: RodState) -> None:
+    """Copy ``state`` to ``out``."""
+    out.twist[:], out.turn[:], out.rotation[:] = state.twist, state.turn, state.rotation
+    out.force[:], out.moment[:] = state.force, state.moment
+    out.imbalance[:], out.hessian[:] = state.imbalance, state.hessian
+
+
+def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> bool:
+    """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
+
+    The collocated equations are swept from what is given, which leaves in each sweep but a small
+    part of the error: integrals of integrals are small.
+
+    Returns:
+        Whether the sweeps converge.
+    """
+    s = tables.weights.size
+    rate, new = np.empty((4, s)), np.empty((4, s))
+    start, raw = tables.base.copy(), np.empty((4, s))
     for element in range(tables.step.size):
-        first, half = element * points, 0.5 * tables.step[element]
-        for j in range(points):
-            at = first + j
-            same = complex(0.0, half * twist[0, at])
-            other = complex(half * twist[1, at], half * twist[2, at])
-            for i in range(points):
-                weight = -tables.from_start[i, j]
-                system[2 * i, 2 * j] = weight * same
-                system[2 * i + 1, 2 * j] = weight * other
-                system[2 * i, 2 * j + 1] = -weight * np.conj(other)
-                system[2 * i + 1, 2 * j + 1] = weight * np.conj(same)
-        for i in range(size):
-            system[i, i] += 1.0
-        found = np.linalg.solve(system, start)
-        x_1, y_1 = complex(1.0, 0.0), complex(0.0, 0.0)
-        for j in range(points):
-            at, x, y = first + j, found[2 * j], found[2 * j + 1]
-            same = complex(0.0, half * twist[0, at])
-            other = complex(half * twist[1, at], half * twist[2, at])
-            x_1 += tables.weights[j] * (x * same - y * np.conj(other))
-            y_1 += tables.weights[j] * (x * other + y * np.conj(same))
-            turned = product(a_0, b_0, x, y)
-            length = np.sqrt(abs(turned[0]) ** 2 + abs(turned[1]) ** 2)
-            a[at], b[at] = turned[0] / length, turned[1] / length
-        a_0, b_0 = product(a_0, b_0, x_1, y_1)
+        first, half = element * s, 0.5 * tables.step[element]
+        x, y, z = twist[0, first:], twist[1, first:], twist[2, first:]
+        raw[:] = turn[:, first : first + s]
+        change = 0.0
+        for _ in range(_MOST_SWEEPS):
+            a, b, c, d = raw[0], raw[1], raw[2], raw[3]
+            for j in range(s):
+                t, n, m = half * x[j], half * y[j], half * z[j]
+                rate[0, j] = -b[j] * t - c[j] * n - d[j] * m
+                rate[1, j] = a[j] * t + c[j] * m - d[j] * n
+                rate[2, j] = a[j] * n + d[j] * t - b[j] * m
+                rate[3, j] = a[j] * m + b[j] * n - c[j] * t
+            change = 0.0
+            for k in range(4):
+                new[k] = start[k]
+                add_products(rate[k], tables.from_start_columns, new[k])
+                for i in range(s):
+                    change += (new[k, i] - raw[k, i]) ** 2
+            raw[:] = new
+            if change <= _SETTLED:
+                break
+        if not change <= _SETTLED:
+            return False
+        for k in range(4):
+            for j in range(s):
+                start[k] += tables.weights[j] * rate[k, j]
+        for i in range(s):
+            square = raw[0, i] ** 2 + raw[1, i] ** 2 + raw[2, i] ** 2 + raw[3, i] ** 2
+            over = 1.0 / np.sqrt(square)
+            for k in range(4):
+                turn[k, first + i] = over * raw[k, i]
+    return True
 
 
-def find_rotation(a: ComplexArray, b: ComplexArray, rotation: FloatArray) -> None:
+def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
     """Fill in the matrices (3, 3, points) of orientations."""
-    for i in range(a.size):
-        w, x, y, z = a[i].real, a[i].imag, b[i].real, b[i].imag
+    for i in range(turn.shape[1]):
+        w, x, y, z = turn[0, i], turn[1, i], turn[2, i], turn[3, i]
         rotation[0, 0, i] = 1.0 - 2.0 * (y * y + z * z)
         rotation[0, 1, i], rotation[1, 0, i] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
         rotation[0, 2, i], rotation[2, 0, i] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
@@ -64,38 +125,41 @@ def find_rotation(a: ComplexArray, b: ComplexArray, rotation: FloatArray) -> Non
 
 
 def find_state(
-    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    twist: FloatArray, a: ComplexArray, b: ComplexArray, rotation: FloatArray, force: FloatArray,
-    moment: FloatArray, imbalance: FloatArray, hessian: FloatArray,
-) -> float:  # fmt: skip
-    """Fill in the state of ``twist`` as `Equilibrium.state` does; returns the residual."""
-    points, count = tables.weights.size, twist.shape[1]
-    find_rotation(a, b, rotation)
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float, state: RodState
+) -> float:
+    """Fill in what follows from twist and orientations as `Equilibrium.state` does.
+
+    Returns:
+        The residual.
+    """
+    points, count = tables.weights.size, state.twist.shape[1]
+    twist, rotation, force, moment = state.twist, state.rotation, state.force, state.moment
+    imbalance = state.imbalance
+    find_rotation(state.turn, rotation)
     scale, gradient = np.empty((4, count)), np.empty((4, count))
-    evaluate_sections(tables.sections, tensions, twist, gradient, hessian, scale)
-    carried = np.empty((3, points))
+    evaluate_sections(tables.sections, tensions, twist, gradient, state.hessian, scale)
+    carried = np.empty(points)
     beyond = tip_wrench[3:].copy()
+    for k in range(3):
+        for i in range(count):
+            force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
     for element in range(tables.step.size - 1, -1, -1):
         first, h = element * points, tables.step[element]
-        for j in range(points):
-            at = first + j
-            for k in range(3):
-                force[k, at] = factor * tables.force[k, at] + tip_wrench[k]
-            for k in range(3):
-                n, m = (k + 1) % 3, (k + 2) % 3
-                carried[k, j] = (
+        for k in range(3):
+            n, m = (k + 1) % 3, (k + 2) % 3
+            for j in range(points):
+                at = first + j
+                carried[j] = (
                     h
                     * twist[3, at]
                     * (rotation[n, 0, at] * force[m, at] - rotation[m, 0, at] * force[n, at])
                 )
-        for k in range(3):
+            out = moment[k, first : first + points]
             for i in range(points):
-                total = beyond[k] + factor * tables.moment[k, first + i]
-                for j in range(points):
-                    total += tables.to_end[i, j] * carried[k, j]
-                moment[k, first + i] = total
+                out[i] = beyond[k] + factor * tables.moment[k, first + i]
+            add_products(carried, tables.to_end_columns, out)
             for j in range(points):
-                beyond[k] += tables.weights[j] * carried[k, j]
+                beyond[k] += tables.weights[j] * carried[j]
     outside = np.zeros(4)
     for i in range(count):
         for k in range(3):
@@ -119,85 +183,75 @@ def find_state(
 
 
 def turn_of(tables: RodTables, change: FloatArray) -> float:
-    """How far a ``change`` (4, 1, points) turns the arm [rad]."""
+    """How far a ``change`` (4, points) turns the arm [rad]."""
     points, total = tables.weights.size, 0.0
-    for i in range(change.shape[2]):
-        square = change[0, 0, i] ** 2 + change[1, 0, i] ** 2 + change[2, 0, i] ** 2
+    for i in range(change.shape[1]):
+        square = change[0, i] ** 2 + change[1, i] ** 2 + change[2, i] ** 2
         total += tables.step[i // points] * tables.weights[i % points] * np.sqrt(square)
     return total
 
 
 def newton(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, twist: FloatArray, a: ComplexArray, b: ComplexArray, rotation: FloatArray,
-    force: FloatArray, moment: FloatArray, imbalance: FloatArray, hessian: FloatArray,
-    compliance: FloatArray, change: FloatArray,
-) -> tuple[float, int, float, int]:  # fmt: skip
-    """Newton's method from ``twist`` (4, points) with orientations (a, b), as `loaded.newton`.
+    tolerance: float, state: RodState, compliance: FloatArray, change: FloatArray,
+) -> tuple[float, int, float, int, bool]:  # fmt: skip
+    """Newton's method from the twist and orientations of ``state``, as `loaded.newton`.
 
     Fills in the state it ends in and, where that is balanced, the ``compliance`` (6, 6) of the
-    tip and the ``change`` (4, 6, points) that unit wrenches on it make, see `TipAnswer`.
+    tip and the ``change`` (6, 4, points) that unit wrenches on it make, see `TipAnswer`.
 
     Returns:
-        Residual, number of iterations, how far all but the first have turned the arm [rad], and
-        the sign of the determinant of the system; 0 where there is none.
+        Residual, number of iterations, how far all but the first have turned the arm [rad], the
+        sign of the determinant of the system, 0 where there is none, and whether the compliance
+        is definite.
     """
-    s, elements, count = tables.weights.size, tables.step.size, twist.shape[1]
-    matrix, inverse = np.empty((elements, 3 * s, 3 * s)), np.empty((elements, 3 * s, 3 * s))
-    bends, ends = np.empty((elements, 3 * s, 6)), np.empty((elements, 6, 6))
-    to_moment, points_of = np.empty((elements, 3, 3 * s)), np.empty((count, 10))
-    side, step = np.empty((4, 1, count)), np.empty((4, 1, count))
-    residual = find_state(
-        tables, tensions, tip_wrench, factor, twist, a, b, rotation, force, moment, imbalance,
-        hessian,
-    )  # fmt: skip
-    new, new_a, new_b = np.empty_like(twist), np.empty_like(a), np.empty_like(b)
-    new_rotation, new_force = np.empty_like(rotation), np.empty_like(force)
-    new_moment, new_imbalance = np.empty_like(moment), np.empty_like(imbalance)
-    new_hessian = np.empty_like(hessian)
-    strayed, iterations, is_near, has_system = 0.0, 0, False, False
+    s, count = tables.weights.size, state.twist.shape[1]
+    system, new = empty_system(tables), empty_state(count)
+    side, step = np.empty((1, 4, count)), np.empty((1, 4, count))
+    residual = find_state(tables, tensions, tip_wrench, factor, state)
+    strayed, turned, iterations, is_near, sign = 0.0, 0.0, 0, False, 0
     while residual > tolerance and iterations < MOST:
-        if not (has_system and is_near):
-            find_system(
-                tables, twist, rotation, force, moment, hessian, matrix, inverse, bends, ends,
-                to_moment, points_of,
+        if not (sign and is_near):
+            sign = find_system(
+                tables, state.twist, state.rotation, state.force, state.moment, state.hessian,
+                system,
             )  # fmt: skip
-            has_system = True
-        side[:, 0] = imbalance
-        respond(tables, rotation, inverse, bends, ends, to_moment, points_of, side, step)
+            if sign == 0:
+                return residual, iterations, strayed, 0, False
+            turned = 0.0
+        side[0] = state.imbalance
+        respond(tables, state.rotation, system, side, step)
         iterations += 1
-        new[:] = twist + step[:, 0]
-        find_frames(tables, new, new_a, new_b)
-        found = find_state(
-            tables, tensions, tip_wrench, factor, new, new_a, new_b, new_rotation, new_force,
-            new_moment, new_imbalance, new_hessian,
-        )  # fmt: skip
+        new.twist[:] = state.twist + step[0]
+        new.turn[:] = state.turn
+        found = np.nan
+        if find_turn(tables, new.twist, new.turn):
+            found = find_state(tables, tensions, tip_wrench, factor, new)
         if not found <= (PROGRESS if iterations > 1 else UPHILL) * residual:
-            return residual, iterations, strayed, 0
+            return residual, iterations, strayed, 0, False
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
-        twist[:], a[:], b[:] = new, new_a, new_b
-        rotation[:], force[:], moment[:] = new_rotation, new_force, new_moment
-        imbalance[:], hessian[:] = new_imbalance, new_hessian
+        copy_state(new, state)
+        turn = turn_of(tables, step[0])
+        turned += turn
         if iterations > 1:
-            strayed += turn_of(tables, step)
+            strayed += turn
     if not residual <= tolerance:
-        return residual, iterations, strayed, 0
-    if not has_system:
-        find_system(
-            tables, twist, rotation, force, moment, hessian, matrix, inverse, bends, ends,
-            to_moment, points_of,
-        )  # fmt: skip
-    wrench = tip_wrenches(tables, twist, rotation)
-    sign = respond(tables, rotation, inverse, bends, ends, to_moment, points_of, wrench, change)
-    compliance[:] = 0.0
-    for i in range(count):
-        weight = tables.step[i // s] * tables.weights[i % s]
-        for row in range(6):
-            for column in range(6):
-                for k in range(4):
-                    compliance[row, column] += weight * wrench[k, row, i] * change[k, column, i]
-    for element in range(elements):
-        if np.linalg.slogdet(matrix[element])[0] < 0.0:
-            sign = -sign
-    return residual, iterations, strayed, sign
+        return residual, iterations, strayed, 0, False
+    if sign == 0 or turned > SAME:
+        sign = find_system(
+            tables, state.twist, state.rotation, state.force, state.moment, state.hessian, system
+        )
+        if sign == 0:
+            return residual, iterations, strayed, 0, False
+    wrench = tip_wrenches(tables, state.twist, state.rotation)
+    respond(tables, state.rotation, system, wrench, change)
+    for row in range(6):
+        for column in range(6):
+            total = 0.0
+            for k in range(4):
+                for i in range(count):
+                    weight = tables.step[i // s] * tables.weights[i % s]
+                    total += weight * wrench[row, k, i] * change[column, k, i]
+            compliance[row, column] = total
+    return residual, iterations, strayed, sign, is_definite(compliance)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.core.compiled.section_tables import SectionTables, no_exact, section_tables
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.rod import LoadedRod
 
 
 class RodTables(NamedTuple):
@@ -17,45 +18,71 @@ class RodTables(NamedTuple):
     Attributes:
         sections: at the points of all elements.
         from_start: matrix of the integrals within an element from its start, (each, each).
-        to_end: to its end.
-        twice: of the integrals to the end of the integrals from the start, (each x each, each).
+        from_start_columns: its columns as rows.
+        to_end_columns: likewise of the integrals to its end.
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
         force: resultant of the loads beyond each point [N], (3, points).
         moment: of the moments of point loads [N m], likewise.
         base: orientation of the base w, x, y, z, (4,).
         length: of the arm [m].
+        position: of the base [m], (3,).
+        node_runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
+        to_nodes: matrices (each, nodes) from values at points to these, one after another.
+        station_runs: likewise of the stations.
+        to_stations: to integrals over the element from its start, for a length of one.
     """
 
     sections: SectionTables
     from_start: FloatArray
-    to_end: FloatArray
-    twice: FloatArray
+    from_start_columns: FloatArray
+    to_end_columns: FloatArray
     weights: FloatArray
     step: FloatArray
     force: FloatArray
     moment: FloatArray
     base: FloatArray
     length: float
+    position: FloatArray
+    node_runs: IntArray
+    to_nodes: FloatArray
+    station_runs: IntArray
+    to_stations: FloatArray
 
 
-def rod_tables(problem: Equilibrium) -> RodTables:
-    """The rod of ``problem``."""
+def rod_tables(rod: LoadedRod) -> RodTables:
+    """The ``rod``."""
+    problem = rod.equilibrium
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
-    twice = rule.to_end[:, np.newaxis] * rule.from_start.T
     return RodTables(
         sections=section_tables(problem.energy),
         from_start=rule.from_start,
-        to_end=rule.to_end,
-        twice=twice.reshape(-1, rule.points.size),
+        from_start_columns=rule.from_start.T,
+        to_end_columns=rule.to_end.T,
         weights=rule.weights,
         step=own.step,
         force=problem.loads.dead.force,
         moment=problem.loads.dead.moment,
         base=np.array([a.real, a.imag, b.real, b.imag]),
         length=own.length,
-    )
+        position=rod.base.position,
+        **_runs('node_runs', 'to_nodes', rod.nodes.element, rod.nodes.values),
+        **_runs(
+            'station_runs', 'to_stations', rod.stations.element,
+            rod.stations.within / own.step[rod.stations.element, np.newaxis],
+        ),
+    )  # fmt: skip
+
+
+def _runs(
+    runs_name: str, matrices_name: str, element: IntArray, values: FloatArray
+) -> dict[str, FloatArray | IntArray]:
+    """Ranges of places in one ``element`` (n,) each, and their columns of ``values`` (n, each)."""
+    edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
+    runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]
+    matrices = [values[i:j].T.ravel() for i, j in itertools.pairwise(edges)]
+    return {runs_name: np.array(runs, np.int64), matrices_name: np.concatenate(matrices)}
 
 
 def no_rod() -> RodTables:
@@ -63,5 +90,6 @@ def no_rod() -> RodTables:
     none, table = np.zeros(0), np.zeros((0, 0))
     nothing = np.zeros((3, 0))
     return RodTables(
-        no_exact().sections, table, table, table, none, none, nothing, nothing, np.zeros(4), 1.0
-    )
+        no_exact().sections, table, table, table, none, none, nothing, nothing, np.zeros(4), 1.0,
+        np.zeros(3), np.zeros((0, 3), np.int64), none, np.zeros((0, 3), np.int64), none,
+    )  # fmt: skip

@@ -19,7 +19,7 @@ from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
 # Points in each element, for at most so many elements.
-_POINTS = ((4, 18), (8, 14), (16, 10))
+_POINTS = ((4, 20), (8, 14), (16, 10))
 _FEWEST = 6  # in each of more elements
 _LONGEST = 0.41  # of the length of the arm
 _ROUNDING = 1e-12  # of the length of the arm
@@ -97,11 +97,17 @@ class Collocation:
 
 
 class Readout:
-    """Values and integrals at any places, from values at the points of a `Collocation`."""
+    """Values and integrals at any places, from values at the points of a `Collocation`.
+
+    Attributes:
+        element: of each place, (n,).
+        values: matrix from values at the points of that element, (n, points of each).
+        within: likewise to the integral from its start.
+    """
 
     def __init__(self, collocation: Collocation, s: FloatArray, element: IntArray) -> None:
         """Read out at ``s`` (n,), each in its ``element`` (n,)."""
-        self._collocation, self._element = collocation, element
+        self._collocation, self.element = collocation, element
         rule, start, step = collocation.rule, collocation.start, collocation.step
         places = (s - start[element]) / step[element]
         count = rule.points.size
@@ -112,6 +118,7 @@ class Readout:
         self._values = csr_matrix((values.ravel(), columns, rows), shape)
         within = rule.integrate(places) * step[element, np.newaxis]
         within[places == 0.0] = 0.0  # but for rounding it is
+        self.values, self.within = values, within
         self._within = csr_matrix((within.ravel(), columns, rows), shape)
 
     def interpolate(self, values: FloatArray) -> FloatArray:
@@ -124,7 +131,7 @@ class Readout:
         before = np.zeros((*values.shape[:-1], own.step.size))
         whole = (own.by_element(values) @ own.rule.weights) * own.step
         np.add.accumulate(whole[..., :-1], axis=-1, out=before[..., 1:])
-        return before[..., self._element] + self._apply(self._within, values)
+        return before[..., self.element] + self._apply(self._within, values)
 
     @staticmethod
     def _apply(matrix: csr_matrix, values: FloatArray) -> FloatArray:

@@ -180,6 +180,10 @@ class Equilibrium:
         self.require_tangents('the stability check')
         if not isinstance(answer, TipAnswer):
             answer = self.tip_answer(state, answer or self.linearised(state))
+        # A moment that keeps its direction has no energy, and nothing follows from compliance.
+        is_known = not (self.loads.has_moments or state.condition.tip_wrench[3:].any())
+        if answer.sign > 0 and (answer.is_definite or not is_known):
+            return Stability(True if is_known else None, answer.sign, None)
         compliance = answer.compliance
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
         # What yields without end in one direction is neither: an arm that may turn about the
@@ -189,8 +193,7 @@ class Equilibrium:
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
         if not is_free.any() and answer.sign < 0:
             is_stable = False
-        # A moment that keeps its direction has no energy, and nothing follows from compliance.
-        if self.loads.has_moments or state.condition.tip_wrench[3:].any():
+        if not is_known:
             is_stable = None
         if is_stable is not False:
             return Stability(is_stable, answer.sign, None)
@@ -207,7 +210,8 @@ class Equilibrium:
         wrench[:, 3:] *= self.collocation.length
         twist = system.solve(wrench).twist
         compliance = np.tensordot(wrench * self.collocation.weights, twist, axes=([0, 2], [0, 2]))
-        return TipAnswer(compliance, twist, system.sign * self.unloaded_sign)
+        is_definite = bool(np.linalg.eigvalsh(0.5 * (compliance + compliance.T))[0] > 0.0)
+        return TipAnswer(compliance, twist, system.sign * self.unloaded_sign, is_definite)
 
     def tip_wrenches(self, state: State) -> FloatArray:
         """What unit forces and moments on the tip do to all cross sections, (6, 6, points).

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.numerics.vectors import cross
@@ -76,7 +76,16 @@ class Friction:
     """
 
     def __init__(self, arm: Arm, energy: SectionEnergy, collocation: Collocation) -> None:
-        """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``."""
+        """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``.
+
+        Raises:
+            ConfigError: if tendons dig into the body as well, which changes how they turn.
+        """
+        if arm.sheath_stiffness:
+            raise ConfigError(
+                'tendons.friction and tendons.sheath_stiffness do not go together: how tendons '
+                'turn is known of those that keep their places'
+            )
         self.coefficient, self.points = np.array(arm.friction), collocation.s.size
         self._names = arm.tendon_names
         self._mu = self.coefficient[:, np.newaxis, np.newaxis]

@@ -57,11 +57,13 @@ class TipAnswer(NamedTuple):
         compliance: work of each on the change that each makes, (6, 6).
         twist: the changes, (4 or 6, 6, points).
         sign: of the determinant of the system, over that without loads, 1 or -1.
+        is_definite: whether the symmetric part of the compliance is positive definite.
     """
 
     compliance: FloatArray
     twist: FloatArray
     sign: int
+    is_definite: bool
 
 
 class Linearised:

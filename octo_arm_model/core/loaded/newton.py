@@ -16,8 +16,9 @@ PROGRESS = 0.7  # what each iteration must leave less than of the residual
 # Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
 _MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
 UPHILL = 3.0  # what the first, which follows the condition, may leave
-# A system serves for another step where the one before left this residual and part of it.
-NEAR, QUICK = 1e-5, 0.02
+# A system serves for another step where the one before left this residual and part of it, and for
+# judging stability where no more than this has been turned since [rad].
+NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
 
 
 class Iterate(NamedTuple):
@@ -48,17 +49,20 @@ class Newton(Protocol):
 def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
     """`Newton` for ``problem``."""
     state = problem.state(condition, shape)
-    strayed, is_near = 0.0, False
+    strayed, turned, is_near = 0.0, 0.0, False
     system: System | None = None
     most, progress = MOST, PROGRESS
     if problem.loads.without_tangent:
         most, progress = _MOST_LINEAR, _LINEAR_PROGRESS
     for iteration in range(most):
         if state.residual <= tolerance:
-            return Iterate(state, iteration, strayed, system)
+            return Iterate(state, iteration, strayed, system if turned <= SAME else None)
+        if not (system and is_near):
+            try:
+                system, turned = problem.linearised(state), 0.0
+            except ConvergenceError:
+                return Iterate(state, iteration, strayed, None)
         try:
-            # Near the solution the last system serves once more.
-            system = system if system and is_near else problem.linearised(state)
             step = newton_step(problem, system, state)
         except ConvergenceError:
             return Iterate(state, iteration, strayed, None)
@@ -68,6 +72,8 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
             return Iterate(state, iteration + 1, strayed, None)
         is_near = new.residual <= NEAR and new.residual <= QUICK * state.residual
         state = new
+        turn = problem.turn(step)
+        turned += turn
         if iteration:
-            strayed += problem.turn(step)
-    return Iterate(state, most, strayed, system)
+            strayed += turn
+    return Iterate(state, most, strayed, system if turned <= SAME else None)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,14 +18,16 @@ from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
+from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.numerics.quaternion import product
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
@@ -32,6 +36,9 @@ RESOLVED = 3e-5
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 _RESOLVED_TENSIONS = 1e-6
 
+# From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
+ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
+
 
 class LoadedRod:
     """One arm and its loads on elements of one size.
@@ -39,6 +46,8 @@ class LoadedRod:
     Attributes:
         equilibrium: its equations.
         newton: Newton's method for these.
+        read_out: what a state is at nodes and stations.
+        base: pose of the base.
         points: how many points there are.
     """
 
@@ -52,16 +61,17 @@ class LoadedRod:
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
                 allow.
         """
-        self._arm, self._grid = arm, grid
+        self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts)
         self.points = own.s.size
-        energy = SectionEnergy(arm, own.s, own.section, law, shear)
+        energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
         LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
         friction = Friction(arm, energy, own) if arm.friction else None
         self.equilibrium = Equilibrium(energy, own, table, base.rotation, friction)
         self.newton: Newton = functools.partial(newton, self.equilibrium)
+        self.read_out: ReadOut = self._read_out
 
     @functools.cached_property
     def nodes(self) -> Readout:
@@ -106,9 +116,18 @@ class LoadedRod:
         """What values at the points of an ``other`` rod are at the points of this one."""
         return other._own.readout(self._own.s, self._own.s)
 
-    def twist_at_nodes(self, shape: Shape) -> FloatArray:
-        """Twist (n, nodes) of ``shape`` at the nodes of the grid."""
-        return self.nodes.interpolate(shape.twist)
+    def _read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`ReadOut` of this rod."""
+        # Integrals of rates are far more exact than values between the points.
+        t, n, b = 0.5 * state.shape.twist[:3]
+        a_rate, b_rate = product(*state.shape.orientation, 1j * t, n + 1j * b)
+        rates = [*state.tangent, a_rate.imag, b_rate.real, b_rate.imag, a_rate.real]
+        found = self.stations.integrate_from_base(np.stack(rates)).T
+        a, b = self.base.rotation
+        position = found[:, :3] + self.base.position
+        turn = found[:, 3:] + [a.imag.item(), b.real.item(), b.imag.item(), a.real.item()]
+        turn /= np.sqrt(np.add.reduce(turn * turn, axis=1, keepdims=True))
+        return self.nodes.interpolate(state.shape.twist), position, turn
 
     def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
         """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""

@@ -67,7 +67,7 @@ def _respond(
     friction, energy, twist = problem.friction, problem.energy, state.shape.twist
     assert friction is not None
     strain = to_scaled(energy.law, twist[:, np.newaxis])
-    along = energy.lengthening(strain)[1]
+    along = energy.lengthening(strain, sliding.tensions)[1]
     along = unscale_gradient(energy, twist[:, np.newaxis], along)[:, :, 0]
 
     def pulled(change: FloatArray) -> FloatArray:

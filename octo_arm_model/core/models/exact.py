@@ -32,6 +32,7 @@ from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.rod.solution import Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
+from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity
@@ -91,7 +92,7 @@ class Exact:
                 self.panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self.at_points = SectionEnergy(
+        self.at_points = sections_of(
             setup.arm, np.concatenate(s), np.array(numbers), setup.law, setup.shear
         )
         self.tail = tail_matrix(POINTS)
@@ -110,7 +111,7 @@ class Exact:
         return self._sections_at(grid.nodes, grid.node_section)
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
-        return SectionEnergy(self._setup.arm, s, section, self.law, self._setup.shear)
+        return sections_of(self._setup.arm, s, section, self.law, self._setup.shear)
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
@@ -184,13 +185,18 @@ class Exact:
             wanted = wanted._replace(before=self._rods.at_level(before, level))
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
-        check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
-        twist = rod.twist_at_nodes(state.shape)
+        strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
+        check_fibres(energy, strain)
+        energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
+        twist, position, quaternion = rod.read_out(state)
         tendons = None
         if state.sliding is not None:
             along = state.sliding.tensions[:, 0]
             tendons = TendonTensions(along, rod.stations.interpolate(along))
-        return Solution(twist, state.residual, spending.iterations, state.shape, tendons)
+        return Solution(
+            twist, state.residual, spending.iterations, state.shape, (position, quaternion),
+            tendons,
+        )  # fmt: skip
 
     def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].
@@ -202,6 +208,8 @@ class Exact:
         local_tensions = energy.local_tensions(tensions)
         found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
         check_fibres(energy, found.strain)
+        energy.check_tendons(found.strain, local_tensions)
+        energy.check_stable(found.strain, local_tensions)
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0

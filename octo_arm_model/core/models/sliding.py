@@ -62,6 +62,6 @@ class Rods:
         shape = rod.equilibrium.shape(twist[:, 0]) if len(tensions) == 1 else None
         iterations = np.full(len(tensions), steps)
         return Solution(
-            rod.nodes.interpolate(twist), answer.residual, iterations, shape,
+            rod.nodes.interpolate(twist), answer.residual, iterations, shape, None,
             TendonTensions(sliding.tensions, rod.stations.interpolate(sliding.tensions)),
         )  # fmt: skip

@@ -37,13 +37,18 @@ class SlidingClosedForm:
     strains = 4
 
     def __init__(self, setup: Setup) -> None:
-        """Tabulate the arm."""
+        """Tabulate the arm.
+
+        Raises:
+            ConfigError: if tendons dig into the body as well.
+        """
         self._setup = setup
         arm, grid, base, *_ = setup
         self._rod = functools.lru_cache(
             lambda level: LoadedRod(arm, grid, base, self.law, False, Loads(), CUTS[level])
         )
         self._rods = Rods(self._rod)
+        self._rod(0)
 
     @functools.cached_property
     def sections(self) -> SectionEnergy:

@@ -79,11 +79,14 @@ class Results:
         self.twist, self._shape = twist, solution.shape
         if solution.tendons is not None:
             self._add_tendons(part, solution.tendons)
-        if self._read_out is not None:
+        if solution.frames is not None:
+            self.position[part], self.quaternion[part] = solution.frames
+        elif self._read_out is not None:
             self._read_all(self._read_out, part, twist)
             return
-        position, quaternion = self.position[part], self.quaternion[part]
-        backbone_frames(twist, self._grid, self._base, position, quaternion)
+        else:
+            position, quaternion = self.position[part], self.quaternion[part]
+            backbone_frames(twist, self._grid, self._base, position, quaternion)
         at_stations = self._grid.station_node
         stretch = twist[3][..., at_stations]
         tau, xi, k, q = self.strains

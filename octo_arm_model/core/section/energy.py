@@ -18,6 +18,7 @@ straight tendons in planes through the midline.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from octo_arm_model.core.section.formulas import (
 )
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import transmission
+
+if TYPE_CHECKING:
+    from octo_arm_model.core.section.sheath import Condensed
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
@@ -165,16 +169,32 @@ class SectionEnergy:
         """The widening of the sections and its two derivatives; numbers where there is none."""
         return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
-    def stretches(self, strain: FloatArray) -> FloatArray:
+    def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon, (tendons, batch, nodes)."""
         return self.stretching(strain, self.widening(strain[3])[0])[3]
 
-    def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def lengthening(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
         width, slope, _ = self.widening(strain[3])
         *u, length = self.stretching(strain, width)
         gradient = self._gradient(u, length, slope)
         return length, gradient * self.active
+
+    def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
+        """Where tendons stand off their paths; None of those that are held in their places."""
+        return None
+
+    def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
+        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        return 0.0
+
+    def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse what tendons cannot do; see `sheath`, these are held in their places."""
+
+    def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Likewise a balance without loads that is none of least energy; here all are."""
 
     def _gradient(self, u: Sequence[FloatArray], length: FloatArray, slope: Number) -> FloatArray:
         """Gradient of |u| by the strain, also of tendons that do not act."""

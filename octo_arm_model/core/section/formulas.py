@@ -46,6 +46,48 @@ def tendon_hessian(
     )  # fmt: skip
 
 
+def sheath_pull(
+    t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number
+) -> tuple[Number, Number]:
+    """Derivatives of |u| by where a tendon stands off its path, see `sheath`; from u / |u|."""
+    return t * e_b - b * e_t, n * e_t - t * e_n
+
+
+def sheath_inverse(
+    t: Number, n: Number, b: Number, p_n: Number, p_b: Number, stiff: Number
+) -> tuple[Number, Number, Number]:
+    """Inverse (nn, nb, bb) of their second derivatives over k, from the first ones.
+
+    For ``stiff``, the tension over k |u|.
+    """
+    nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
+    nb = -stiff * (b * n + p_n * p_b)
+    bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
+    over = 1.0 / (nn * bb - nb * nb)
+    return bb * over, -nb * over, nn * over
+
+
+def sheath_mixed(
+    t: Number, n: Number, b: Number, slope: Number, x: Number, y: Number, dx: Number, dy: Number,
+    e_t: Number, e_n: Number, e_b: Number, p_n: Number, p_b: Number,
+    g_t: Number, g_n: Number, g_b: Number, g_s: Number, tension: Number, weight: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """Second derivatives of tension |u| by that place, along n and b, and t, n, b, stretch.
+
+    ``weight`` is the tension over |u|; (x, y) is where the tendon stands.
+    """
+    return (
+        tension * e_b + weight * (t * x - p_n * g_t),
+        weight * (-b * y - p_n * g_n),
+        weight * (b * x - p_n * g_b) - tension * e_t,
+        weight * (slope * t * dy - b - p_n * g_s),
+        weight * (t * y - p_b * g_t) - tension * e_n,
+        tension * e_t + weight * (n * y - p_b * g_n),
+        weight * (-n * x - p_b * g_b),
+        weight * (n - slope * t * dx - p_b * g_s),
+    )  # fmt: skip
+
+
 def bending_terms(
     n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
     stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,

@@ -159,7 +159,7 @@ def _refuse_short_tendons(
     Raises:
         SolveError: if one is.
     """
-    length = np.where(local_tensions > 0.0, energy.lengthening(strain)[0], np.inf)
+    length = np.where(local_tensions > 0.0, energy.lengthening(strain, local_tensions)[0], np.inf)
     if length.min(initial=np.inf) < _SHORTEST_TENDON:
         _, number, node = np.unravel_index(np.argmin(length), length.shape)
         raise SolveError(

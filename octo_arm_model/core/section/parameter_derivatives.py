@@ -38,13 +38,15 @@ class ParameterDerivatives:
         Returns:
             (n, tendons, batch, nodes).
         """
-        energy = self._energy
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
         width, slope, _ = energy.widening(strain[3])
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
-        c_t, c_n, c_b = self.direction_by_offset(strain)
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -58,7 +60,10 @@ class ParameterDerivatives:
         change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
         if energy.strains == 6:
             change[4], change[5] = c_n, c_b
-        return change * local_tensions
+        change *= local_tensions
+        if condensed is not None:
+            change -= condensed.answer(condensed.by_path(moved))
+        return change
 
     def direction_by_offset(self, strain: FloatArray) -> FloatArray:
         """Derivative of every tendon's u with its own distance from the midline.
@@ -75,13 +80,37 @@ class ParameterDerivatives:
             width * dy + torsion * x,
         ])  # fmt: skip
 
-    def length_by_offset(self, strain: FloatArray) -> FloatArray:
+    def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of the gradient with the stiffness of each tendon's sheath.
+
+        Returns:
+            (n, tendons, batch, nodes), zero where a tendon keeps its place; where all do, of no
+            tendon.
+        """
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((len(strain), 0, *strain.shape[1:]))
+        return -condensed.answer(condensed.offset)
+
+    def length_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of every tendon's stretch with that of its sheath, (tendons, nodes)."""
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((0, strain.shape[2]))
+        return -condensed.shortening(condensed.offset)[:, 0]
+
+    def length_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of every tendon's stretch with its distance from the midline, of one arm.
 
         Returns:
             (tendons, nodes).
         """
-        energy = self._energy
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
         u_t, u_n, u_b, length = energy.stretching(strain, energy.widening(strain[3])[0])
-        c_t, c_n, c_b = self.direction_by_offset(strain)
-        return np.asarray(((u_t * c_t + u_n * c_n + u_b * c_b) / length)[:, 0])
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
+        change = (u_t * c_t + u_n * c_n + u_b * c_b) / length
+        if condensed is not None:
+            change -= condensed.shortening(condensed.by_path(moved))
+        return np.asarray(change[:, 0])

@@ -37,7 +37,7 @@ class TendonSums(NamedTuple):
         first_b: first moment along b [N m].
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
-        mixed: mixed second moment [N m^2]; None where it vanishes whatever the tensions.
+        mixed: mixed second moment [N m^2]; None where it vanishes for all tensions.
         routing_torque: moment about t of the tendons' slopes [N m]; None likewise.
     """
 

@@ -42,15 +42,15 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     count, tendons = len(twist), tensions.size
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
-    columns = np.zeros((6, 2 * tendons + 8, twist.shape[1]))
+    by_sheath = parameters.gradient_by_sheath(strain, local_tensions)
     elastic, _ = energy.material(strain)
-    lengthening = energy.lengthening(strain)[1]
-    pulls = lengthening * energy.transmission
+    lengthening = energy.lengthening(strain, local_tensions)[1]
+    pulls, more = lengthening * energy.transmission, by_sheath.shape[1]
     if state.sliding is not None:
-        # What they pull with changes along the tendons, and their friction adds columns.
-        columns = np.zeros((6, 3 * tendons + 8, twist.shape[1]))
-        pulls, local_tensions = np.zeros_like(pulls), state.sliding.tensions
-        direct = _direct(rod, state, state.sliding, strain)
+        # What tendons pull with changes along them, and their friction adds columns.
+        more, local_tensions = tendons, state.sliding.tensions
+        pulls, direct = np.zeros_like(pulls), _direct(rod, state, state.sliding, strain)
+    columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
     for part, gradient in (
         (slice(0, tendons), pulls),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
@@ -59,6 +59,7 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
             slice(tendons + 8, 2 * tendons + 8),
             parameters.gradient_by_offset(strain, local_tensions),
         ),
+        (slice(2 * tendons + 8, 2 * tendons + 8 + by_sheath.shape[1]), by_sheath),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
@@ -67,14 +68,23 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
     length = _lengths(by_twist * weights, response.twist)
-    own = parameters.length_by_offset(strain) @ weights
-    length[:, tendons + 8 : 2 * tendons + 8] += np.diag(own)
-    tension, wrench, young, poisson, offset, friction = _split(
+    # What changes the length of a tendon at a given twist.
+    at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
+    tendon = np.arange(tendons)
+    length[tendon, tendon] += at_place[:, 0] @ weights
+    own = parameters.length_by_offset(strain, local_tensions) @ weights
+    length[tendon, tendons + 8 + tendon] += own
+    if by_sheath.size:
+        own = parameters.length_by_sheath(strain, local_tensions) @ weights
+        length[tendon, 2 * tendons + 8 + tendon] += own
+    tension, wrench, young, poisson, offset, rest = _split(
         pose, strains, length, [tendons, 6, 1, 1, tendons]
     )
-    if state.sliding is None:
-        return Sensitivity(tension, young, wrench, poisson, offset)
-    return Sensitivity(tension, young, wrench, poisson, offset, friction)
+    return Sensitivity(
+        tension, young, wrench, poisson, offset,
+        rest if by_sheath.size else None,
+        rest if state.sliding is not None else None,
+    )  # fmt: skip
 
 
 def _split(
@@ -169,7 +179,8 @@ def from_twist_changes(
     ``changes`` is (4, columns, nodes) and ``twist``, of the linear law, (4, nodes).
     """
     pose, strains = _integrate(twist, frames, grid, changes)
-    by_twist = energy.lengthening(twist[:, np.newaxis])[1][:, :, 0]
+    # The paper's models keep tendons in their places, whatever the tensions.
+    by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = _lengths(by_twist * integration_weights(grid), changes)
     return _split(pose, strains, length, counts)
 

@@ -21,8 +21,8 @@ OTHER_COLOUR: Colour = (112, 152, 196)
 GHOST_COLOUR: Colour = (150, 150, 155)
 DISC_COLOUR: Colour = (62, 62, 74)
 _SIDES = 24
-_THICKER = 1.5  # factor on the width of tendons in RViz: here they are seen through the body
-_BODY_OPACITY = 0.45  # tendons inside are visible
+_THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
+_BODY_OPACITY = 0.45  # so that tendons inside are visible
 GHOST_OPACITY = 0.16
 
 
@@ -198,7 +198,7 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
 
 
 def middle_of(config: Config) -> FloatArray:
-    """Centre of the arm's motion (3,) [m], nearer to the base because the arm curls up."""
+    """Centre of the arm's motion (3,) [m], in its half towards the base, as the arm curls."""
     return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
 
 

@@ -39,7 +39,7 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         client.ask('tendon_tensions', HIGH)
         np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
         _, values = client.status('solver')
-        assert values['friction slides from the shape before'] == 'True'
+        assert values['friction history kept'] == 'True'
         forgotten = int(values['friction history forgotten after a gap'])
         client.stamps = itertools.count(100)
         np.testing.assert_allclose(

@@ -1,0 +1,89 @@
+"""Small dense systems of linear equations: what `numba_build` compiles."""
+
+from __future__ import annotations
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+
+def factorise(matrix: FloatArray, pivots: IntArray) -> int:
+    """Factorise a ``matrix`` (n, n) in place, by rows and with their exchanges ``pivots`` (n,).
+
+    Returns:
+        The sign of its determinant, 1 or -1; 0 where it is singular.
+    """
+    n, sign = len(matrix), 1
+    for j in range(n):
+        best, largest = j, abs(matrix[j, j])
+        for i in range(j + 1, n):
+            if abs(matrix[i, j]) > largest:
+                best, largest = i, abs(matrix[i, j])
+        pivots[j] = best
+        if not largest > 0.0:  # nor NaN
+            return 0
+        if best != j:
+            sign = -sign
+            for k in range(n):
+                matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
+        if matrix[j, j] < 0.0:
+            sign = -sign
+        over, row = 1.0 / matrix[j, j], matrix[j, j + 1 :]
+        for i in range(j + 1, n):
+            factor = matrix[i, j] * over
+            matrix[i, j] = factor
+            rest = matrix[i, j + 1 :]
+            for k in range(row.size):
+                rest[k] -= factor * row[k]
+    return sign
+
+
+def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
+    """Solve in place with the transposed of what was factorised; each of ``right`` (columns, n).
+
+    Both substitutions go along rows of ``factors``, which lie in order in memory.
+    """
+    n = len(factors)
+    for c in range(len(right)):
+        x = right[c]
+        for i in range(n):
+            x[i] /= factors[i, i]
+            value, rest, row = x[i], x[i + 1 :], factors[i, i + 1 :]
+            for k in range(row.size):
+                rest[k] -= value * row[k]
+        for i in range(n - 1, 0, -1):
+            value, rest, row = x[i], x[:i], factors[i, :i]
+            for k in range(row.size):
+                rest[k] -= value * row[k]
+        for i in range(n - 1, -1, -1):
+            other = pivots[i]
+            x[i], x[other] = x[other], x[i]
+
+
+def invert_three(matrix: FloatArray, inverse: FloatArray) -> float:
+    """Fill in the ``inverse`` (3, 3); returns the determinant."""
+    for i in range(3):
+        n, m = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            p, q = (j + 1) % 3, (j + 2) % 3
+            inverse[j, i] = matrix[n, p] * matrix[m, q] - matrix[n, q] * matrix[m, p]
+    determinant = 0.0
+    for j in range(3):
+        determinant += matrix[0, j] * inverse[j, 0]
+    over = 1.0 / determinant
+    for i in range(3):
+        for j in range(3):
+            inverse[i, j] *= over
+    return determinant
+
+
+def is_definite(matrix: FloatArray) -> bool:
+    """Whether the symmetric part of ``matrix`` (n, n) is positive definite (Cholesky)."""
+    n = len(matrix)
+    lower = 0.5 * (matrix + matrix.T)
+    for j in range(n):
+        if not lower[j, j] > 0.0:
+            return False
+        for i in range(j + 1, n):
+            factor = lower[i, j] / lower[j, j]
+            for k in range(j + 1, i + 1):
+                lower[i, k] -= factor * lower[k, j]
+    return True

@@ -1,0 +1,62 @@
+"""From the points of a loaded rod to nodes and stations: what `numba_build` compiles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.rod_tables import RodTables
+from octo_arm_model.core.hints import ComplexArray, FloatArray
+
+
+def read_rod(
+    tables: RodTables, twist: FloatArray, a: ComplexArray, b: ComplexArray, rotation: FloatArray,
+    at_nodes: FloatArray, position: FloatArray, quaternion: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in twist (4, nodes), position (stations, 3) and orientation, as `LoadedRod`."""
+    s = tables.weights.size
+    at_nodes[:] = 0.0
+    done = 0
+    for element, first, count in tables.node_runs:
+        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
+        for k in range(4):
+            row = twist[k, element * s : element * s + s]
+            add_products(row, matrix, at_nodes[k, first : first + count])
+        done += s * count
+    rate, total = np.empty((7, s)), np.zeros(7)
+    total[:3] = tables.position
+    total[3], total[4], total[5], total[6] = (
+        tables.base[1], tables.base[2], tables.base[3], tables.base[0],
+    )  # fmt: skip
+    found = np.empty((7, len(position)))
+    done, run = 0, 0
+    for element in range(tables.step.size):
+        first, half = element * s, 0.5 * tables.step[element]
+        for i in range(s):
+            at = first + i
+            for k in range(3):
+                rate[k, i] = 2.0 * half * rotation[k, 0, at] * twist[3, at]
+            t, n, m = half * twist[0, at], half * twist[1, at], half * twist[2, at]
+            w, x, y, z = a[at].real, a[at].imag, b[at].real, b[at].imag
+            rate[3, i] = w * t + y * m - z * n
+            rate[4, i] = w * n + z * t - x * m
+            rate[5, i] = w * m + x * n - y * t
+            rate[6, i] = -x * t - y * n - z * m
+        while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
+            start, count = tables.station_runs[run, 1], tables.station_runs[run, 2]
+            matrix = tables.to_stations[done : done + s * count].reshape(s, count)
+            for k in range(7):
+                out = found[k, start : start + count]
+                out[:] = total[k]
+                add_products(rate[k], matrix, out)
+            run, done = run + 1, done + s * count
+        for k in range(7):
+            for i in range(s):
+                total[k] += tables.weights[i] * rate[k, i]
+    for i in range(len(position)):
+        square = found[3, i] ** 2 + found[4, i] ** 2 + found[5, i] ** 2 + found[6, i] ** 2
+        over = 1.0 / np.sqrt(square)
+        for k in range(3):
+            position[i, k] = found[k, i]
+        for k in range(4):
+            quaternion[i, k] = over * found[3 + k, i]
