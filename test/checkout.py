@@ -1,4 +1,4 @@
-"""Where the checkout is that the tests are part of, and the preset arms in it."""
+"""The folder of the checkout, and the preset arms in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The package as a whole: what it exports, imports and documents."""
+"""The package as a whole: its exports, imports and documentation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from checkout import ROOT
 
 import octo_arm_model
 
-# The rooms that need neither ROS nor any optional extra.
+# Folders that need neither ROS nor any optional extra.
 BASE = ('core', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
