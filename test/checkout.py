@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PRESETS = (
+PAPERS_PRESETS = (
     'renda2012_fem',
     'renda2012_prototype',
     'renda2012_table2',
     'renda2012_table4',
-    'rao2021',
 )
+PRESETS = (*PAPERS_PRESETS, 'rao2021')

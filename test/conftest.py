@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checkout import PAPERS_PRESETS
 from hypothesis import HealthCheck, settings
 from workspaces import HIGHEST
 
@@ -24,10 +25,8 @@ settings.register_profile(
 )
 settings.load_profile('octo_arm_model')
 
-PRESETS = ('renda2012_fem', 'renda2012_prototype', 'renda2012_table2', 'renda2012_table4')
 
-
-@pytest.fixture(params=PRESETS)
+@pytest.fixture(params=PAPERS_PRESETS)
 def preset(request: pytest.FixtureRequest) -> Config:
     """Every arm of the paper."""
     return load_config(preset_path(request.param))

@@ -30,6 +30,7 @@ MINIMAL = {
     'body': {'length': 0.4, 'radius_base': 0.02, 'radius_tip': 0.01},
     'sections': {'anchorage': [0.4], 'offset_base': [0.008], 'offset_anchorage': [0.002]},
 }
+DOTTED = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
 
 
 def read(folder: Path, text: str) -> Config:
@@ -87,8 +88,7 @@ def test_any_node_name_or_wildcard_will_do(tmp_path: Path, node: str) -> None:
 
 
 def test_dotted_names_will_do(tmp_path: Path) -> None:
-    dotted = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
-    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': dotted}}))
+    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': DOTTED}}))
     assert config.arm.sections == (Section(0.4, 0.008, 0.002),)
 
 
@@ -473,17 +473,15 @@ def test_a_text_that_no_message_can_carry_is_refused(name: str, text: str) -> No
     ids=lambda value: str(value)[:30],
 )
 def test_sizes_have_bounds(changes: dict[str, object], message: str) -> None:
-    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
     # Sizes are checked before anything of that size is made.
-    values |= {'sections.offset_anchorage': [0.0]} | changes
+    values = {**DOTTED, 'sections.offset_anchorage': [0.0], **changes}
     with pytest.raises(OctoArmError, match=message) as refusal:
         Config.from_parameters(values).solver()
     assert len(str(refusal.value)) < 600
 
 
 def test_many_tendons_have_fewer_intervals() -> None:
-    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
-    values |= {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
+    values = DOTTED | {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
     config = Config.from_parameters(values)
     assert config.solver().grid.s.size == 900
     with pytest.raises(ConfigError, match=r'more than 976 intervals .* with 256 tendons'):

@@ -18,9 +18,9 @@ import octo_arm_model
 BASE = ('core', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
-    for room in BASE
+    for folder in BASE
     for module in pkgutil.walk_packages(
-        [f'{octo_arm_model.__path__[0]}/{room}'], f'octo_arm_model.{room}.'
+        [f'{octo_arm_model.__path__[0]}/{folder}'], f'octo_arm_model.{folder}.'
     )
     if not module.ispkg
 )
