@@ -113,7 +113,7 @@ def rebuilt_equation_10(
 
 
 def jump(arm: Arm, tensions: np.ndarray, number: int) -> np.ndarray:
-    """The jump (11) of omega at the anchorage of section ``number``, counted from the tip."""
+    """Change of omega by (11) at the anchorage of section ``number``, counted from the tip."""
     section = arm.sections[number - 1]
     t1, t2, t3, t4 = tensions[number - 1]
     b, bending = section.offset_anchorage, stiffness(arm, section.anchorage)[1]
