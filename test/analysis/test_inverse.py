@@ -1,4 +1,4 @@
-"""Tensions for wanted shapes: reached, bounded and of least effort."""
+"""Tensions for targets: reached, bounded and of least effort."""
 
 from __future__ import annotations
 
