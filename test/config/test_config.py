@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -22,6 +23,7 @@ from octo_arm_model import (
 from octo_arm_model.config.config import parameters_as_yaml, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
@@ -127,6 +129,21 @@ def test_a_solver_takes_model_stations_and_base_from_the_file(tmp_path: Path) ->
     assert config.solver('renda2012').model == 'renda2012'
 
 
+def test_a_solver_keeps_to_the_iterations_of_the_budget_and_a_node_to_the_time(
+    tmp_path: Path,
+) -> None:
+    heavy = changed('model: renda2012', 'model: exact') + '    loads.gravity: [0.0, 0.0, -9.81]\n'
+    heavy += '    material.density: 1080.0\n'
+    timed = read(tmp_path, heavy + '    solve_budget.seconds: 1.0e-9\n')
+    rest = np.zeros((3, 4))
+    assert timed.solver().solve(rest).residual < 1e-10
+    with pytest.raises(ContinuationError, match='budget of 1e-09 s'):
+        timed.solver(budget=timed.solve_budget).solve(rest)
+    counted = read(tmp_path, heavy + '    solve_budget.iterations: 1\n')
+    with pytest.raises(ContinuationError, match='budget of 1 iterations'):
+        counted.solver().solve(rest)
+
+
 # What is refused -------------------------------------------------------------------------------
 
 
@@ -144,6 +161,14 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path: Path, 
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
+        (
+            'stations: 101', 'solve_budget.iterations: 0',
+            'solve budget: iterations is 0, expected a number > 0',
+        ),
+        (
+            'stations: 101', 'solve_budget.seconds: .nan',
+            'solve budget: seconds is nan, expected a number > 0',
+        ),
         (
             'youngs_modulus:', 'young_modulus:',
             'material.young_modulus is no parameter of the arm; did you mean '
