@@ -24,6 +24,8 @@ from scipy.interpolate import CubicSpline
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.experiment.fitting.fit import LOSSES
+from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements, envelope_of
 from octo_arm_model.experiment.recording.alignment import Alignment
@@ -157,11 +159,11 @@ class Outcome:
     warned: bool
 
 
-def outcome(arm: Truth, kind: Kind, seed: int) -> Outcome:
-    """What is fitted to the laboratory ``seed`` of a ``kind``."""
+def outcome(arm: Truth, kind: Kind, seed: int, loss: str = AUTO) -> Outcome:
+    """What is fitted to the laboratory ``seed`` of a ``kind``, by a ``loss`` of identify."""
     recording, young = laboratory(arm, kind, seed)
     shapes = shapes_of(recording).shapes
-    fitted = [identify(shapes, arm.parameters, model, FITS) for model in kind.models]
+    fitted = [identify(shapes, arm.parameters, model, FITS, loss=loss) for model in kind.models]
     best, together = best_of(fitted), envelope_of(fitted, 'youngs_modulus')
     estimate = best.estimates['youngs_modulus']
     assert estimate.value is not None and estimate.interval95 is not None and together is not None
@@ -179,11 +181,14 @@ def main() -> None:
     parser.add_argument('labs', type=int, help='laboratories of each kind')
     parser.add_argument('--first', type=int, default=0, help='seed of the first')
     parser.add_argument('--only', nargs='+', choices=KINDS, default=list(KINDS))
+    parser.add_argument(
+        '--loss', choices=(AUTO, *LOSSES), default=AUTO, help='one of both takes half the time'
+    )
     options = parser.parse_args()
     for name in options.only:
         arm, seen = Truth(KINDS[name].truth), []
         for seed in range(options.first, options.first + options.labs):
-            seen.append(one := outcome(arm, KINDS[name], seed))
+            seen.append(one := outcome(arm, KINDS[name], seed, options.loss))
             print(
                 f'{name}; {seed}; {one.model}; {100.0 * one.error:+.2f} %; '
                 f'+-{100.0 * one.reach:.2f} %; {one.holds}; {one.together_hold}; {one.told}; '

@@ -12,7 +12,7 @@ from typing import Any
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
-from octo_arm_model.experiment.figure_files import new_figure, save
+from octo_arm_model.experiment.figure_files import TensionColours, new_figure, save
 from octo_arm_model.experiment.fitting.identify import Identification
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
@@ -55,7 +55,7 @@ def _shown(fitted: Sequence[Identification]) -> list[str]:
 
 def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> Any:
     """A panel for each parameter: estimates of all models with their intervals."""
-    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.5 * len(fitted))
+    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.6 * len(fitted))
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for panel, name in zip(panels, names, strict=True):
         for row, one in enumerate(fitted):
@@ -63,12 +63,20 @@ def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> A
             if estimate is None or estimate.value is None:
                 continue
             colour = LINES[one.model]['color']
+            panel.plot(estimate.value, row, 'o', color=colour, markersize=6.0)
+            text = f'{estimate.value:.6g}'
             if estimate.interval95 is not None:
-                panel.plot(estimate.interval95, (row, row), '-', color=colour, linewidth=3.0)
-            panel.plot(estimate.value, row, 'o', color=colour, markersize=8.0)
+                low, high = estimate.interval95
+                panel.plot((low, high), (row, row), '-|', color=colour, linewidth=2.5,
+                           markersize=14.0, markeredgewidth=1.5)  # fmt: skip
+                text = f'{low:.6g} to {high:.6g}'
+            panel.annotate(
+                text, (estimate.value, row), xytext=(0, 9), textcoords='offset points',
+                ha='center', fontsize='small', annotation_clip=False,
+            )  # fmt: skip
         panel.set(xlabel=f'{name} [{_unit(fitted, name)}]')
         panel.grid(alpha=0.3)
-        panel.margins(x=0.1, y=0.25)
+        panel.margins(x=0.2, y=0.3)
     rows = [_row(one) for one in fitted]
     panels[0].set_yticks(range(len(fitted)), rows)
     panels[0].invert_yaxis()
@@ -87,20 +95,16 @@ def _unit(fitted: Sequence[Identification], name: str) -> str:
 
 def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
     """A column for each model, a row for each axis of the base: residuals over s by tension."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     figure = new_figure(4.4 * len(fitted) + 1.0, 6.6)
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
-    scale = Normalize(0.0, max(shape.tension for shape in shapes))
+    colours = TensionColours(shapes)
     for column, one in enumerate(fitted):
         base = Config.from_parameters(one.parameters).base
         comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
             style = '-' if step.shape.s is None else 'o:'
-            colour = colormaps['viridis'](scale(step.shape.tension))
+            colour = colours.of(step.shape)
             for row in range(3):
                 panels[row, column].plot(1e3 * step.s, 1e3 * away[:, row], style, color=colour)
         for row, axis in enumerate(('t, along the base', 'n', 'b')):
@@ -110,7 +114,7 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
                 panels[row, column].set_ylabel(f'{axis} [mm]')
         panels[0, column].set_title(one.model, fontsize='medium')
         panels[-1, column].set_xlabel('s [mm]')
-    figure.colorbar(ScalarMappable(scale, 'viridis'), ax=panels, label='sum of tensions [N]')
+    colours.add_bar(figure, panels)
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
 

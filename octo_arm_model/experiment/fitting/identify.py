@@ -146,10 +146,10 @@ def identify(
         )  # fmt: skip
     loose = _needed(problem, next(iter(fitted.values()))[0], folds, loads, tensions)
     used = [] if loose else folds
-    done = iter(range(1, total))
+    begun = iter(range(total))
 
     def tick() -> None:
-        progress(next(done, total), total)
+        progress(next(begun), total)
 
     tried = []
     for name, (x, scale) in fitted.items():

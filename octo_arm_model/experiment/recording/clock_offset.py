@@ -19,6 +19,7 @@ _STATIONS = 31
 _SAMPLES = 5000
 # Residual of the best offset over the median of all: above this no offset is clear.
 _CLEAR = 0.5
+_EQUAL = 0.01  # residuals that differ by less than this part tell no offsets apart
 _KEPT = 0.9  # fraction of the frames: the worst may be outliers
 
 
@@ -34,9 +35,9 @@ def clock_offset(
 
     For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
     ``tensions`` (n, tendons) at ``tension_time`` (n,), is fitted to the tips; the offset of least
-    residual is taken. The affine function absorbs the pose of the camera and most of the model's
-    error. The lag of the arm behind its tensions counts as an offset of the clock. ``progress`` is
-    told how many offsets of all are tried.
+    residual is taken, or the one nearest to zero of those that do as well. The affine function
+    absorbs the pose of the camera and most of the model's error. The lag of the arm behind its
+    tensions counts as an offset of the clock. ``progress`` is told how many offsets are tried.
 
     Returns:
         The offset; None where no minimum is clear, as for an arm at rest.
@@ -57,7 +58,9 @@ def clock_offset(
     best = int(left.argmin())
     if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
         return None
-    return round(float(offsets[best]), 3)
+    # Where frames show the arm at rest alone a range of offsets does equally well.
+    equal = np.flatnonzero(left <= (1.0 + _EQUAL) * left[best])
+    return round(float(offsets[equal[np.abs(offsets[equal]).argmin()]]), 3)
 
 
 def _residual(

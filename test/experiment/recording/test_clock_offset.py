@@ -23,6 +23,17 @@ def test_the_clock_of_the_camera_is_set_by_the_motion(ahead: float) -> None:
     assert told == [(done, 401) for done in range(1, 402)]
 
 
+def test_frames_at_rest_alone_do_not_move_the_clock() -> None:
+    seen = recording(rate=50.0)
+    # Of 3 s at rest and 1 s on the way, from 0.5 to 2.5 s.
+    at_rest = (seen.frame_time % 4.0 > 0.5) & (seen.frame_time % 4.0 < 2.5)
+    tips = np.array([points[-1] for points in seen.frames])[at_rest]
+    found = clock_offset(
+        ARM, seen.tension_time, seen.tensions, seen.frame_time[at_rest], tips
+    )  # fmt: skip
+    assert found == 0.0
+
+
 def test_an_arm_at_rest_tells_no_time() -> None:
     seen = recording(held=(2.0, 2.0))
     rng = np.random.default_rng(0)
