@@ -7,14 +7,21 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without all options, which --help lists."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
+
+
 def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
     """Parser of a program, whose texts are printed as they are."""
-    return argparse.ArgumentParser(
+    return _Parser(
         prog=prog,
         description=description,
         epilog=epilog,

@@ -35,11 +35,11 @@ class TensionColours:
         from matplotlib.colors import Normalize
 
         highest = max(shape.tension for shape in shapes)
-        self._scale = ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
+        self._scale: Any = ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
 
     def of(self, shape: MeasuredShape) -> Any:
         """Colour of a step."""
-        return self._scale.cmap(self._scale.norm(shape.tension))
+        return self._scale.to_rgba(shape.tension)
 
     def add_bar(self, figure: Any, panels: Any) -> None:
         """The scale of colours beside the ``panels`` of a ``figure``."""

@@ -99,7 +99,11 @@ def test_wrong_usage_is_status_2(
     with pytest.raises(SystemExit) as leave:
         main(arguments)
     assert leave.value.code == 2
-    assert 'error: ' in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert err.startswith('octo-arm')
+    assert 'error: ' in err
+    assert '--help\n' in err
+    assert err.count('\n') == 1
 
 
 @pytest.mark.parametrize(

@@ -136,15 +136,17 @@ class MeasuredPoints:
         """Check how far apart tips or markers are in all ``frames``.
 
         Raises:
-            MeasurementError: if no arm of this length reaches so far.
+            MeasurementError: if no arm of this length reaches so far, or bends its markers so near.
         """
         points = np.concatenate([frame.points for frame in frames])
         size = float(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)))
-        high = _OF_TIPS * self._length
-        if size > high:
+        low, high = 0.0, _OF_TIPS * self._length
+        if self.marker_s is not None:
+            low = _LENGTHS[0] * float(np.ptp(self.marker_s))
+        if not low <= size <= high:
             raise MeasurementError(
-                f'measured points are up to {size:.4g} m apart, expected at most {high:.3g} m for '
-                f'an arm of {self._length:.4g} m{self.hint(size, 0.0, high)}'
+                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} m '
+                f'for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
             )
 
     def hint(self, size: float, low: float, high: float) -> str:

@@ -25,6 +25,8 @@ from octo_arm_model.experiment.recording.steady_windows import (
     steady_windows,
 )
 
+_FEW_STEADY = 0.2  # of the time: steps of a staircase take more
+
 
 @dataclass(frozen=True)
 class Pairing:
@@ -95,7 +97,7 @@ def observe(
         )
     time = recording.frame_time + offset
     usable = _distance(time, recording.tension_time) <= pairing.tolerance
-    shapes = []
+    shapes, used = [], 0
     margin = 0.0 if pairing.is_ramp else pairing.tolerance
     for window in windows:
         inside = usable & (time >= window.start + margin) & (time <= window.stop - margin)
@@ -105,9 +107,10 @@ def observe(
             shown = list(itertools.compress(frames, inside))
             if recording.marker_s is None:
                 shapes.append(mean_shape(window, shown))
+                used += len(shown)
             elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
                 shapes.append(markers)
-    used = sum(shape.frames + shape.outliers for shape in shapes)
+                used += len(shown)
     what = 'windows of a ramp' if pairing.is_ramp else 'steady steps'
     steady = f'{len(windows)} {what}'
     if not shapes:
@@ -117,6 +120,13 @@ def observe(
             f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
+    span = float(np.ptp(recording.tension_time))
+    share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
+    if share < _FEW_STEADY and not pairing.is_ramp:
+        notes.append(
+            f'tensions are steady in {100.0 * share:.0f} % of the time: where they change slowly '
+            'instead of in steps, say --ramp'
+        )
     notes += recording.refusals.lines()
     notes += _unseen(recording)
     return Observations(tuple(shapes), offset, tuple(notes))
