@@ -136,7 +136,7 @@ class MeasuredPoints:
         """Check how far apart tips or markers are in all ``frames``.
 
         Raises:
-            MeasurementError: if no arm of this length reaches so far, or bends its markers so near.
+            MeasurementError: if no arm of this length reaches so far, or has markers so near.
         """
         points = np.concatenate([frame.points for frame in frames])
         size = float(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)))
@@ -145,8 +145,8 @@ class MeasuredPoints:
             low = _LENGTHS[0] * float(np.ptp(self.marker_s))
         if not low <= size <= high:
             raise MeasurementError(
-                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} m '
-                f'for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
+                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} '
+                f'm for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
             )
 
     def hint(self, size: float, low: float, high: float) -> str:
