@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +29,8 @@ TYPES = known_types()
 CONFIG = load_config(preset_path('renda2012_table4'))
 ARM = CONFIG.arm
 NAMES = ARM.tendon_names
+# Hypothesis has no fixtures that last for all examples.
+_FOLDER = tempfile.TemporaryDirectory()
 
 
 class Sample(NamedTuple):
@@ -101,6 +105,14 @@ def write_bag(
                 topics[topic] = writer.add_connection(topic, type_name, typestore=TYPES)
             writer.write(topics[topic], received_ns, data)
     return path
+
+
+@functools.cache
+def bag_of_all() -> Path:
+    """A bag of a message of each type of tensions, on its topic, for as long as the tests run."""
+    content = [one for topic, kind in TOPICS.items()
+               for one in samples(ARM, np.ones((1, len(NAMES))), topic, kind)]  # fmt: skip
+    return write_bag(Path(_FOLDER.name) / 'all', content)
 
 
 def fingerprint(path: Path) -> dict[str, str]:

@@ -21,6 +21,7 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.validation import finite, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 PRESET = 'renda2012_prototype'
 CAMERA_FRAME = 'camera'
@@ -187,10 +188,12 @@ class _Messages:
         arm = self._config.arm
         tensions = np.zeros(len(arm.tendons))
         tensions[0] = tension
-        name = 'octo_arm_msgs/msg/TendonTensions'
+        (topic, kind), *_ = TENSION_TOPICS.items()
+        assert kind.names is not None
+        fields = {kind.names: list(arm.tendon_names), kind.tensions: tensions}
         header = self._header(time, self._config.base_frame)
-        message = self._make(name, header=header, name=list(arm.tendon_names), tension=tensions)
-        self._add('/tendon_tensions', name, time, message)
+        message = self._make(kind.type_name, header=header, **fields)
+        self._add(f'/{topic}', kind.type_name, time, message)
 
     def add_midline(self, time: float, points: FloatArray, ahead: float) -> None:
         """Add ``points`` (n, 3) [m] seen at ``time`` [s], by a clock that is ``ahead`` [s]."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
+from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
@@ -71,7 +72,7 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
     """
     topic, colon, field = (wanted or '').partition(':')
     if colon:
-        topic = reader.pick(topic, None, 'tensions')
+        topic = pick_topic(reader, topic, None, 'tensions')
         fields = reader.numeric_fields(reader.topics[topic])
         if re.sub(r'\[\d+\]', '', field) not in fields:
             raise BagError(
@@ -80,7 +81,7 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
             )
         return topic, field
     try:
-        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+        topic = pick_topic(reader, wanted, (*TYPES, *FIELDS), 'tensions')
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [one if one in reader.topics else f'/{one}' for one in others]

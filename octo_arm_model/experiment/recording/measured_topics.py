@@ -36,6 +36,8 @@ class MeasuredTopics:
         Raises:
             BagError: if a topic is missing, or of a type without points.
         """
+        from octo_arm_model.bags.topics import pick_topic
+
         self._reader, self._measured, self._points = reader, measured, points
         self._base_frame = base_frame
         what = 'markers' if measured.marker_s else 'midlines or tips'
@@ -43,13 +45,13 @@ class MeasuredTopics:
             names = measured.sources or [
                 topic for topic, kind in reader.topics.items() if kind == TF
             ] or ['/tf']  # fmt: skip
-            self.topics = [reader.pick(name, (TF,), what) for name in names]
+            self.topics = [pick_topic(reader, name, (TF,), what) for name in names]
         elif len(measured.sources) > 1:
-            self.topics = [reader.pick(name, ONE, what) for name in measured.sources]
+            self.topics = [pick_topic(reader, name, ONE, what) for name in measured.sources]
         else:
             types = (*MIDLINES, *ONE)
             name = measured.sources[0] if measured.sources else None
-            self.topics = [reader.pick(name, types, what)]
+            self.topics = [pick_topic(reader, name, types, what)]
 
     def read(self, skip: Skip, count: Count) -> Iterator[Frame]:
         """Frames in the order of their stamps; ``skip`` is told topic, stamp and reason of others.
