@@ -163,7 +163,7 @@ def read_options(
     Without --model it is ``default_models``, or the config's if there are none.
 
     Returns:
-        The recording, what it says, the models, the alignment (None for one to be fitted) and
+        The recording, its shapes, the models, the alignment (None for one to be fitted) and
         notes on these choices.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from octo_arm_model.experiment.fitting.fitted_file import told
+from octo_arm_model.experiment.fitting.fitted_file import in_words
 from octo_arm_model.experiment.fitting.held_back import Misfit
 from octo_arm_model.experiment.fitting.identify import Identification
 from octo_arm_model.experiment.fitting.model_choice import envelope_of, rank
@@ -83,7 +83,7 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():
-        lines.append(f'  {name:{width}}  {told(estimate)}')
+        lines.append(f'  {name:{width}}  {in_words(estimate)}')
     if best.undetermined:
         what = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
         lines += ['', f'{what}, as these data leave open:']
