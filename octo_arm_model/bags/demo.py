@@ -69,7 +69,7 @@ class Experiment:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate what can be said on the command line."""
+        """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
         finite('--clock-offset', self.clock_offset)
         not_negative('--friction', self.friction, 'coefficient', '-')
@@ -131,7 +131,7 @@ def truth(experiment: Experiment, seed: int) -> dict[str, Any]:
 
 
 def custom_data(experiment: Experiment, seed: int) -> dict[str, str]:
-    """Custom data for the metadata of a demo, which says what it is."""
+    """Custom data for the metadata of a demo, with what it was made with."""
     return {'note': _note(experiment, seed), 'truth': json.dumps(truth(experiment, seed))}
 
 
