@@ -16,6 +16,7 @@ pytest.importorskip('skfem', reason='needs scikit-fem')
 VALIDATION = ROOT / 'validation'
 sys.path.insert(0, str(VALIDATION))
 
+import friction
 import run
 import verify
 from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
@@ -157,3 +158,9 @@ def test_the_table_of_the_manual_is_that_of_the_results() -> None:
             place = kept['loads'].index(cases[name]['tensions_N'][found])
             assert numbers[4] == f'{kept["tip_error_percent"]["exact"][place]:.2f}'
     assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)
+
+
+def test_the_table_of_friction_is_that_of_the_model() -> None:
+    """Of the manual's page on effects."""
+    text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
+    assert '\n'.join(friction.rows()) in text
