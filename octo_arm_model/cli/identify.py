@@ -33,15 +33,16 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
   {'  '.join(FITS)}
 
-poisson_ratio and tendon_offsets need the model exact. The alignment is fitted as well where
---align is 'fit', or not given while the midlines are not in base_frame. What the data cannot tell
-is left as it is, one parameter at a time, and said.
+poisson_ratio, sheath_stiffness and tendon_offsets need the model exact. The alignment is fitted as
+well where --align is 'fit', or not given while the midlines are not in base_frame. What the data
+cannot tell is left as it is, one parameter at a time, and said.
 """
 _EXAMPLES = """\
 examples:
   octo-arm identify experiment
   octo-arm identify experiment --out fitted.yaml --pictures fitted
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
+  octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
 degrees of freedom are one less than the loads that matter. They hold what differs from one load
