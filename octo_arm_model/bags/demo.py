@@ -23,9 +23,9 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 PRESET = 'renda2012_prototype'
 CAMERA_FRAME = 'camera'

@@ -88,7 +88,7 @@ class SimulatorNode(CheckedNode):
             for topic in TOPICS
         ]
         self._lengths = LatestSubscription(
-            self, JointState, f'{TOPIC}/displacements', self._on_lengths
+            self, JointState, f'{TOPIC}/displacements', self._on_lengths, work
         )
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
