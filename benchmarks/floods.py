@@ -9,11 +9,9 @@ the longest time between two diagnostics, of which there is one a second.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +21,7 @@ import rclpy
 from brief import IS_BRIEF, make_parser
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from node import CONFIG, DEADLINE, IN_AIR, OURS, question
+from node import CONFIG, DEADLINE, IN_AIR, OURS, question, running
 from octo_arm_msgs.msg import TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
@@ -134,13 +132,8 @@ def main() -> None:
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     domain = 72 + os.getpid() % 28
-    process = subprocess.Popen(
-        [sys.executable, *OURS, *IN_AIR, '--log-level', 'error'],
-        env=dict(os.environ, ROS_DOMAIN_ID=str(domain)),
-    )
-    flooder = None
-    try:
-        flooder = Flooder(domain)
+    command = [*OURS, *IN_AIR, '--log-level', 'error']
+    with running(command, domain), contextlib.closing(Flooder(domain)) as flooder:
         floods: dict[str, Callable[[], None] | None] = {
             'nothing': None,
             'tensions': flooder.tensions,
@@ -154,14 +147,6 @@ def main() -> None:
         for name, flood in floods.items():
             median, longest, gap = (1e3 * value for value in flooder.ask(flood))
             print(f'{name:16}{median:10.1f}{longest:10.1f}{gap:22.0f}', flush=True)
-    finally:
-        if flooder is not None:
-            flooder.close()
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
 
 
 if __name__ == '__main__':

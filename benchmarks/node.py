@@ -20,12 +20,13 @@ by one, depends least on that; it holds the threads of DDS as well.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -265,26 +266,31 @@ class Client:
         self._answers.clear()
 
 
-def measure(kind: str, domain: int) -> Measured:
-    """Start the node ``kind``, ask it and stop it."""
-    environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
-    process = subprocess.Popen([sys.executable, *COMMANDS[kind]], env=environment)
-    client = None
+@contextlib.contextmanager
+def running(arguments: Sequence[str], domain: int) -> Iterator[subprocess.Popen[bytes]]:
+    """A node in ``domain``, as a Python process with ``arguments``."""
+    environment = dict(
+        os.environ, ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST'
+    )
+    process = subprocess.Popen([sys.executable, *arguments], env=environment)
     try:
-        client = Client(domain)
-        before = processor_time(process.pid)
-        latencies = client.one_by_one(stamped=kind not in ('floor', 'plain'))
-        spent = (processor_time(process.pid) - before) / latencies.size
-        median, worst = np.median(latencies), np.percentile(latencies, 99)
-        return Measured(float(median), float(worst), spent, *client.sustained())
+        yield process
     finally:
-        if client is not None:
-            client.close()
         process.send_signal(signal.SIGINT)
         try:
             process.wait(timeout=5.0)
         except subprocess.TimeoutExpired:
             process.kill()
+
+
+def measure(kind: str, domain: int) -> Measured:
+    """Start the node ``kind``, ask it and stop it."""
+    with running(COMMANDS[kind], domain) as process, contextlib.closing(Client(domain)) as client:
+        before = processor_time(process.pid)
+        latencies = client.one_by_one(stamped=kind not in ('floor', 'plain'))
+        spent = (processor_time(process.pid) - before) / latencies.size
+        median, worst = np.median(latencies), np.percentile(latencies, 99)
+        return Measured(float(median), float(worst), spent, *client.sustained())
 
 
 def main() -> None:

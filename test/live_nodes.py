@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 import rclpy
+from backbone_messages import assert_hold
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState
@@ -347,12 +348,7 @@ def assert_is_backbone(answers, tensions):
     assert lengths.name == NAMES
     np.testing.assert_array_equal(lengths.position, solver.tendon_lengths(expected).ravel())
     np.testing.assert_array_equal(lengths.effort, np.ravel(tensions))
-    points = [pose.pose.position for pose in path.poses]
-    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in points], expected.position)
-    turns = [pose.orientation for pose in poses.poses]
-    np.testing.assert_array_equal([[r.x, r.y, r.z, r.w] for r in turns], expected.quaternion)
-    np.testing.assert_array_equal(strains.k, expected.k)
-    np.testing.assert_array_equal(strains.section, expected.section)
+    assert_hold(path, poses, strains, expected)
     assert {answer.header.frame_id for answer in answers} == {'arm_base'}
 
 

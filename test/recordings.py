@@ -125,13 +125,13 @@ def fingerprint(path: Path) -> dict[str, str]:
 
 
 def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -> np.ndarray:
-    """Sets of tensions [N], some tendons slack, that the arms of the paper bear."""
+    """Sets of tensions [N] within the limits of the paper's arms, some tendons slack."""
     rng = np.random.default_rng(seed)
     rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
     return rows * (rng.random(rows.shape) < 0.6)
 
 
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
-    """What the messages of a topic say of the arm of Table 4."""
+    """Tensions in the messages of a topic, for the arm of Table 4."""
     with BagReader(path) as reader:
         return list(read_tensions(reader, topic, CONFIG))

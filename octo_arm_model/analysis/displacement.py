@@ -24,10 +24,12 @@ from scipy.optimize import nnls
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import (
+    ConfigError,
     ContinuationError,
     ConvergenceError,
     SolveError,
     TensionError,
+    shown,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -82,11 +84,13 @@ def solve_displacements(
 
     Raises:
         TensionError: if a tendon is unknown, named in both, or a value is impossible.
+        ConfigError: if tendons have friction, for which displacements are not known.
         ConvergenceError: if no tensions were found that hold these lengths.
         OctoArmError: as `Solver.solve`.
     """
     arm = solver.arm
     given = dict(tensions or {})
+    _check_friction(arm)
     check_displacements(arm, displacements, given)
     driven = np.array([name in displacements for name in arm.tendon_names])
     wanted = np.array([displacements.get(name, np.nan) for name in arm.tendon_names])
@@ -125,8 +129,10 @@ def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
     For a single solution of ``solver``; of a slack tendon the least that makes it taut.
 
     Raises:
-        ConfigError: if ``backbone`` is that of a batch or of another solver.
+        ConfigError: if ``backbone`` is that of a batch or of another solver, or tendons have
+            friction.
     """
+    _check_friction(solver.arm)
     shortened = solver.rest_lengths - solver.tendon_lengths(backbone)
     stretched = tendon_compliance(solver) * backbone.tensions.ravel()
     return shortened + stretched.reshape(shortened.shape)
@@ -149,6 +155,15 @@ def check_displacements(
             raise TensionError(f'tendon {name} has both a displacement and a tension')
         if not np.isfinite(value):
             raise TensionError(f'displacement of {name} is {value!r} m, expected a finite number')
+
+
+def _check_friction(arm: Arm) -> None:
+    if arm.friction:
+        # Without an energy nothing is maximised, and they stretch by what friction leaves.
+        raise ConfigError(
+            'displacements of tendons are for those without friction; tendons.friction is '
+            f'{shown(list(arm.friction))}'
+        )
 
 
 class _Winding:

@@ -23,6 +23,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
@@ -54,6 +56,8 @@ class Experiment:
         outliers: share of the midlines with points that are nowhere near the arm [-].
         sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it the
             encoders of the winches are recorded as well.
+        friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
+            down again the way they came.
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -70,12 +74,14 @@ class Experiment:
     dropped: float = 0.05
     outliers: float = 0.03
     sheath: float = 0.0
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate what can be said on the command line."""
+        """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
         finite('--clock-offset', self.clock_offset)
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
+        not_negative('--friction', self.friction, 'coefficient', '-')
 
 
 def add_demo(
@@ -92,7 +98,10 @@ def add_demo(
     """
     config = Config.from_parameters(parameters)
     rng = np.random.default_rng(seed)
-    times, pulls = _schedule(_levels(config), experiment)
+    levels = _levels(config)
+    if experiment.friction:
+        levels = np.concatenate([levels, levels[-2::-1]])
+    times, pulls = _schedule(levels, experiment)
     messages = _Messages(writer, config)
     text = parameters_as_yaml(parameters)
     messages.say(f'/{DESCRIPTION}', text)
@@ -136,7 +145,7 @@ def truth(experiment: Experiment, seed: int) -> dict[str, Any]:
 
 
 def custom_data(experiment: Experiment, seed: int) -> dict[str, str]:
-    """Custom data for the metadata of a demo, which says what it is."""
+    """Custom data for the metadata of a demo, with what it was made with."""
     return {'note': _note(experiment, seed), 'truth': json.dumps(truth(experiment, seed))}
 
 
@@ -169,6 +178,8 @@ def _true_config(parameters: Mapping[str, Any], experiment: Experiment) -> Confi
             stiffer[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
     if experiment.sheath:
         stiffer['tendons.sheath_stiffness'] = [experiment.sheath]
+    if experiment.friction:
+        stiffer['tendons.friction'] = [experiment.friction]
     return Config.from_parameters({**parameters, **stiffer})
 
 
@@ -194,15 +205,28 @@ def _midlines(
     config = _true_config(parameters, experiment)
     tensions = np.zeros((pulls.size, len(config.arm.tendons)))
     tensions[:, 0] = pulls
-    backbone = config.solver().solve(tensions.reshape(-1, *config.arm.tension_shape))
+    solver = config.solver()
+    shaped = tensions.reshape(-1, *config.arm.tension_shape)
+    positions = _sequence(solver, shaped) if config.arm.friction else solver.solve(shaped).position
     at = np.linspace(0.0, config.arm.length, _POINTS)
     points = np.empty((pulls.size, _POINTS, 3))
-    for frame, position in zip(points, backbone.position):
+    for frame, position in zip(points, positions):
         for axis in range(3):
-            frame[:, axis] = np.interp(at, backbone.s, position[:, axis])
+            frame[:, axis] = np.interp(at, solver.grid.s, position[:, axis])
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
     return (points - CAMERA_POSITION) @ rotation
+
+
+def _sequence(solver: Solver, tensions: FloatArray) -> list[FloatArray]:
+    """Stations under one set of ``tensions`` after another, with the history of friction."""
+    last: Backbone | None = None
+    positions = []
+    for pulled in tensions:
+        if last is None or (pulled != last.tensions).any():
+            last = solver.follow(pulled, last)
+        positions.append(last.position)
+    return positions
 
 
 class _Messages:

@@ -29,7 +29,7 @@ class BagReader:
         metadata: custom data of its recording.
         start_ns: when its first message was received [ns].
         duration: from its first message to its last [s].
-        notes: what there is to know of its state.
+        notes: remarks on its state.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -130,7 +130,7 @@ class BagReader:
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
-        """What rosbags knows of ``topics``, of all if None: definitions, policies.
+        """Connections of rosbags of ``topics``, of all if None: definitions, policies.
 
         Raises:
             BagError: if there is no such topic; the message lists those there are.

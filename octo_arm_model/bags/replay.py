@@ -42,7 +42,7 @@ def replay(
         copy: whether to copy what is in the bag already.
         lengths: whether to answer with the lengths of the tendons too.
         table: where answers go besides.
-        progress: is told how many messages of how many are done.
+        progress: called with the numbers of messages done and of all.
 
     Raises:
         BagError: if a bag is damaged or cannot be written, or none of the messages fits the arm.

@@ -26,7 +26,7 @@ _LISTED = 20
 
 
 class Reading(NamedTuple):
-    """What a message says.
+    """Tensions of a message, or why it was refused.
 
     Attributes:
         stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
@@ -111,7 +111,7 @@ class TensionTopic:
         self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
-        """What each of ``records`` says."""
+        """Tensions of each of ``records``, or why it was refused."""
         readings = self._read_alike(records)
         return [
             _stampable(readings[number] if number in readings else self._read_alone(record))

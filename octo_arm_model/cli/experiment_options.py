@@ -23,6 +23,14 @@ from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
 ALL = 'all'
 EPILOG = """\
+recordings of laboratories, for compare and identify alike:
+  octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
+  octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
+  octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
+  octo-arm compare trial --ramp
+  octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
+      --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
+
 how a recording is read:
   Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
   first --settle seconds do not count. The frames of the camera in a steady step become its mean
@@ -54,7 +62,8 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='TOPIC',
         help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
         '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
-        'by default the only ones there; with --marker-s perhaps one of each marker',
+        'by default the only ones there; with --marker-s perhaps one of each marker, with '
+        '--marker-frames topics of TF',
     )
     parser.add_argument(
         '--marker-s',
@@ -154,7 +163,7 @@ def read_options(
     Without --model it is ``default_models``, or the config's if there are none.
 
     Returns:
-        The recording, what it says, the models, the alignment (None for one to be fitted) and
+        The recording, its shapes, the models, the alignment (None for one to be fitted) and
         notes on these choices.
 
     Raises:

@@ -114,7 +114,7 @@ def add_storage(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def unwritten(out: Path) -> Iterator[None]:
-    """Have a KeyboardInterrupt say that ``out`` is not written."""
+    """Add to a KeyboardInterrupt that ``out`` is not written."""
     try:
         yield
     except KeyboardInterrupt:

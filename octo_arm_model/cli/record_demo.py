@@ -38,6 +38,7 @@ examples:
   octo-arm record-demo experiment --storage sqlite3 --seed 7
   octo-arm record-demo digging --sheath 250000
   octo-arm record-demo softer --stiffness 0.8 --clock-offset -0.2
+  octo-arm record-demo rough --friction 0.2
 
 The same options give the same messages.
 
@@ -63,6 +64,13 @@ def add_command(commands: Any) -> None:
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
     add_number(parser, '--sheath', 0.0, sheath, 'K')
+    add_number(
+        parser,
+        '--friction',
+        0.0,
+        'true coefficient of friction of the tendons; with some, tensions rise and fall again',
+        'MU',
+    )
     add_number(parser, '--seed', 0, 'of everything random')
     add_storage(parser)
 
@@ -73,7 +81,10 @@ def _run(options: argparse.Namespace) -> None:
 
     parameters = load_parameters(find_path(options.config))
     experiment = Experiment(
-        stiffness=options.stiffness, clock_offset=options.clock_offset, sheath=options.sheath
+        stiffness=options.stiffness,
+        clock_offset=options.clock_offset,
+        sheath=options.sheath,
+        friction=options.friction,
     )
     custom = custom_data(experiment, options.seed)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:

@@ -48,6 +48,7 @@ def build_arm(given: Values) -> Arm:
         axial_stiffness=given['tendons.axial_stiffness'],
         free_length=given['tendons.free_length'],
         sheath_stiffness=given['tendons.sheath_stiffness'],
+        friction=given['tendons.friction'],
     )
 
 

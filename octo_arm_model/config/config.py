@@ -48,6 +48,8 @@ class Config:
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
         uncertainty: standard deviations of tensions, material and tendon offsets.
+        friction_memory: gap between tensions after which the history of tendons with friction is
+            forgotten [s]; 0 for never.
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
@@ -66,6 +68,7 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    friction_memory: float = 0.0
     markers_rate: float = 0.0
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
@@ -113,6 +116,7 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
             diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),

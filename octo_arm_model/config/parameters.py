@@ -116,6 +116,10 @@ PARAMETERS = (
               'digs in, section by section from the tip, or one number for all; with model exact; '
               '0 for tendons that keep their places; empty for all such', (), is_array=True,
               range='>= 0'),
+    Parameter('tendons.friction', float,
+              "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
+              'all or one per tendon, section by section from the tip; empty for none; with model '
+              'closed_form or exact', (), is_array=True, range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
@@ -143,6 +147,9 @@ PARAMETERS = (
     Parameter('solve_budget.seconds', float,
               'time that a solve of a loaded arm may take in the node, where nothing else is '
               'answered meanwhile; one that would take more is refused [s]', 0.08, range='> 0'),
+    Parameter('friction_memory', float,
+              'gap between tensions after which the history of tendons with friction is forgotten '
+              'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),

@@ -123,11 +123,13 @@ def compare(
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
     answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
+    last: Backbone | None = None  # that tendons with friction slide on from
     for number, shape in enumerate(shapes, start=1):
         progress(number - 1, len(shapes))
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
         try:
-            answered.append((number, shape, solver.solve(tensions)))
+            last = solver.follow(tensions, last if solver.arm.friction else None)
+            answered.append((number, shape, last))
         except SolveError as error:
             refused.append(f'step {number}: {error}')
     if not answered:
@@ -153,7 +155,9 @@ def compare(
         else:
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
-        softer = -solver.sensitivity(backbone).by_youngs_modulus.tip[:3, 0]
+        # With friction the way a softer arm goes is that of a pull from slack.
+        pulled = solver.solve(backbone.tensions) if solver.arm.friction else backbone
+        softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
         bend = part_along(measured[-1] - backbone.position[-1], softer, STILL * solver.arm.length)
         if errors.tip is None:
             bend = float('nan')

@@ -33,7 +33,7 @@ def draw(
 ) -> list[Path]:
     """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
 
-    ``progress`` is told how many pictures of how many are done.
+    ``progress`` is called with the numbers of pictures done and of all.
 
     Raises:
         OSError: if a file cannot be written.

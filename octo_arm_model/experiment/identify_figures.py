@@ -5,7 +5,7 @@ Needs matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +23,30 @@ _FEW = 2  # points: tips have no residuals along the arm
 
 
 def draw(
-    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape], folder: Path
+    fitted: Sequence[Identification],
+    shapes: Sequence[MeasuredShape],
+    folder: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Path]:
     """Draw the ``fitted`` models of ``shapes`` into ``folder``; returns the paths.
+
+    ``progress`` is called with the numbers of pictures done and of all.
 
     Raises:
         OSError: if a file cannot be written.
     """
-    paths = []
+    pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
     if names:
-        paths.append(folder / 'intervals.png')
-        save(_draw_intervals(fitted, names), paths[-1])
+        pictures['intervals'] = lambda: _draw_intervals(fitted, names)
     known = [one for one in fitted if one.after is not None]
     if known and all(len(shape.points) > _FEW for shape in shapes):
-        paths.append(folder / 'residuals_along_s.png')
-        save(_draw_residuals(known, shapes), paths[-1])
+        pictures['residuals_along_s'] = lambda: _draw_residuals(known, shapes)
+    paths: list[Path] = []
+    for name, picture in pictures.items():
+        progress(len(paths), len(pictures))
+        paths.append(folder / f'{name}.png')
+        save(picture(), paths[-1])
     return paths
 
 

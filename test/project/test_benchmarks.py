@@ -1,4 +1,4 @@
-"""Every benchmark runs, briefly; what it measures is not looked at."""
+"""Every benchmark runs, briefly; its results are not checked."""
 
 from __future__ import annotations
 

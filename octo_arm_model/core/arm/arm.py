@@ -54,11 +54,12 @@ class Arm:
             `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
         axial_stiffness: E A of each tendon itself [N], 0 for one that does not stretch. This, as
-            the next two, is one number for all or one per tendon; kept as the latter, or empty
+            the next three, is one number for all or one per tendon; kept as the latter, or empty
             where all are zero.
         free_length: length of each tendon between the base and its winch [m].
         sheath_stiffness: k of `core.section.sheath` [Pa], 0 for a tendon that keeps its place in
             the cross section.
+        friction: Coulomb's coefficient mu of each tendon in its guides [-].
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
@@ -73,6 +74,7 @@ class Arm:
     axial_stiffness: tuple[float, ...] = ()
     free_length: tuple[float, ...] = ()
     sheath_stiffness: tuple[float, ...] = ()
+    friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate what depends on several parts."""
@@ -90,6 +92,7 @@ class Arm:
             ('axial_stiffness', 'stiffness', 'N'),
             ('free_length', 'length', 'm'),
             ('sheath_stiffness', 'stiffness', 'Pa'),
+            ('friction', 'coefficient', '-'),
         ):
             values, count = getattr(self, name), len(self.tendons)
             checked = per_tendon(f'tendons.{name}', values, count, what, unit)

@@ -18,7 +18,9 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,
@@ -27,7 +29,7 @@ from octo_arm_model.core.numerics.chebyshev import (
 )
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
 from octo_arm_model.core.section.sheath import sections_of
@@ -38,8 +40,6 @@ from octo_arm_model.core.sensitivity.results import Sensitivity
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
-# Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
-CUTS = (1, 2, 4, 8)
 
 
 class Exact:
@@ -49,6 +49,7 @@ class Exact:
         takes_loads: always.
         law: elastic law.
         strains: 4, or 6 with shear.
+        slides: whether tendons have friction.
         at_points: cross sections at the Chebyshev points of all panels.
         panels: nodes in each panel, and the matrix from its points to these.
         tail: matrix to the last two Chebyshev coefficients, (points of a panel, 2).
@@ -74,6 +75,8 @@ class Exact:
             return rod
 
         self._rod = functools.lru_cache(rod)
+        self._rods = Rods(self._rod)
+        self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
@@ -115,71 +118,85 @@ class Exact:
         return self._is_loaded or bool(tip_wrench.any())
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
     ) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6).
 
-        A loaded arm is followed from ``start``, or from the unloaded shape.
+        A loaded arm is followed from ``start``, or from the unloaded shape. Tendons with friction
+        have tensions ``before`` (tendons, points) [N], or are slack.
 
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
         is_loaded = self.is_loaded(tip_wrench)
         if is_loaded and tensions.ndim == 1:
-            return self._solve_loaded(tensions, tip_wrench, start)
+            return self._solve_loaded(tensions, tip_wrench, start, before)
         rows = np.atleast_2d(tensions)
         if not is_loaded:
-            solution = self._solve_unloaded(rows)
+            solution = (
+                self._rods.slide(_sections, rows, before)
+                if self.slides
+                else self._solve_unloaded(rows)
+            )
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
             found = []
             for number, (row, wrench) in enumerate(zip(rows, wrenches)):
                 try:
-                    found.append(self._solve_loaded(row, wrench, start))
+                    found.append(self._solve_loaded(row, wrench, start, before))
                 except SolveError as error:
                     error.number = number
                     raise
-            twist, residual, iterations, shapes, frames = zip(*found)
-            position, quaternion = zip(*frames)
-            solution = Solution(
-                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1],
-                (np.stack(position), np.stack(quaternion)),
-            )  # fmt: skip
+            solution = stacked(found)
         return solution if tensions.ndim > 1 else solution.one()
 
     def _solve_loaded(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None,
     ) -> Solution:
         """`solve` for one arm."""
         level = 0
+        if start is not None and start.shape is not None:
+            level = self._rods.level_of(start.shape.twist)
+        slid = self._rods.at_level(before, level)
         if start is None:
-            known = Condition(tensions, np.zeros(6), 0.0)
+            known = Condition(tensions, np.zeros(6), 0.0, slid)
         else:
-            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
+            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0, slid)
         if start is None or start.shape is None:
-            shape = self._rod(0).unloaded(known.tensions)
+            shape = self._rod(0).unloaded(known.tensions, slid)
         else:
-            shape, level = start.shape, self._level_of(start.shape)
-        wanted = Condition(tensions, tip_wrench, 1.0)
+            shape = start.shape
+        wanted = Condition(tensions, tip_wrench, 1.0, slid)
         rod = self._rod(level)
         spending = Spending(self._setup.budget)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
-        while not rod.resolves(state.shape) and level + 1 < len(CUTS):
+        while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)
+            wanted = wanted._replace(before=self._rods.at_level(before, level))
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
         check_fibres(energy, strain)
         energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
-        twist, *frames = rod.read_out(state)
-        return Solution(twist, state.residual, spending.iterations, state.shape, tuple(frames))
-
-    def _level_of(self, shape: Shape) -> int:
-        """Number of the rod that a ``shape`` is one of."""
-        points = shape.twist.shape[1]
-        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
+        twist, position, quaternion = rod.read_out(state)
+        tendons = None
+        if state.sliding is not None:
+            along = state.sliding.tensions[:, 0]
+            tendons = TendonTensions(along, rod.stations.interpolate(along))
+        return Solution(
+            twist, state.residual, spending.iterations, state.shape, (position, quaternion),
+            tendons,
+        )  # fmt: skip
 
     def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].
@@ -228,7 +245,7 @@ class Exact:
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
         tensions = backbone.tensions.ravel()
-        condition = Condition(tensions, backbone.tip_wrench, 1.0)
+        condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0
         if shape is None:
             shape = self._rod(0).unloaded(tensions)
@@ -236,6 +253,10 @@ class Exact:
                 level += 1
                 shape = self._rod(level).unloaded(tensions)
         else:
-            level = self._level_of(shape)
+            level = self._rods.level_of(shape.twist)
         rod = self._rod(level)
         return derivatives(rod, rod.equilibrium.state(condition, shape))
+
+
+def _sections(rod: LoadedRod) -> ExactSections:
+    return ExactSections(rod.equilibrium.energy)

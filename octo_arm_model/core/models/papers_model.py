@@ -80,7 +80,11 @@ class PapersModel:
         return False
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
     ) -> Solution:
         """Solve for ``tensions`` (..., tendons) [N]; the others are not used.
 

@@ -13,7 +13,7 @@ from octo_arm_model.core.numerics.memory import keep_freed_memory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 
 # Fills in strains (4, stations), position and quaternion for a twist (4, nodes) of one arm.
 ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
@@ -54,6 +54,8 @@ class Results:
         self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
         self.twist = np.empty((4, grid.nodes.size))
         self._shape: Shape | None = None
+        self._points: FloatArray | None = None
+        self._slid: FloatArray | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray | IntArray, ...]:
@@ -75,6 +77,8 @@ class Results:
         self._check(twist[3])
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
+        if solution.tendons is not None:
+            self._add_tendons(part, solution.tendons)
         if solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
         elif self._read_out is not None:
@@ -89,6 +93,14 @@ class Results:
         for angular, strain in zip(twist, (tau, xi, k)):
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
+
+    def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
+        """Take the tensions along the tendons of the arms ``part``."""
+        at_stations = np.moveaxis(tendons.stations, 0, -1)
+        if self._slid is None:
+            self._slid = np.empty((*self.residual.shape, *at_stations.shape[-2:]))
+        self._slid[part] = at_stations
+        self._points = tendons.points
 
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
         """Call ``read_out`` for each of the arms ``part``."""
@@ -113,9 +125,15 @@ class Results:
             )
 
     def backbone(
-        self, model: str, tensions: FloatArray, tip_wrench: FloatArray, lead: tuple[int, ...]
+        self,
+        model: str,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        lead: tuple[int, ...],
+        reach: FloatArray,
     ) -> Backbone:
         """The `Backbone` of these read-only arrays, with the leading axes ``lead``."""
+        slid = self._slid
         position, quaternion, strains = self.position, self.quaternion, self.strains
         residual, iterations = self.residual, self.iterations
         # Not of a batch, whose nodes would take most of the memory.
@@ -126,8 +144,11 @@ class Results:
             quaternion = quaternion.reshape(*lead, count, 4)
             strains = strains.reshape(4, *lead, count)
             residual, iterations = residual.reshape(lead), iterations.reshape(lead)
+            if slid is not None:
+                slid = slid.reshape(*lead, *slid.shape[-2:])
         for array in (
-            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist
+            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist, slid,
+            self._points,
         ):  # fmt: skip
             if array is not None:
                 array.setflags(write=False)
@@ -152,4 +173,7 @@ class Results:
             iterations=iterations,
             twist=twist,
             shape=self._shape if lead == () else None,
+            reach=reach,
+            slid_tensions=slid,
+            point_tensions=self._points if lead == () else None,
         )

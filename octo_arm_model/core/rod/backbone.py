@@ -33,6 +33,12 @@ class Backbone:
         twist: motion of the frame per reference length at every node of the solver's grid,
             (4 or 6, nodes), see `solution.Solution`; None for a batch.
         shape: of one loaded arm, from which `Solver.solve` continues as ``start``.
+        reach: part of its tension that each tendon without friction has at each station, 1 up to
+            its anchorage and 0 beyond, (stations, tendons).
+        slid_tensions: tensions of tendons with friction at the stations [N], (..., stations,
+            tendons); None without friction.
+        point_tensions: of one arm whose tendons have friction, their tensions at the points of
+            the model [N], (tendons, points): what `Solver.follow` goes on from.
     """
 
     model: str
@@ -50,6 +56,21 @@ class Backbone:
     iterations: IntArray
     twist: FloatArray | None
     shape: Shape | None = None
+    reach: FloatArray | None = None
+    slid_tensions: FloatArray | None = None
+    point_tensions: FloatArray | None = None
+
+    @property
+    def tendon_tensions(self) -> FloatArray:
+        """Tension of every tendon at every station [N], (..., stations, tendons).
+
+        That at the base times what friction leaves of it, and 0 beyond the anchorage.
+        """
+        if self.slid_tensions is not None:
+            return self.slid_tensions
+        assert self.reach is not None
+        lead = self.position.shape[:-2]
+        return self.tensions.reshape(*lead, 1, -1) * self.reach
 
     @property
     def tip(self) -> FloatArray:

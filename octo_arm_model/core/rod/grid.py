@@ -121,8 +121,8 @@ class StationGrid:
         stations_s, station_section, station_node = [], [], []
         for number, (panel, count) in enumerate(zip(panels, counts, strict=True)):
             panel_s = np.linspace(panel.start, panel.stop, count + 1)
-            room = most - len(end_panel)
-            panel_ends = _with_knots(_subdivide(arm, panel_s, room), panel, all_knots)
+            left = most - len(end_panel)
+            panel_ends = _with_knots(_subdivide(arm, panel_s, left), panel, all_knots)
             # The base is a station of the first panel; other panels begin after their start.
             skip = 1 if ends else 0
             stations_s.append(panel_s[skip:])
@@ -179,11 +179,11 @@ def _most_intervals(arm: Arm) -> int:
     return min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
 
 
-def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
+def _subdivide(arm: Arm, stations: FloatArray, most: int) -> FloatArray:
     """Ends of the integration intervals between ``stations``, those among them.
 
     Raises:
-        ConfigError: if there are more than ``room``.
+        ConfigError: if there are more than ``most``.
     """
     active = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
     lever = np.hypot(*arm.tendon_offsets(stations)) * (active[:, np.newaxis] >= stations)
@@ -194,7 +194,7 @@ def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
     with np.errstate(over='ignore'):
         pieces = np.maximum(np.ceil(np.diff(stations) / longest * (1.0 - _SAME)), 1.0)
     # Checked before an array of that size is made.
-    if not pieces.sum() <= room:
+    if not pieces.sum() <= most:
         raise _too_many_intervals(arm)
     numbers = np.cumsum([0, *pieces.astype(np.int64)])
     return np.interp(np.arange(numbers[-1] + 1), numbers, stations)

@@ -40,15 +40,13 @@ class ParameterDerivatives:
         """
         condensed = self._energy.condensed(strain, local_tensions)
         energy = self._energy if condensed is None else condensed.sections
-        torsion, about_n, about_b, stretch = strain[:4]
-        width, slope, _ = energy.widening(stretch)
+        width, slope, _ = energy.widening(strain[3])
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
-        c_t = about_n * y - about_b * x
-        c_n, c_b = width * dx - torsion * y, width * dy + torsion * x
-        moved = np.stack(np.broadcast_arrays(c_t, c_n, c_b))
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -66,6 +64,21 @@ class ParameterDerivatives:
         if condensed is not None:
             change -= condensed.answer(condensed.by_path(moved))
         return change
+
+    def direction_by_offset(self, strain: FloatArray) -> FloatArray:
+        """Derivative of every tendon's u with its own distance from the midline.
+
+        Returns:
+            Components along t, n and b, (3, tendons, batch, nodes) [1/m].
+        """
+        torsion, about_n, about_b, stretch = strain[:4]
+        width = self._energy.widening(stretch)[0]
+        x, y, dx, dy = self._out
+        return np.stack([
+            about_n * y - about_b * x,
+            width * dx - torsion * y,
+            width * dy + torsion * x,
+        ])  # fmt: skip
 
     def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of the gradient with the stiffness of each tendon's sheath.
@@ -94,14 +107,10 @@ class ParameterDerivatives:
         """
         condensed = self._energy.condensed(strain, local_tensions)
         energy = self._energy if condensed is None else condensed.sections
-        torsion, about_n, about_b, stretch = strain[:4]
-        width = energy.widening(stretch)[0]
-        u_t, u_n, u_b, length = energy.stretching(strain, width)
-        x, y, dx, dy = self._out
-        c_t, c_n = about_n * y - about_b * x, width * dx - torsion * y
-        c_b = width * dy + torsion * x
+        u_t, u_n, u_b, length = energy.stretching(strain, energy.widening(strain[3])[0])
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
         change = (u_t * c_t + u_n * c_n + u_b * c_b) / length
         if condensed is not None:
-            moved = np.stack(np.broadcast_arrays(c_t, c_n, c_b))
             change -= condensed.shortening(condensed.by_path(moved))
         return np.asarray(change[:, 0])

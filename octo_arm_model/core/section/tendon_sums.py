@@ -94,7 +94,13 @@ class TendonWeights:
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
         matrices = self.matrices if tensions.ndim == 1 else self.matrices[:, np.newaxis]
-        sums = list(times(tensions, matrices))
+        return self._named(list(times(tensions, matrices)))
+
+    def local_sums(self, local_tensions: FloatArray) -> TendonSums:
+        """Sum tensions (tendons, batch, nodes) [N] that differ from node to node."""
+        return self._named(list(np.einsum('jbn,ijn->ibn', local_tensions, self.matrices)))
+
+    def _named(self, sums: list[FloatArray]) -> TendonSums:
         routing_torque = sums.pop() if self._has_routing_torque else None
         mixed = sums.pop() if self._is_mixed else None
         axial, first_n, first_b, second_n, second_b = sums

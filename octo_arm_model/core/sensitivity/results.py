@@ -72,6 +72,7 @@ class Sensitivity:
         by_offset: per metre of each tendon's distance from the midline.
         by_sheath_stiffness: per pascal of each tendon's sheath, zero of rigid ones; None where
             all are.
+        by_friction: per unit of each tendon's mu, where tendons have friction.
     """
 
     by_tension: Change
@@ -80,6 +81,7 @@ class Sensitivity:
     by_poisson_ratio: Change | None = None
     by_offset: Change | None = None
     by_sheath_stiffness: Change | None = None
+    by_friction: Change | None = None
 
     @property
     def compliance(self) -> FloatArray:

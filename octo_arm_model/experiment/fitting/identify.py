@@ -168,11 +168,11 @@ def _identification(
     best: HeldBackFit,
     folds: Sequence[Sequence[int]],
     left_out: Mapping[str, str],
-    told: Mapping[str, Any],
+    for_notes: Mapping[str, Any],
     estimates: Mapping[str, Estimate],
     before: Misfit,
 ) -> Identification:
-    """What the ``best`` fit of a ``problem`` says; ``told`` is for the notes on it."""
+    """Results of the ``best`` fit of a ``problem``; ``for_notes`` are arguments of `notes_on`."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
     after, cross_validation = misfit_of(_residuals(problem, x), length), None
@@ -195,7 +195,7 @@ def _identification(
         estimates={**estimates, **found},
         correlations=correlations,
         undetermined=tuple(left_out.values()),
-        notes=tuple(notes_on(problem, best, correlations, after, floor, **told)),
+        notes=tuple(notes_on(problem, best, correlations, after, floor, **for_notes)),
         before=before,
         after=after,
         cross_validation=cross_validation,

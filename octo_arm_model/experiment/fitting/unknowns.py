@@ -22,7 +22,8 @@ from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
 from octo_arm_model.experiment.recording.alignment import Alignment
 
 FITS = (
-    'youngs_modulus', 'poisson_ratio', 'sheath_stiffness', 'tendon_offsets', 'tension_scale',
+    'youngs_modulus', 'poisson_ratio', 'sheath_stiffness', 'tendon_offsets', 'friction',
+    'tension_scale',
     'tension_offset', 'alignment',
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
@@ -36,6 +37,9 @@ _EXACT_PARAMETERS = (
 # Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
 _FARTHEST = 10.0  # bound of logarithms
+_ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
+_ROUGH = 0.1  # where the search begins without one in the config [-]
+_DIFFERENCE = 1e-4  # step of differences, of the scale of an unknown
 _PULLED = 1e-2  # of the highest tension: tendons below it count as slack
 
 
@@ -105,6 +109,8 @@ class Unknowns:
                 raise ConfigError(
                     f'the model {model} has no derivative by {name}: choose --model exact'
                 )
+            if name == 'friction' and model == 'renda2012':
+                raise ConfigError('the model renda2012 has no friction: choose another --model')
         self.model = model
         self._alignment = alignment
         self._parameters = {**parameters, 'model': model}
@@ -150,6 +156,10 @@ class Unknowns:
         if name == _SHEATH:
             stiffness = self.arm.sheath_stiffness[0]
             return [Unknown(name, 'Pa', 0.0, 1.0, -_FARTHEST, _FARTHEST, stiffness)]
+        if name == 'friction':
+            # Not from zero, the end of its range, which a minimisation hardly leaves.
+            given = float(np.mean(self.arm.friction or (_ROUGH,)))
+            return [Unknown(name, '-', given, 0.1, 0.0, _ROUGHEST)]
         if name == 'tension_scale':
             return [Unknown(name, '-', 0.0, 1.0, -_FARTHEST, _FARTHEST, 1.0)]
         if name == 'tension_offset':
@@ -214,6 +224,8 @@ class Unknowns:
         sheath = self._get(x, _SHEATH, math.nan)
         if math.isfinite(sheath):
             values['tendons.sheath_stiffness'] = [sheath]
+        if 'friction' in self.names:
+            values['tendons.friction'] = [self._get(x, 'friction', 0.0)]
         moved = {
             tendon: self._get(x, f'{_OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
         }
@@ -227,6 +239,17 @@ class Unknowns:
         """
         config = Config.from_parameters(self.parameters(x))
         return config.solver(stations=max(config.stations, FINE_STATIONS))
+
+    @property
+    def slides(self) -> bool:
+        """Whether tendons have friction, so that shapes depend on those before."""
+        return 'friction' in self.names or bool(self.arm.friction)
+
+    def difference(self, x: FloatArray, number: int) -> float:
+        """Step of component ``number`` of ``x`` by which derivatives are differences."""
+        unknown = self.unknowns[number]
+        step = _DIFFERENCE * unknown.scale
+        return step if x[number] + step <= unknown.high else -step
 
     def displacement(
         self, x: FloatArray, read: FloatArray, backbone: Backbone, solver: Solver

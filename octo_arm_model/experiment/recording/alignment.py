@@ -98,7 +98,7 @@ def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
     """What ``points`` (n, 3) do not determine of a fitted alignment, in words.
 
     ``noise`` is the root mean square distance that the fit leaves [m]: what is within it of a line
-    or a plane cannot be told from one.
+    or a plane cannot be distinguished from one.
     """
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0.0:

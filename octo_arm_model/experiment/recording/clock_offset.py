@@ -19,7 +19,7 @@ _STATIONS = 31
 _SAMPLES = 5000
 # Residual of the best offset over the median of all: above this no offset is clear.
 _CLEAR = 0.5
-_EQUAL = 0.01  # residuals that differ by less than this part tell no offsets apart
+_EQUAL = 0.01  # residuals that differ by less than this part count as equal
 _KEPT = 0.9  # fraction of the frames: the worst may be outliers
 
 
@@ -37,7 +37,8 @@ def clock_offset(
     ``tensions`` (n, tendons) at ``tension_time`` (n,), is fitted to the tips; the offset of least
     residual is taken, or the one nearest to zero of those that do as well. The affine function
     absorbs the pose of the camera and most of the model's error. The lag of the arm behind its
-    tensions counts as an offset of the clock. ``progress`` is told how many offsets are tried.
+    tensions counts as an offset of the clock. ``progress`` is called with the numbers of
+    offsets tried and of all.
 
     Returns:
         The offset; None where no minimum is clear, as for an arm at rest.

@@ -20,7 +20,7 @@ _POINT = re.compile(r'^x_?([0-9]{1,6})$')
 def csv_tensions(
     table: CsvTable, config: Config, skip: Skip
 ) -> tuple[list[int], list[FloatArray]]:
-    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is told of those left out.
+    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is called with those left out.
 
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.

@@ -72,7 +72,7 @@ class MeasuredPoints:
         """Of an arm of ``length`` [m].
 
         Raises:
-            MeasurementError: if markers cannot be where they are said to be.
+            MeasurementError: if arc coordinates of markers are not increasing, or not on the arm.
         """
         self.frame_id: str | None = None
         self.marker_s = check_marker_s(measured.marker_s, length) if measured.marker_s else None

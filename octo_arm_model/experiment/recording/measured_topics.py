@@ -21,7 +21,7 @@ TF = 'tf2_msgs/msg/TFMessage'
 MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
 _STATIC = 'tf_static'  # the name of topics whose transforms hold at all times
 
-# Told of the topic, the stamp [ns] and the reason of what is left out.
+# Called with the topic, the stamp [ns] and the reason of a message left out.
 Skip = Callable[[str, int, str], None]
 
 
@@ -54,7 +54,7 @@ class MeasuredTopics:
             self.topics = [pick_topic(reader, name, types, what)]
 
     def read(self, skip: Skip, count: Count) -> Iterator[Frame]:
-        """Frames in the order of their stamps; ``skip`` is told topic, stamp and reason of others.
+        """Frames in the order of their stamps; ``skip`` is called with those left out.
 
         Markers of several topics, or of TF, with the same stamp are one frame. Each message
         is counted.
@@ -77,7 +77,7 @@ class MeasuredTopics:
             yield Frame(stamp, frames[stamp])
 
     def _messages(self, skip: Skip, count: Count) -> Iterator[tuple[Record, Any]]:
-        """Messages and what they say; ``skip`` is told of those that are none."""
+        """Messages, decoded; ``skip`` is called with those that cannot be."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
             count.add()
             try:

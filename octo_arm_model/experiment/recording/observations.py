@@ -73,10 +73,10 @@ def observe(
 ) -> Observations:
     """Shapes of the steady steps of ``recording``; ``known`` is the alignment, where it is.
 
-    ``progress`` is told how far the search for the clock offset is.
+    ``progress`` is called with the numbers of clock offsets tried and of all.
 
     Raises:
-        MeasurementError: if it cannot be told which end of the midlines is the base.
+        MeasurementError: if neither end of the midlines is clearly the base.
         SolveError: if there is no steady step with a frame.
     """
     notes = list(recording.notes)
@@ -142,7 +142,7 @@ def _base_first(
     """Midlines from base to tip."""
     if recording.is_tips or recording.marker_s is not None:
         return recording.frames
-    tip_first, why = pairing.base_end == 'last', 'as told'
+    tip_first, why = pairing.base_end == 'last', 'by --base-end'
     if pairing.base_end is None:
         base = known.to_camera(np.array(config.base.position)) if known is not None else None
         tip_first, why = is_tip_first(recording.frames, base)

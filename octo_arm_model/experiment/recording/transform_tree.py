@@ -75,7 +75,7 @@ class TransformTree:
         """``frame``, its parent, and so on up to the root.
 
         Raises:
-            MeasurementError: if there is no such frame, or its parents go round in a circle.
+            MeasurementError: if there is no such frame, or its parents form a cycle.
         """
         known = {*self._links, *(link.parent for link in self._links.values())}
         if frame not in known:
@@ -85,7 +85,7 @@ class TransformTree:
         while chain[-1] in self._links:
             chain.append(self._links[chain[-1]].parent)
             if chain[-1] in chain[:-1]:
-                raise MeasurementError(f'frames are parents in a circle: {" < ".join(chain)}')
+                raise MeasurementError(f'the parents of frames form a cycle: {" < ".join(chain)}')
         return chain
 
     def origins(
@@ -93,8 +93,8 @@ class TransformTree:
     ) -> tuple[IntArray, FloatArray]:
         """When and where the origin of ``frame`` is in ``target``: stamps (n,) [ns], (n, 3) [m].
 
-        Stamps are those of the transform nearest to the frame that is not static. ``skip`` is told
-        the stamps and reasons of those where the place is not known.
+        Stamps are those of the transform nearest to the frame that is not static. ``skip`` is
+        called with stamps and reasons where the place is not known.
 
         Raises:
             MeasurementError: if nothing connects the two, or all transforms between are static.

@@ -15,6 +15,7 @@ from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ContinuationError, OctoArmError
+from octo_arm_model.core.follower import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.live_parameters import LiveParameters
@@ -90,7 +91,8 @@ class ArmServer:
         self._publishers: BackbonePublishers | None = None
         self._winches: LatestSubscription | None = None
         self._tip_wrench: FloatArray | None = None
-        self._winding = Winding()
+        self._memory = self._diagnostics.memory = FrictionMemory()
+        self._winding = Winding(self._memory)
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -147,7 +149,7 @@ class ArmServer:
         if self._publishers is not None:
             self._publishers.pause()
         self._diagnostics.end('inactive')
-        self._tip_wrench, self._winding = None, Winding()
+        self._tip_wrench, self._winding = None, Winding(self._memory)
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
@@ -212,20 +214,19 @@ class ArmServer:
         assert prepared is not None and outbox is not None
         config = prepared.config
         try:
-            if self._diagnostics.received(topic, stamp):
-                winding.begin_anew()  # stamps start over: do not continue from the last shape
+            self._diagnostics.received(topic, stamp)
+            at = self._stamp(stamp)
             began = time.perf_counter()
             tensions = None
             if readings is not None:
                 tensions = config.load_cells.tensions(config.arm, readings)
             answer = winding.answer(
-                prepared.solver, config, self._tip_wrench, tensions, displacements
+                prepared.solver, config, self._tip_wrench, at.ns, tensions, displacements
             )
             duration = time.perf_counter() - began
         except OctoArmError as error:
             self._refuse(topic, error)
             return
-        at = self._stamp(stamp)
         outbox.publish(answer.backbone, answer.covariance, at)
         if winding.displacements:
             outbox.publish_estimates(answer.backbone, at)

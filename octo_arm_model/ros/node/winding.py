@@ -11,6 +11,7 @@ from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.follower import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
@@ -32,15 +33,12 @@ class Winding:
         tensions: the last ones of all tendons [N]; None before there were any.
     """
 
-    def __init__(self) -> None:
-        """Drive all tendons by tension."""
+    def __init__(self, memory: FrictionMemory) -> None:
+        """Drive all tendons by tension; ``memory`` says what of their history counts."""
+        self._memory = memory
         self.displacements: dict[str, float] = {}
         self.tensions: FloatArray | None = None
         self._last: Backbone | Wound | None = None
-
-    def begin_anew(self) -> None:
-        """Forget the last shape."""
-        self._last = None
 
     def change_arm(self, arm: Arm) -> tuple[str, ...]:
         """Go on with another ``arm``; returns the driven tendons it does not have, let go."""
@@ -55,17 +53,19 @@ class Winding:
         solver: Solver,
         config: Config,
         tip_wrench: FloatArray | None,
+        time_ns: int,
         tensions: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> Answer:
         """The shape that holds new ``tensions`` or ``displacements`` beside what is known.
 
-        They are known from then on.
+        They are known from then on; ``time_ns`` is their stamp [ns].
 
         Raises:
             OctoArmError: if there is none; what is known stays.
         """
         before = self.tensions, self.displacements
+        self._last = self._recalled(time_ns, config.friction_memory)
         if tensions is not None:
             self.tensions = tensions
         if displacements is not None:
@@ -75,6 +75,14 @@ class Winding:
         except OctoArmError:
             self.tensions, self.displacements = before
             raise
+
+    def _recalled(self, time_ns: int, seconds: float) -> Backbone | Wound | None:
+        """What to continue from; see `FrictionMemory.recall`."""
+        last = self._last
+        if not isinstance(last, Wound):
+            return self._memory.recall(last, time_ns, seconds)
+        # What is driven by length has no friction, and nothing to forget.
+        return last if self._memory.recall(last.backbone, time_ns, seconds) else None
 
     def _answer(self, solver: Solver, config: Config, tip_wrench: FloatArray | None) -> Answer:
         arm, uncertainty = config.arm, config.uncertainty

@@ -1,4 +1,4 @@
-"""Numbers in arrays and lists, and what passes for numbers in NumPy and is none."""
+"""Arrays and lists of numbers, and values that NumPy alone would convert to numbers."""
 
 from __future__ import annotations
 

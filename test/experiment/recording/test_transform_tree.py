@@ -156,7 +156,7 @@ def test_circles_and_second_parents_are_refused() -> None:
     tree = TransformTree()
     add(tree, 'a', 'b', 0, *level)
     add(tree, 'b', 'a', 0, *level)
-    with pytest.raises(MeasurementError, match='parents in a circle: b < a < b'):
+    with pytest.raises(MeasurementError, match='parents of frames form a cycle: b < a < b'):
         tree.chain('b')
     with pytest.raises(MeasurementError, match="the parent of 'b' is 'c', expected 'a' as before"):
         add(tree, 'c', 'b', 1, *level)
