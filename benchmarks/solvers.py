@@ -10,6 +10,8 @@ reported as ratios; the errors are against the same equations at tight tolerance
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -149,6 +151,7 @@ def main() -> None:
     batches(arm, solvers)
     loaded(config)
     hanging(config, [False, True] if is_available() else [False])
+    friction()
 
 
 def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
@@ -256,6 +259,23 @@ def hanging(config: Config, ways: list[bool]) -> None:
         lasts = [solver.follow(part * tensions, last) for last in lasts]
     rate = steps / (time.process_time() - start)
     print(f'Eight arms in air that fetch in a second: followed {rate:.0f} times a second')
+
+
+def friction() -> None:
+    """What friction of the tendons costs, on the prototype, against the same solve without."""
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    tensions = np.array([[2.0, 0.3, 0.1, 0.2]])
+    wrench = np.array([0.01, 0.02, -0.01, 0.0, 0.0, 0.0])
+    print('\nFriction mu = 0.2 on the prototype, NumPy')
+    print(f'{"way":24}{"without ms":>12}{"with ms":>12}{"times":>8}')
+    ways = {'closed_form': None, 'exact': None, 'exact, tip force': wrench}
+    for name, on_tip in ways.items():
+        taken = []
+        for one in (arm, dataclasses.replace(arm, friction=(0.2,))):
+            solver = Solver(one, name.partition(',')[0])
+            taken.append(seconds(functools.partial(solver.solve, tensions, on_tip), 100))
+        without, rough = taken
+        print(f'{name:24}{without * 1e3:12.3f}{rough * 1e3:12.3f}{rough / without:8.1f}')
 
 
 if __name__ == '__main__':

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from octo_arm_model.config.build import (
 )
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
+from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
@@ -244,16 +244,3 @@ def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
             raise ConfigError(f'{twice} is given twice, nested and with a dot')
         flat.update(found)
     return flat
-
-
-def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
-    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
-
-    Raises:
-        ConfigError: if one is not; the message suggests a similar name.
-    """
-    for name in values:
-        if name not in known:
-            close = difflib.get_close_matches(str(name), known, n=1)
-            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
-            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -103,3 +104,16 @@ def check_length(name: str, column: Sequence[Any], count: int, what: str) -> Non
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')
+
+
+def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
+    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
+
+    Raises:
+        ConfigError: if one is not; the message suggests a similar name.
+    """
+    for name in values:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=1)
+            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

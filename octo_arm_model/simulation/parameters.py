@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.config.config import Config, refuse_unknown
-from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive

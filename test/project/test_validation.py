@@ -16,6 +16,7 @@ pytest.importorskip('skfem', reason='needs scikit-fem')
 VALIDATION = ROOT / 'validation'
 sys.path.insert(0, str(VALIDATION))
 
+import friction
 import run
 import sheaths
 import verify
@@ -186,3 +187,9 @@ def test_elements_of_a_sheath_are_compared() -> None:
     assert found['mesh_error_percent'][0] < 0.3
     assert found['tip_error_percent']['estimated'][0] < 0.3
     assert 5.0 < found['stiffness_over_shear_modulus']['estimated'] < 8.0
+
+
+def test_the_table_of_friction_is_that_of_the_model() -> None:
+    """Of the manual's page on effects."""
+    text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
+    assert '\n'.join(friction.rows()) in text

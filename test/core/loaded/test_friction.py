@@ -210,7 +210,7 @@ def test_tension_falls_by_the_angle_that_a_tendon_turns_by(
     case: tuple[Arm, np.ndarray], friction: float, model: str
 ) -> None:
     arm, tensions = case
-    rough = dataclasses.replace(arm, friction=len(arm.tendons) * (friction,))
+    rough = dataclasses.replace(arm, friction=(friction,))
     try:
         backbone = Solver(rough, model, 801, material='linear').solve(tensions)
     except SolveError:
@@ -419,6 +419,13 @@ def test_the_papers_model_has_no_friction(table4: Config) -> None:
 def test_friction_is_one_number_or_one_for_each_tendon(friction: tuple[float, ...]) -> None:
     with pytest.raises(ArmDefinitionError, match=r'tendons\.friction'):
         helical(friction)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_tendons_that_dig_in_have_none(model: str) -> None:
+    arm = dataclasses.replace(uniform(), sheath_stiffness=(2e5,))
+    with pytest.raises(ConfigError, match=r'friction and tendons\.sheath_stiffness do not go'):
+        Solver(arm, model)
 
 
 def test_each_tendon_may_have_its_own() -> None:

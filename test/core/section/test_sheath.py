@@ -270,7 +270,7 @@ def test_rigid_is_the_model_without_to_the_last_bit() -> None:
 def test_lengths_and_tensions_in_proportion_scale_the_shape(
     loaded: tuple[Arm, np.ndarray], scale: float
 ) -> None:
-    """The stiffness is a modulus: lengths times c, tensions times c^2, the same k."""
+    """As k is a modulus: lengths times c, tensions times c^2, the same k."""
     arm, tensions = loaded
     stiffness = 20.0 * float(arm.material.youngs_modulus)
     small, large = (with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale)))
