@@ -9,14 +9,15 @@ Under loads that is where continuation begins.
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable
 
 import numpy as np
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import follow
+from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.statics import Setup
@@ -39,6 +40,7 @@ POINTS = 20  # in each panel
 RESOLVED = 1e-9
 # Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
 CUTS = (1, 2, 4, 8)
+COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
@@ -66,8 +68,8 @@ class Exact:
         arm, grid, base, law, shear, loads, _ = setup
         self._compiled: Callable[[LoadedRod], None] | None = None
 
-        def rod(level: int) -> LoadedRod:
-            rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
+        def rod(level: int, most_points: int = sys.maxsize) -> LoadedRod:
+            rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level], most_points)
             if self._compiled:
                 self._compiled(rod)
             return rod
@@ -150,18 +152,17 @@ class Exact:
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> Solution:
         """`solve` for one arm."""
-        level = 0
+        level, wanted = 0, Condition(tensions, tip_wrench, 1.0)
+        spending = Spending(self._setup.budget)
         if start is None:
-            known = Condition(tensions, np.zeros(6), 0.0)
+            known, shape = self._nearly(wanted, spending)
         else:
             known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-        if start is None or start.shape is None:
-            shape = self._rod(0).unloaded(known.tensions)
-        else:
-            shape, level = start.shape, self._level_of(start.shape)
-        wanted = Condition(tensions, tip_wrench, 1.0)
+            if start.shape is None:
+                shape = self._rod(0).unloaded(known.tensions)
+            else:
+                shape, level = start.shape, self._level_of(start.shape)
         rod = self._rod(level)
-        spending = Spending(self._setup.budget)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
@@ -170,8 +171,38 @@ class Exact:
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
-        twist, *frames = rod.read_out(state)
-        return Solution(twist, state.residual, spending.iterations, state.shape, tuple(frames))
+        twist, position, quaternion = rod.read_out(state)
+        frames = position, quaternion
+        return Solution(twist, state.residual, spending.iterations, state.shape, frames)
+
+    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
+        """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
+
+        That is ``wanted`` itself where Newton's method or few points lead there, else the
+        unloaded arm.
+        """
+        fine, coarse = self._rod(0), self._rod(0, COARSE)
+        known = Condition(wanted.tensions, np.zeros(6), 0.0)
+        unloaded = fine.unloaded(wanted.tensions)
+        if fine.equilibrium.loads.without_tangent or not coarse.points < fine.points:
+            return known, unloaded
+        found = fine.newton(wanted, unloaded, TOLERANCE)
+        state = found.state
+        spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
+        if state.residual <= TOLERANCE and found.strayed <= STRAY:
+            stability = fine.equilibrium.stability(state, found.system)
+            if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
+                return wanted, state.shape
+        shape = coarse.unloaded(wanted.tensions)
+        try:
+            state = follow(
+                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY
+            )
+        except ContinuationError:
+            raise  # Its budget is spent.
+        except ConvergenceError:
+            return known, unloaded  # Too few points, perhaps.
+        return wanted, fine.from_coarser(coarse, state.shape)
 
     def _level_of(self, shape: Shape) -> int:
         """Number of the rod that a ``shape`` is one of."""
