@@ -39,7 +39,7 @@ POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
 # Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
-CUTS = (1, 2, 4, 8)
+CUTS: tuple[int, ...] = (1, 2, 4, 8)
 COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
