@@ -3,7 +3,7 @@
 # make octopus    eight arms around a body, crawling
 # make test       all tests; ARGS='-k name' passes options to pytest,
 #                 NUMPY=1.26 SCIPY=1.11 tests on those versions
-# make lint       style (ruff's and ROS's), types, and which room may import which
+# make lint       style (ruff's and ROS's), types, and what may import what
 # make bench      speed, as ratios
 # make soak       the node under abuse for an hour; PART=0.01 for a minute
 # make docs       the manual as web pages in docs/_build, warnings as errors
@@ -42,6 +42,7 @@ lint: prepare
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
 	@tools/with_ros python benchmarks/node.py
+	@tools/with_ros python benchmarks/floods.py
 	@tools/with_ros python benchmarks/bags.py
 	@tools/with_ros python benchmarks/viewer.py
 

@@ -11,6 +11,7 @@ reported as ratios; the errors are against the same equations at tight tolerance
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import time
 from collections.abc import Callable
@@ -163,6 +164,7 @@ def main() -> None:
     batches(arm, solvers)
     loaded(config)
     hanging(config, [False, True] if is_available() else [False])
+    friction()
 
 
 def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
@@ -323,6 +325,23 @@ def eight_arms(config: Config, is_compiled: bool) -> None:
         f'\nEight arms in air that fetch in a second, 1000 steps: {mean:.0f} Hz on one core, '
         f'{quick:.0f} Hz in the median step'
     )
+
+
+def friction() -> None:
+    """What friction of the tendons costs, on the prototype, against the same solve without."""
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    tensions = np.array([[2.0, 0.3, 0.1, 0.2]])
+    wrench = np.array([0.01, 0.02, -0.01, 0.0, 0.0, 0.0])
+    print('\nFriction mu = 0.2 on the prototype, NumPy')
+    print(f'{"way":24}{"without ms":>12}{"with ms":>12}{"times":>8}')
+    ways = {'closed_form': None, 'exact': None, 'exact, tip force': wrench}
+    for name, on_tip in ways.items():
+        taken = []
+        for one in (arm, dataclasses.replace(arm, friction=(0.2,))):
+            solver = Solver(one, name.partition(',')[0])
+            taken.append(seconds(functools.partial(solver.solve, tensions, on_tip), 100))
+        without, rough = taken
+        print(f'{name:24}{without * 1e3:12.3f}{rough * 1e3:12.3f}{rough / without:8.1f}')
 
 
 if __name__ == '__main__':

@@ -14,27 +14,21 @@ from octo_arm_model.ros.launch_parts import (
     text,
     value_of,
 )
-
-
-def _deadband(context):
-    """Deadband of the simulated load cells, which the node has to know as well."""
-    path = value_of('simulator_file', context)
-    name = 'tension_deadband'
-    given = load_parameters(path) if path else {}
-    return {name: float(given[name])} if name in given else {}
+from octo_arm_model.simulation.parameters import for_arm_node
 
 
 def start(context):
     """Everything to start, once the arguments have values."""
     namespace, params_file = LaunchConfiguration('namespace'), LaunchConfiguration('params_file')
-    of_simulator = [params_file]
-    if value_of('simulator_file', context):
+    of_simulator, of_load_cells = [params_file], {}
+    if simulator_file := value_of('simulator_file', context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
+        of_load_cells = for_arm_node(load_parameters(simulator_file))
     of_simulator.append(sim_time())
     if value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     actions = [
-        arm_node(context, **_deadband(context)),
+        arm_node(context, **of_load_cells),
         node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
         rviz('octo_arm.rviz', namespace),
     ]

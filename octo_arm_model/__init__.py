@@ -6,9 +6,10 @@ and YAML, and nothing of ROS.
 
 from __future__ import annotations
 
-from octo_arm_model.analysis.displacement import Wound, solve_displacements
-from octo_arm_model.analysis.inverse import Inverse, Stiffness, find_tensions
-from octo_arm_model.analysis.targets import BackboneShape, Bending, TipPose, TipPosition
+from octo_arm_model.analysis.displacement import Wound, displacements_of, solve_displacements
+from octo_arm_model.analysis.inverse import Inverse, find_tensions
+from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
+from octo_arm_model.analysis.wound_sensitivity import WoundSensitivity, wound_sensitivity
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body, ProfiledBody
@@ -72,8 +73,11 @@ __all__ = [
     'TipPosition',
     'Uncertainty',
     'Wound',
+    'WoundSensitivity',
+    'displacements_of',
     'find_tensions',
     'load_config',
     'solve',
     'solve_displacements',
+    'wound_sensitivity',
 ]

@@ -1,4 +1,4 @@
-"""What this package logs, shown by whatever program runs it."""
+"""Log records of this package, passed to the program that runs it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class _Shown(logging.Handler):
-    """Hands on every record to a function."""
+    """Calls a function for every record."""
 
     def __init__(self, show: Callable[[str, bool], object]) -> None:
         super().__init__(logging.INFO)
@@ -18,7 +18,7 @@ class _Shown(logging.Handler):
 
 
 def show_logs(show: Callable[[str, bool], object]) -> None:
-    """Call ``show`` with the text of whatever is logged, and whether it is a warning."""
+    """Call ``show`` with the text of each record, and whether it is a warning or an error."""
     logger = logging.getLogger('octo_arm_model')
     logger.handlers = [_Shown(show)]
     logger.setLevel(logging.INFO)

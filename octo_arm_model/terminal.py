@@ -1,19 +1,27 @@
-"""What programs share on a terminal: the parser of their options, and one line of numbers."""
+"""What programs share on a terminal: parser of options, line of errors, line of numbers."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import sys
 import time
 from collections.abc import Callable
-from typing import TextIO
+from typing import NoReturn, TextIO
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without all options, which --help lists."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
+
+
 def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
     """Parser of a program, whose texts are printed as they are."""
-    return argparse.ArgumentParser(
+    return _Parser(
         prog=prog,
         description=description,
         epilog=epilog,
@@ -21,15 +29,26 @@ def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentPa
     )
 
 
+def fail(prog: str, problem: object, status: int = 2) -> int:
+    """Print ``problem`` as the error of the program ``prog``; returns its exit ``status``."""
+    print(f'{prog}: error: {problem}', file=sys.stderr)
+    return status
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """What to install where ``error`` is raised."""
+    return f'needs {error.name}; install it with: pip install {error.name}'
+
+
 class StatusLine:
-    """One line of a terminal that each new text overwrites; elsewhere each text is a line.
+    """A line on a terminal that each new text overwrites; elsewhere each text is a new line.
 
     Attributes:
         is_terminal: whether it is written to a terminal.
     """
 
     def __init__(self, stream: TextIO, period_elsewhere: float = math.inf) -> None:
-        """Write to ``stream``; no terminal gets more than a line per ``period_elsewhere`` [s]."""
+        """Write to ``stream``, at most every ``period_elsewhere`` [s] where it is no terminal."""
         self.is_terminal = stream.isatty()
         self._stream = stream
         self._period = _PERIOD if self.is_terminal else period_elsewhere
@@ -42,7 +61,7 @@ class StatusLine:
         if now - self._shown < self._period and not always:
             return
         self._shown, self._is_open = now, self.is_terminal
-        # Back to the first column, and erase what is left of a longer text.
+        # Carriage return, and erase the rest of a longer text.
         self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
         self._stream.flush()
 
@@ -53,7 +72,7 @@ class StatusLine:
         self.leave()
 
     def leave(self) -> None:
-        """End the line, so that what follows is written below it."""
+        """End the line, so that later output is below it."""
         if self._is_open:
             self._stream.write('\n')
             self._is_open = False

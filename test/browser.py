@@ -33,7 +33,7 @@ _FLAGS = (
 class Browser:
     """One window on a page of the viewer."""
 
-    def __init__(self, url: str, width: int = 900, height: int = 700, wait: float = 30.0) -> None:
+    def __init__(self, url: str, width: int = 900, height: int = 700, wait: float = 120.0) -> None:
         """Open ``url``; whatever is waited for has to happen within ``wait`` [s]."""
         options = webdriver.ChromeOptions()
         options.binary_location = CHROMIUM

@@ -1,14 +1,14 @@
-"""Where the checkout is that the tests are part of, and the preset arms in it."""
+"""The folder of the checkout, and the preset arms in it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PRESETS = (
+PAPERS_PRESETS = (
     'renda2012_fem',
     'renda2012_prototype',
     'renda2012_table2',
     'renda2012_table4',
-    'rao2021',
 )
+PRESETS = (*PAPERS_PRESETS, 'rao2021')

@@ -1,4 +1,4 @@
-"""`octo-arm` for tests: what it is given, what it prints and its exit status."""
+"""`octo-arm` for tests: arguments, output and exit status."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SOLVE = ('solve', 'renda2012_table4', '--tensions')
 
 
 class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
+    """A stream that passes for a terminal."""
 
     def isatty(self) -> bool:
         return True

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checkout import PAPERS_PRESETS
 from hypothesis import HealthCheck, settings
 from workspaces import HIGHEST
 
@@ -24,10 +25,8 @@ settings.register_profile(
 )
 settings.load_profile('octo_arm_model')
 
-PRESETS = ('renda2012_fem', 'renda2012_prototype', 'renda2012_table2', 'renda2012_table4')
 
-
-@pytest.fixture(params=PRESETS)
+@pytest.fixture(params=PAPERS_PRESETS)
 def preset(request: pytest.FixtureRequest) -> Config:
     """Every arm of the paper."""
     return load_config(preset_path(request.param))
@@ -41,7 +40,7 @@ def model(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(params=['closed_form', 'renda2012'])
 def papers_model(request: pytest.FixtureRequest) -> str:
-    """Both readings of the paper, which share (3a), (9a) and a tangent that is not normalised."""
+    """Both models of the paper, which share (3a), (9a) and a tangent that is not normalised."""
     return request.param
 
 
@@ -69,12 +68,12 @@ def cloud(table4: Config) -> Workspace:
 
 @pytest.fixture
 def numpy_to_the_last_bit() -> None:
-    """Skip where one and the same solve does not come out twice the same."""
+    """Skip where a repeated solve may differ by rounding."""
     if np.__version__.startswith('1.'):
         pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')
 
 
-# What has to be compiled is compiled before any test looks at what is printed.
+# Compiled before any test checks the output, which would have the line about compiling.
 HAS_NUMBA = is_available()
 
 
@@ -87,7 +86,7 @@ def installed_to_the_last_bit(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(params=['numba', 'NumPy'])
 def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With numba and as if it were not installed, but where that is not the same every time."""
+    """With numba, and as if it were not installed; skipped where repeated solves may differ."""
     if request.param == 'numba':
         pytest.importorskip('numba')
     else:

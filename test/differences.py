@@ -1,4 +1,4 @@
-"""Derivatives by differences, for the tests of everything that gives derivatives."""
+"""Derivatives by finite differences, for tests of analytic ones."""
 
 from __future__ import annotations
 

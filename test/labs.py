@@ -70,14 +70,23 @@ def _pose(point: np.ndarray) -> Any:
     return make('geometry_msgs/msg/Pose', position=_point(point), orientation=level)
 
 
-def _transform(stamp_ns: int, child: str, point: np.ndarray) -> Any:
-    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+def transform(
+    stamp_ns: int, child: str, point: np.ndarray, parent: str = 'arm_base',
+    quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+) -> Any:  # fmt: skip
+    """A transform from ``child`` to ``parent``; the quaternion is x, y, z, w."""
+    turn = make('geometry_msgs/msg/Quaternion', **dict(zip('xyzw', map(float, quaternion))))
     return make(
-        'geometry_msgs/msg/TransformStamped', header=header(stamp_ns, 'arm_base'),
+        'geometry_msgs/msg/TransformStamped', header=header(stamp_ns, parent),
         child_frame_id=child,
         transform=make('geometry_msgs/msg/Transform', translation=_point(point, 'Vector3'),
-                       rotation=level),
+                       rotation=turn),
     )  # fmt: skip
+
+
+def tf_message(transforms: Sequence[Any], stamp_ns: int, topic: str = '/tf') -> Sample:
+    """A message of TF."""
+    return message(topic, 'tf2_msgs/msg/TFMessage', stamp_ns, transforms=list(transforms))
 
 
 def pose_array(points: np.ndarray, stamp_ns: int) -> list[Sample]:
@@ -98,9 +107,9 @@ def one_topic_each(points: np.ndarray, stamp_ns: int, kind: str = 'PoseStamped')
 
 
 def tf(points: np.ndarray, stamp_ns: int) -> list[Sample]:
-    frames = [_transform(stamp_ns, f'm{n}', point) for n, point in enumerate(points)]
-    frames.append(_transform(stamp_ns, 'of something else', np.ones(3)))
-    return [message('/tf', 'tf2_msgs/msg/TFMessage', stamp_ns, transforms=frames)]
+    frames = [transform(stamp_ns, f'm{n}', point) for n, point in enumerate(points)]
+    frames.append(transform(stamp_ns, 'of something else', np.ones(3)))
+    return [tf_message(frames, stamp_ns)]
 
 
 WAYS: dict[str, tuple[Callable[[np.ndarray, int], list[Sample]], list[str]]] = {

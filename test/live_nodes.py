@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 import rclpy
+from backbone_messages import assert_hold
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState
@@ -24,6 +25,7 @@ from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
@@ -32,7 +34,8 @@ from octo_arm_model.ros.node.main import make_executor
 from octo_arm_model.ros.node.tension_subscription import message_class
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-DEADLINE = 30.0  # [s] for anything that takes milliseconds on an idle machine
+# [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
+DEADLINE = 120.0
 PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -44,6 +47,12 @@ NODES = {
     'simulator': ('ros.simulator_node', 'octo_arm_sim'),
 }
 INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
+# Inputs of the node as reliable as its outputs, for tests that count every message.
+RELIABLE = [
+    word
+    for topic in (*INPUTS, 'tip_wrench')
+    for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')
+]
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,
@@ -51,6 +60,8 @@ OUTPUTS = {
     'tip_pose': PoseWithCovarianceStamped,
     'tendon_lengths': JointState,
 }
+# What the node says before it is discovered is kept for whoever subscribes later.
+LOG_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _LARGEST_DOMAIN = 100  # beyond it the ports of DDS are among those that Linux hands out
 _domains = itertools.count(7 * os.getpid())
 
@@ -124,7 +135,7 @@ class RosClient:
         self.executor = make_executor(self.context)
         self.executor.add_node(self.node)
         self.diagnostics = self.hear(DiagnosticArray, '/diagnostics')
-        self.logs = self.hear(Log, '/rosout')
+        self.logs = self.hear(Log, '/rosout', LOG_QOS)
         self._parameters = None
 
     def close(self):
@@ -132,10 +143,10 @@ class RosClient:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
-    def hear(self, kind, topic, depth=1000, **options):
+    def hear(self, kind, topic, qos=1000, **options):
         """The list that messages are appended to."""
         heard = []
-        self.node.create_subscription(kind, topic, heard.append, depth, **options)
+        self.node.create_subscription(kind, topic, heard.append, qos, **options)
         return heard
 
     def spin(self, seconds=0.05):
@@ -206,11 +217,14 @@ class RosClient:
 
     def status(self, part):
         """A status of ``part`` of the node that began after this call, and its values."""
-        seen = len(self.diagnostics)
-        self.wait(lambda: len(self.diagnostics) > seen + 1, 'a diagnosis')
-        (status,) = [
-            s for s in self.diagnostics[-1].status if s.name == f'{self.name}: {part}'
-        ]  # fmt: skip
+        name = f'{self.name}: {part}'
+
+        def said():  # Other nodes may report as well.
+            return [s for message in self.diagnostics for s in message.status if s.name == name]
+
+        seen = len(said())
+        self.wait(lambda: len(said()) > seen + 1, 'a diagnosis')
+        status = said()[-1]
         return status, {value.key: value.value for value in status.values}
 
     def log(self, words):
@@ -219,14 +233,20 @@ class RosClient:
 
 
 class NodeClient(RosClient):
-    """Publishes tensions and keeps what the node answers."""
+    """Publishes tensions and keeps what the node answers.
+
+    Attributes:
+        names: of the tendons of the node's arm.
+    """
 
     def __init__(self, domain, node='octo_arm'):
         super().__init__(domain, node)
+        self.names = NAMES
+        # Deep: a burst does not replace what has not left yet.
         self.publishers = {
-            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in INPUTS.items()
+            topic: self.node.create_publisher(kind, topic, 1000) for topic, kind in INPUTS.items()
         }
-        self.answers = {topic: self.hear(kind, topic, 100) for topic, kind in OUTPUTS.items()}
+        self.answers = {topic: self.hear(kind, topic) for topic, kind in OUTPUTS.items()}
         self.wrench = self.node.create_publisher(WrenchStamped, 'tip_wrench', 10)
         self.stamps = itertools.count(1)
 
@@ -236,24 +256,38 @@ class NodeClient(RosClient):
             self.forget()
 
             def answered(topic=topic):
-                self.send(topic, np.zeros((3, 4)))
+                self.send(topic, np.zeros(len(self.names)))
                 self.spin(0.1)
                 return all(self.answers.values())
 
             self.wait(answered, f'an answer to {topic}')
-        # Leave nothing under way that a test could take for its answer.
-        counts = None
-        while counts != (counts := [len(got) for got in self.answers.values()]):
-            for _ in range(10):
-                self.spin()
+            self.settle(topic)
+        self.wait(self.wrench.get_subscription_count, 'a subscription to wrenches')
+
+    def settle(self, topic):
+        """Leave nothing of ``topic`` under way that a test could take for its answer."""
+        mark = np.zeros(len(self.names))
+        # In no other message, and exact in single precision as well.
+        mark[0] = 2.0**-20 * next(self.stamps)
+        self.send(topic, mark)
+
+        def last_is_answered():
+            if not self.answers['tendon_lengths']:
+                return False
+            last = self.answers['tendon_lengths'][-1]
+            return last.effort[0] == mark[0] and all(
+                got and got[-1].header.stamp == last.header.stamp for got in self.answers.values()
+            )
+
+        self.wait(last_is_answered, f'an answer to the last message on {topic}')
 
     def forget(self):
         for got in self.answers.values():
             got.clear()
 
-    def send(self, topic, tensions, names=NAMES):
+    def send(self, topic, tensions, names=None):
         """Publish tensions; returns the seconds of the stamp, None where there is none."""
-        message = tensions_message(topic, tensions, names)
+        message = tensions_message(topic, tensions, self.names if names is None else names)
         second = None
         if hasattr(message, 'header'):
             second = message.header.stamp.sec = next(self.stamps)
@@ -268,7 +302,7 @@ class NodeClient(RosClient):
         message.wrench.force.z = z
         self.wrench.publish(message)
 
-    def ask(self, topic, tensions, names=NAMES):
+    def ask(self, topic, tensions, names=None):
         """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
         before = {name: len(got) for name, got in self.answers.items()}
         stamp = self.send(topic, tensions, names)
@@ -283,9 +317,11 @@ class NodeClient(RosClient):
 
 
 @contextlib.contextmanager
-def running(module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm'):
-    """A node in a domain of its own, and its client, which has its ``process``."""
-    domain = new_domain()
+def running(
+    module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
+):
+    """A node in a domain of its own, or one given, and its client, which has its ``process``."""
+    domain = domain or new_domain()
     process = start_node(module, domain, *arguments, files=files)
     connected = client(domain, node)
     connected.process = process
@@ -312,12 +348,7 @@ def assert_is_backbone(answers, tensions):
     assert lengths.name == NAMES
     np.testing.assert_array_equal(lengths.position, solver.tendon_lengths(expected).ravel())
     np.testing.assert_array_equal(lengths.effort, np.ravel(tensions))
-    points = [pose.pose.position for pose in path.poses]
-    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in points], expected.position)
-    turns = [pose.orientation for pose in poses.poses]
-    np.testing.assert_array_equal([[r.x, r.y, r.z, r.w] for r in turns], expected.quaternion)
-    np.testing.assert_array_equal(strains.k, expected.k)
-    np.testing.assert_array_equal(strains.section, expected.section)
+    assert_hold(path, poses, strains, expected)
     assert {answer.header.frame_id for answer in answers} == {'arm_base'}
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +29,8 @@ TYPES = known_types()
 CONFIG = load_config(preset_path('renda2012_table4'))
 ARM = CONFIG.arm
 NAMES = ARM.tendon_names
+# Hypothesis has no fixtures that last for all examples.
+_FOLDER = tempfile.TemporaryDirectory()
 
 
 class Sample(NamedTuple):
@@ -103,6 +107,14 @@ def write_bag(
     return path
 
 
+@functools.cache
+def bag_of_all() -> Path:
+    """A bag of a message of each type of tensions, on its topic, for as long as the tests run."""
+    content = [one for topic, kind in TOPICS.items()
+               for one in samples(ARM, np.ones((1, len(NAMES))), topic, kind)]  # fmt: skip
+    return write_bag(Path(_FOLDER.name) / 'all', content)
+
+
 def fingerprint(path: Path) -> dict[str, str]:
     """Hash of every file of a bag."""
     return {
@@ -113,13 +125,13 @@ def fingerprint(path: Path) -> dict[str, str]:
 
 
 def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -> np.ndarray:
-    """Sets of tensions [N], some tendons slack, that the arms of the paper bear."""
+    """Sets of tensions [N] within the limits of the paper's arms, some tendons slack."""
     rng = np.random.default_rng(seed)
     rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
     return rows * (rng.random(rows.shape) < 0.6)
 
 
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
-    """What the messages of a topic say of the arm of Table 4."""
+    """Tensions in the messages of a topic, for the arm of Table 4."""
     with BagReader(path) as reader:
         return list(read_tensions(reader, topic, CONFIG))

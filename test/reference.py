@@ -31,7 +31,7 @@ class Shape(NamedTuple):
 
 
 def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Cross product along the last axis (np.cross is slow on small arrays)."""
+    """Cross product along the last axis; np.cross takes longer on small arrays."""
     x, y, z = np.moveaxis(u, -1, 0)
     p, q, r = np.moveaxis(v, -1, 0)
     return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
@@ -113,7 +113,7 @@ def rebuilt_equation_10(
 
 
 def jump(arm: Arm, tensions: np.ndarray, number: int) -> np.ndarray:
-    """What (11) adds to omega at the anchorage of section ``number``, counted from the tip."""
+    """Change of omega by (11) at the anchorage of section ``number``, counted from the tip."""
     section = arm.sections[number - 1]
     t1, t2, t3, t4 = tensions[number - 1]
     b, bending = section.offset_anchorage, stiffness(arm, section.anchorage)[1]
@@ -142,7 +142,7 @@ def closed_form_omega(arm: Arm, tensions: np.ndarray, active: int, s: float) -> 
 def strain_functions(
     arm: Arm, tensions: np.ndarray, model: str
 ) -> list[tuple[float, float, Rates]]:
-    """Stretches (start, stop, strains of s) from the base to the tip, each smooth."""
+    """Panels (start, stop, strains of s) from the base to the tip, each smooth."""
     tensions = np.asarray(tensions, dtype=float)
     stretches: list[tuple[float, float, Rates]] = []
     if arm.sections[0].anchorage < arm.body.length:

@@ -29,7 +29,7 @@ class Fibre(NamedTuple):
     stress: Callable[[np.ndarray], np.ndarray]
 
 
-# Incompressible rubber, E = 3 mu; the linear law is none of fibres that change their place.
+# Incompressible rubber, E = 3 mu; the linear law has no widening and is not written by fibres.
 NEO_HOOKEAN = Fibre(lambda x: (x**2 + 2 / x - 3) / 6, lambda x: (x - x**-2) / 3)
 
 
@@ -100,7 +100,7 @@ class Cut:
 
     @property
     def scale(self) -> tuple[np.ndarray, np.ndarray]:
-        """Moment and force to measure an imbalance by, (nodes,): tensions and their moments."""
+        """Scales of moment and force, (nodes,): sums of tensions and of their moments."""
         force = self.pulls.sum() + 1e-4 * self.young * self.area
         lever = np.maximum(self.radius, np.linalg.norm(self.r, axis=0).max(axis=0, initial=0))
         return force * lever, force
@@ -139,7 +139,7 @@ class Cut:
         return value + (pulls * lengths).sum(axis=0)
 
     def resultants(self, strain: np.ndarray) -> np.ndarray:
-        """Moment and force (n, nodes) that the rod and its tendons together answer with."""
+        """Moment and force (n, nodes) of the section and its tendons together."""
         kappa, stretch = strain[:3], strain[3]
         answer = np.zeros_like(strain)
         if isinstance(self.fibre, Fibre):
@@ -169,7 +169,7 @@ class Cut:
     def balance(
         self, wrench: np.ndarray, start: np.ndarray, tolerance: float = 1e-12
     ) -> np.ndarray:
-        """Strain (n, nodes) that answers ``wrench`` (n, nodes): damped Newton's method."""
+        """Strain (n, nodes) in balance with ``wrench`` (n, nodes): damped Newton's method."""
         strain = start.copy()
         scale = np.concatenate([np.tile(self.scale[0], (3, 1)),
                                 np.tile(self.scale[1], (len(start) - 3, 1))])  # fmt: skip
@@ -235,7 +235,7 @@ def least_strain(
 
     found = minimize(value, rest, jac=slope, method='BFGS', options={'gtol': 1e-9})
     assert np.abs(found.jac).max() < 1e-6, found.message
-    # The energy is flat at its bottom: to the last digits by its slope.
+    # The energy is flat at its minimum: the last digits are found by its gradient.
     polished = root(slope, found.x, tol=1e-13)
     assert np.abs(polished.x - found.x).max() < 1e-4
     return unit * polished.x
@@ -271,7 +271,7 @@ def _load_density(arm: Arm, loads: Loads, s: np.ndarray, middle: float) -> np.nd
 def force_beyond(
     arm: Arm, loads: Loads, s: np.ndarray, stop: float, at_stop: np.ndarray
 ) -> np.ndarray:
-    """Resultant (3, n) of the loads beyond ``s`` in a smooth stretch up to ``stop``."""
+    """Resultant (3, n) of the loads between ``s`` and the end ``stop`` of its panel."""
     points, weights = np.polynomial.legendre.leggauss(8)
     half = (stop - s) / 2
     where = s + np.multiply.outer(points + 1, half)
@@ -375,7 +375,7 @@ def loaded_bvp(
     y = _unloaded(rates, panels, np.concatenate([start_pose, np.zeros(3)]), x)
     solution: OptimizeResult | None = None
     for factor in np.linspace(0, 1, steps + 1)[1:]:
-        # Coarse on the way, for the guess alone.
+        # Coarse in between, as it is the initial guess of the next.
         accuracy = tol if factor == 1 else max(tol, 1e-3)
         solution = solve_bvp(
             lambda x, y, f=factor: everywhere(x, y, f), lambda a, b, f=factor: borders(a, b, f),
@@ -434,7 +434,7 @@ def least_energy(
     weight = _load_density(arm, loads, s, 0.0) * h
     bending = np.concatenate([cut.young * cut.inertia for cut in cuts])
     axial = np.concatenate([cut.young * cut.area for cut in cuts])
-    # Unknowns in which the energy of a free arm is a sphere.
+    # Unknowns in which the Hessian of the energy of a free arm is the identity.
     unit = 1 / np.sqrt(np.stack([bending, bending, bending, axial]) * h)
     rest = np.array([0.0, 0.0, 0.0, 1.0])[:, np.newaxis]
     count = h.size

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for arms that can exist and tensions they can bear."""
+"""Hypothesis strategies for valid arms and tensions within their limits."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def scaled(arm: Arm, scale: float) -> Arm:
 
 @st.composite
 def extreme_arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
-    """Arms at the ends of what can be: tendons on the midline or the surface, thin tips."""
+    """Extreme valid arms: tendons on the midline or the surface, thin tips."""
     length = draw(fractions(0.1, 1.0))
     radius_base = length * draw(fractions(0.03, 0.08))
     body = Body(length, radius_base, radius_base * 10.0 ** draw(fractions(-3.0, 0.0)))

@@ -1,4 +1,4 @@
-"""Computed with a solver: inverse, displacements of winches, workspace, geometry to draw.
+"""Analyses with a solver: inverse, displacements of winches, workspace, geometry to draw.
 
 May import config and core.
 """

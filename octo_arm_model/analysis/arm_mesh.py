@@ -12,7 +12,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
 SIDES = 12
-# A screen does not resolve more rings, and each costs time.
+# More rings would not be resolved on a screen.
 MOST_RINGS = 101
 
 SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
@@ -21,7 +21,7 @@ TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
 # Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
 LINE_WIDTH = 0.002
 DISC_THICKNESS = 0.004
-_DISC_RIM = 1.05  # coincident surfaces flicker
+_DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicker
 
 # A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
 _UPRIGHT = Quaternions.from_xyzw((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
@@ -46,14 +46,14 @@ class Drawn(NamedTuple):
 
 
 class Drawing:
-    """Geometry of many shapes of one arm; what does not depend on the shape is tabulated once.
+    """Geometry of shapes of one arm, from tables that do not depend on the shape.
 
     Attributes:
         triangles: vertices of each triangle of the body, anticlockwise seen from outside,
             (triangles, 3).
-        disc_count: how many discs there are.
+        disc_count: number of discs.
         disc_thickness: [m].
-        tendon_points: how many points each tendon is drawn through.
+        tendon_points: number of points of each tendon.
         line_width: of a tendon [m].
     """
 
@@ -81,7 +81,7 @@ class Drawing:
         self._outline = circle[:, :, np.newaxis] * radius
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
-        self.triangles = _triangles(self._rings.size, sides)
+        self.triangles = tube_triangles(self._rings.size, sides)
         self.disc_count = self._anchorages.size
         self.tendon_points = [int(end) + 1 for end in self._tendon_ends]
         self.disc_thickness = DISC_THICKNESS * arm.length
@@ -143,10 +143,11 @@ def _place(position: FloatArray, across: FloatArray, places: FloatArray) -> Floa
     return position + np.einsum('xar,akr->krx', across, places)
 
 
-def _triangles(rings: int, sides: int) -> IntArray:
-    """Vertices of each triangle (triangles, 3), anticlockwise seen from outside.
+def tube_triangles(rings: int, sides: int) -> IntArray:
+    """Vertices of each triangle of a closed tube (triangles, 3), anticlockwise from outside.
 
-    Vertices are numbered ring by ring along each side, then come the centres of base and tip.
+    Its vertices are those of the rings, first all along one side, then along the next one
+    anticlockwise about the axis, and last the centres of both ends.
     """
     number = np.arange(sides * rings).reshape(sides, rings)
     beside = np.roll(number, -1, axis=0)

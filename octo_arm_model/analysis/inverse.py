@@ -1,12 +1,13 @@
-"""From a wanted shape to bounded tensions of least effort, and the error that remains.
+"""Bounded tensions of least effort for a target shape, and the error that remains.
 
-Two steps, both by scipy's optimisers with analytic derivatives: bounded least squares from several
+Two steps of SciPy's optimisers with analytic derivatives: bounded least squares from several
 starts minimises the error; where the tensions that reach the target are not unique, sequential
 quadratic programming minimises the effort among them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +15,10 @@ from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 from scipy.optimize import least_squares, minimize
 
-from octo_arm_model.analysis.targets import Target
+from octo_arm_model.analysis.targets import Stiffness, Target
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import SolveError, TargetError, TensionError, shown
+from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.paper_balance import SectionStiffness
@@ -28,44 +29,8 @@ from octo_arm_model.core.solver import Solver
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6
 _STARTS = 8
-_INDEPENDENT = 1e-6  # of the largest singular value: smaller ones count as zero
-_STIFFNESS_STEP = 1e-4  # of the bound: difference of the tensions for the change of stiffness
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """Stiffness of the tip against a force, to be reached by co-contraction.
-
-    Attributes:
-        direction: of the force, in base_frame, (3,).
-        value: force per displacement along it [N/m], > 0.
-
-    Raises:
-        TargetError: if they are not such.
-    """
-
-    direction: FloatArray
-    value: float
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        direction = real_numbers(self.direction)
-        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
-            raise TargetError(
-                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
-                'zero'
-            )
-        value = real_numbers(self.value)
-        if value is None or value.shape or not 0.0 < value < np.inf:
-            raise TargetError(
-                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
-            )
-        object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
-
-    def of(self, sensitivity: Sensitivity) -> float:
-        """Stiffness of a solution along the direction [N/m]."""
-        compliance = sensitivity.compliance[:3, :3]
-        return float(1.0 / (self.direction @ compliance @ self.direction))
+_INDEPENDENT = 1e-6  # over the largest singular value: smaller ones count as zero
+_STIFFNESS_STEP = 1e-4  # over the bound: step of a tension for the derivative of the stiffness
 
 
 @dataclass(frozen=True)
@@ -74,10 +39,10 @@ class Inverse:
 
     Attributes:
         backbone: the shape; its ``tensions`` are the answer.
-        error: norm of the error of the target [m]; the target says what it is made of.
+        error: norm of the error, as the `Target` defines it [m].
         reached: whether it is below a millionth of the length of the arm.
-        stiffness: the stiffness reached along the wanted direction [N/m]; None if none was wanted.
-        iterations: how often the arm was solved.
+        stiffness: stiffness along the direction of the target stiffness [N/m]; None without one.
+        iterations: number of solves.
     """
 
     backbone: Backbone
@@ -95,6 +60,7 @@ def find_tensions(
     stiffness: Stiffness | None = None,
     start: ArrayLike | None = None,
     seed: int = 0,
+    pause: Callable[[], None] | None = None,
 ) -> Inverse:
     """Tensions from 0 to ``highest`` [N] that bring the arm to ``target`` with least effort.
 
@@ -103,20 +69,21 @@ def find_tensions(
     (if given) and from tensions drawn from the box with ``seed``, until one start reaches it.
 
     Args:
-        solver: of any model; a wanted ``stiffness`` takes the model exact.
-        target: what to reach.
+        solver: of any model; a ``stiffness`` needs the model exact.
+        target: the target.
         highest: largest tension [N] of all tendons, or of each, of `Arm.tension_shape`.
-        stiffness: stiffness to reach as well, by co-contraction.
-        start: tensions to begin from [N].
-        seed: of the drawn starts.
+        stiffness: target stiffness, reached by co-contraction.
+        start: tensions at which the search starts [N].
+        seed: of the random starts.
+        pause: called before every solve.
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
-        SolveError: if the model has no answer for any of the tensions tried.
+        SolveError: if the model has no solution for any of the tensions tried.
     """
     arm = solver.arm
     limit = check_highest(arm, highest)
-    search = _Search(solver, target, limit, stiffness)
+    search = _Search(solver, target, limit, stiffness, pause or (lambda: None))
     drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
@@ -149,10 +116,10 @@ def find_tensions(
 
 
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
-    """Tensions each of which alone strains the arm much [N], of `Arm.tension_shape`.
+    """Default upper bounds of tensions [N], of `Arm.tension_shape`.
 
-    Of each tendon the one that compresses the cross section at its anchorage by ``part``, but no
-    more than what bends the arm by two turns to first order, which is less for slender rods.
+    Of each tendon the tension that alone compresses the cross section at its anchorage by
+    ``part``, or, if that is less, as for slender rods, bends the arm by two turns to first order.
     """
     highest = np.empty(len(arm.tendons))
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
@@ -168,17 +135,27 @@ class _Search:
     """Error of a target, and its Jacobian, by tensions over their bounds (0 to 1)."""
 
     def __init__(
-        self, solver: Solver, target: Target, limit: FloatArray, stiffness: Stiffness | None
+        self,
+        solver: Solver,
+        target: Target,
+        limit: FloatArray,
+        stiffness: Stiffness | None,
+        pause: Callable[[], None],
     ) -> None:
         self._solver, self._target, self._limit = solver, target, limit
-        self._stiffness = stiffness
+        self._stiffness, self._pause = stiffness, pause
         self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
         self._last: Backbone | None = None
+        # Of local minima: from elsewhere a loaded arm may not come back to them.
+        self._kept: dict[bytes, tuple[Backbone, Sensitivity]] = {}
         self.iterations = 0
 
     def _evaluate(self, part: FloatArray) -> tuple[Backbone, Sensitivity]:
         key = part.tobytes()
+        if key in self._kept:
+            return self._kept[key]
         if self._solved is None or self._solved[0] != key:
+            self._pause()
             tensions = np.clip(part, 0.0, 1.0) * self._limit
             shape = self._solver.arm.tension_shape
             backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
@@ -192,7 +169,7 @@ class _Search:
         error = self._target.error(backbone)
         if self._stiffness is None:
             return error
-        # Logarithm of the ratio, times the length of the arm: an error in metres like the others.
+        # Logarithm of the ratio, times the length of the arm to be in metres like the others.
         ratio = np.log(self._stiffness.of(sensitivity) / self._stiffness.value)
         return np.append(error, ratio * self._solver.arm.length)
 
@@ -200,7 +177,7 @@ class _Search:
         backbone, sensitivity = self._evaluate(part)
         jacobian = self._target.jacobian(backbone, sensitivity.by_tension)
         if self._stiffness is not None:
-            # A second derivative: by differences of the analytic first one.
+            # Finite differences of the stiffness, which is analytic.
             here = np.log(self._stiffness.of(sensitivity))
             row = np.empty(part.size)
             for j in range(part.size):
@@ -222,15 +199,17 @@ class _Search:
             self.error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=1e-12,
             x_scale=1.0, max_nfev=60,
         )  # fmt: skip
-        # The method stays inside the bounds: tensions next to zero are set to zero.
+        # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
         rounded = np.where(found.x < 1e-6, 0.0, found.x)
         near = self.distance(rounded) <= self.distance(found.x) + 1e-9 * self._solver.arm.length
-        return np.asarray(rounded if near else found.x)
+        minimum = np.asarray(rounded if near else found.x)
+        self._kept[minimum.tobytes()] = self._evaluate(minimum)
+        return minimum
 
     def relax(self, part: FloatArray, enough: float) -> FloatArray:
         """The same target with least effort, or ``part`` where none is less."""
         scale = 1.0 / self._solver.arm.length
-        # The optimiser needs independent constraints: as many as the rank of the Jacobian.
+        # SLSQP needs independent constraints: as many as the rank of the Jacobian.
         directions, sizes, _ = np.linalg.svd(self.jacobian(part), full_matrices=False)
         rank = np.count_nonzero(sizes > _INDEPENDENT * sizes.max(initial=0.0))
         if rank >= part.size:

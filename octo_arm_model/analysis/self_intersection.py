@@ -1,4 +1,4 @@
-"""Whether a shape passes through itself, which no model here keeps an arm from."""
+"""Check of a shape for self-intersection, as no model here has contact."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 
-_LEAST = 1e-30  # [m^2] what a length squared is divided by at least
+_LEAST = 1e-30  # [m^2] lower bound of a squared length that is divided by
 
 
 class Overlap(NamedTuple):
-    """Two places of an arm that are nearer to each other than its body is thick.
+    """Two points of the backbone that are nearer to each other than the sum of their radii.
 
     Attributes:
-        depth: how far the two parts are inside each other [m].
+        depth: sum of the radii less the distance [m].
         s: arc coordinates of both, that nearer to the base first [m].
     """
 
@@ -24,13 +24,13 @@ class Overlap(NamedTuple):
 
 
 def deepest_overlap(s: FloatArray, position: FloatArray, radius: FloatArray) -> Overlap | None:
-    """Where the body about a backbone passes through itself most; None where it does not.
+    """The overlap of largest depth of the body about a backbone; None where there is none.
 
-    Of all pairs of segments between stations, those overlap whose centre lines are nearer to each
-    other than the sum of their radii. Passed over are neighbours: pairs nearer along the backbone
-    than half the circumference of the body. With the tightest bend that a body can make, of its
-    own radius, that is where the backbone has turned back and is one thickness apart; so no bend
-    wider than that counts, and a tighter one does if it goes on so far.
+    Pairs of segments between stations overlap whose centre lines are nearer to each other than
+    the sum of their radii. Neighbours are excluded: pairs nearer along the backbone than half the
+    circumference of the body. In the tightest possible bend, whose radius is that of the body,
+    this is where the backbone has turned back and is one diameter away; so a wider bend never
+    overlaps, and a tighter one does where it turns as far.
 
     Args:
         s: arc coordinate of the stations [m], (stations,).
@@ -40,7 +40,7 @@ def deepest_overlap(s: FloatArray, position: FloatArray, radius: FloatArray) -> 
     start, along = position[:-1], np.diff(position, axis=0)
     reached = np.append(0.0, np.cumsum(np.linalg.norm(along, axis=1)))
     first, second = np.triu_indices(len(along), 2)
-    # Few pairs are near enough to be looked at closely.
+    # Bounding spheres first: few pairs are near enough.
     middle, half = start + 0.5 * along, 0.5 * np.diff(reached)
     thick = np.maximum(radius[:-1], radius[1:])
     apart = np.linalg.norm(middle[second] - middle[first], axis=1)
@@ -70,7 +70,7 @@ def _within(values: FloatArray, segment: FloatArray, part: FloatArray) -> FloatA
 def _nearest(
     a: FloatArray, u: FloatArray, b: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Parts of the segments a + x u and b + y v, each (pairs, 3), at their nearest points.
+    """Parameters x and y of the nearest points of segments a + x u and b + y v, each (pairs, 3).
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
@@ -83,5 +83,5 @@ def _nearest(
     x = np.where(is_skew, (uv * vo - uo * vv) / np.where(is_skew, determinant, 1.0), 0.0)
     x = np.clip(x, 0.0, 1.0)
     y = np.clip((uv * x + vo) / vv, 0.0, 1.0)
-    # For the y that is within its segment the best x is another.
+    # The x nearest to the clipped y.
     return np.clip((uv * y - uo) / uu, 0.0, 1.0), y

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import TargetError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
 class Target(Protocol):
@@ -60,7 +61,7 @@ class TipPosition:
         object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Tip less wanted position."""
+        """Position of the tip less that of the target."""
         return backbone.tip - self.position
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
@@ -94,15 +95,16 @@ class TipPose:
         object.__setattr__(self, 'quaternion', quaternion)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Tip less wanted position, and the rotation vector between the orientations."""
+        """Position of the tip less that of the target, and the rotation vector between them."""
         angle = self._away(backbone).as_rotvec()
         return np.concatenate([backbone.tip - self.position, self.length_per_radian * angle])
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Displacement and rotation of the tip."""
-        inverse = _inverse_left_jacobian(self._away(backbone).as_rotvec())
-        angle = self.length_per_radian * inverse @ change.tip[3:]
-        return np.concatenate([change.tip[:3], angle])
+        # The left Jacobian is regular for the at most pi of `as_rotvec`.
+        turned = left_jacobian(self._away(backbone).as_rotvec())
+        angle = np.linalg.solve(turned, change.tip[3:])
+        return np.concatenate([change.tip[:3], self.length_per_radian * angle])
 
     def _away(self, backbone: Backbone) -> Rotation:
         tip = Rotation.from_quat(np.array(backbone.quaternion[-1]))
@@ -115,7 +117,7 @@ class Bending:
 
     Attributes:
         plane: angle of the plane about the base's tangent [rad], from its n towards its b.
-        angle: how far the tangent has turned in it [rad], up to pi.
+        angle: angle by which the tangent has turned in it [rad], 0 to pi.
         length_per_radian: weight of angles [m/rad].
 
     Raises:
@@ -133,7 +135,7 @@ class Bending:
             raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Angle from the wanted tangent to that of the tip, along two axes across it."""
+        """Angle from the target tangent to that of the tip, along two axes normal to it."""
         tangent, wanted, across = self._directions(backbone)
         factor, _ = _angle_over_sine(float(tangent @ wanted))
         return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
@@ -148,7 +150,7 @@ class Bending:
         return self.length_per_radian * (rate + slope * np.outer(sine, turned @ wanted))
 
     def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tangent of the tip, the wanted one, and two directions across the latter (2, 3)."""
+        """Tangent of the tip, target tangent, and two directions normal to the latter (2, 3)."""
         base = Rotation.from_quat(np.array(backbone.quaternion[0])).as_matrix()
         tip = Rotation.from_quat(np.array(backbone.quaternion[-1])).as_matrix()
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
@@ -161,11 +163,11 @@ class Bending:
 
 @dataclass(frozen=True)
 class BackboneShape:
-    """Points of the midline at given places, e.g. from a camera.
+    """Points of the midline, e.g. from a camera.
 
     Attributes:
-        s: arc coordinates [m], (n,); the nearest stations are taken.
-        position: where they should be, in base_frame [m], (n, 3).
+        s: arc coordinates [m], (n,); the nearest stations are used.
+        position: target positions in base_frame [m], (n, 3).
 
     Raises:
         TargetError: if they are not finite numbers, one point for each s.
@@ -183,14 +185,14 @@ class BackboneShape:
             raise TargetError(f'backbone position has {len(position)} points, expected {len(s)}')
         object.__setattr__(self, 's', s)
         object.__setattr__(self, 'position', position)
-        # So that the error is the root mean square distance.
+        # Makes the norm of the error the root mean square distance.
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
     def _stations(self, backbone: Backbone) -> IntArray:
         return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Every point less the wanted one."""
+        """Every point less that of the target."""
         away = backbone.position[self._stations(backbone)] - self.position
         return self._weight * away.ravel()
 
@@ -200,6 +202,42 @@ class BackboneShape:
         return self._weight * moved.reshape(-1, moved.shape[-1])
 
 
+@dataclass(frozen=True)
+class Stiffness:
+    """Target stiffness of the tip against a force, reached by co-contraction.
+
+    Attributes:
+        direction: of the force, in base_frame, (3,).
+        value: force per displacement along it [N/m], > 0.
+
+    Raises:
+        TargetError: if a value is not as described.
+    """
+
+    direction: FloatArray
+    value: float
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        direction = real_numbers(self.direction)
+        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
+            raise TargetError(
+                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
+                'zero'
+            )
+        value = real_numbers(self.value)
+        if value is None or value.shape or not 0.0 < value < np.inf:
+            raise TargetError(
+                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
+            )
+        object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
+
+    def of(self, sensitivity: Sensitivity) -> float:
+        """Stiffness of a solution along the direction [N/m]."""
+        compliance = sensitivity.compliance[:3, :3]
+        return float(1.0 / (self.direction @ compliance @ self.direction))
+
+
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
     """Angle over its sine, and the derivative of that by the cosine."""
     cosine = max(-0.999999, cosine)  # Opposite tangents: the axis of the rotation is arbitrary.
@@ -207,14 +245,3 @@ def _angle_over_sine(cosine: float) -> tuple[float, float]:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
     return factor, (cosine * factor - 1.0) / (1.0 - cosine * cosine)
-
-
-def _inverse_left_jacobian(vector: FloatArray) -> FloatArray:
-    """Derivative of a rotation vector by a small rotation after it (Barfoot 2017, 7.1.4)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    factor = 1.0 / 12.0
-    if angle > 1e-4:
-        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    return np.eye(3) - 0.5 * skew + factor * skew @ skew

@@ -25,8 +25,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
 
-_POOL_START = 1.5  # about the time in which a pool starts [s]
-_CONNECT = 5.0  # how long a scheduler may take to answer [s]
+_POOL_START = 1.5  # typical time in which a pool starts [s]
+_CONNECT = 5.0  # timeout of the connection to a scheduler [s]
 
 
 class Solved(NamedTuple):
@@ -37,8 +37,8 @@ class Solved(NamedTuple):
     direction: FloatArray
 
 
-Job = tuple[Config, str | None, int | None]  # the arguments of `Config.solver` and itself
-# By number of the chunk, in any order; closing it ends the workers it started.
+Job = tuple[Config, str | None, int | None]  # a config and the arguments of its `solver`
+# Chunks by number, in any order; closing the generator ends the workers it started.
 Results = Generator[tuple[int, Solved], None, None]
 
 
@@ -64,7 +64,7 @@ def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
 def on_cores(
     solver: Solver, job: Job, chunks: Sequence[FloatArray], processes: int | None
 ) -> Results:
-    """Solve in so many processes, or in one for each core where that is worth starting them.
+    """Solve in ``processes``; None for one for each core, if that saves more time than it takes.
 
     Raises:
         ConfigError: if the job cannot be sent to processes, or they end before it does.
@@ -107,7 +107,7 @@ def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
             f'the arm cannot be sent to other processes ({error}): expected functions with a name '
             'in a module, or processes=1'
         ) from error
-    # Spawned: a fork of a process with threads, such as those of BLAS or ROS, may deadlock.
+    # Spawned, as a fork of a process with threads, such as those of BLAS or ROS, may deadlock.
     context = multiprocessing.get_context('spawn')
     lifeline, held = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
@@ -132,9 +132,9 @@ def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
 
 @contextlib.contextmanager
 def _no_interrupts() -> Iterator[None]:
-    """Processes started herein ignore SIGINT, which a terminal sends to all; see `_start_worker`.
+    """Block SIGINT, which a terminal sends to all processes, in those started within the context.
 
-    The mask is inherited, so that none prints a traceback while it starts.
+    They inherit the mask, so that none prints a traceback; `_start_worker` ends them.
     """
     if not hasattr(signal, 'pthread_sigmask'):
         yield
@@ -147,9 +147,9 @@ def _no_interrupts() -> Iterator[None]:
 
 
 def _start_worker(job: bytes, lifeline: Connection) -> None:
-    """Build the solver; end, even within a chunk, when the other end of ``lifeline`` is closed.
+    """Build the solver, and a thread that ends the process when ``lifeline`` is closed.
 
-    The system closes it when the parent process ends, however that happens.
+    The operating system closes its other end whenever the parent process ends.
     """
 
     def watch() -> None:
@@ -188,10 +188,10 @@ def on_cluster(job: Job, chunks: Sequence[FloatArray], scheduler: str) -> Result
 
 
 def _find_scheduler(address: str) -> None:
-    """Check the address first: distributed logs two errors when nobody answers a client.
+    """Check the address first: a client without scheduler logs two errors.
 
     Raises:
-        ConfigError: if nobody answers.
+        ConfigError: if there is no scheduler.
     """
     from distributed.comm import connect
 

@@ -1,7 +1,7 @@
-"""Where the tip can go: tensions drawn from a box, solved on all cores or on a cluster.
+"""Workspace of the tip: tensions sampled from a box, solved on all cores or on a cluster.
 
-Tensions are a scrambled Sobol sequence, which fills the box more evenly than random numbers do,
-and are solved in chunks of a fixed size, so results do not depend on the number of processes.
+Tensions are a scrambled Sobol sequence, which fills the box more evenly than random numbers, and
+are solved in chunks of a fixed size, so that results do not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.core.section.tendon_sums import check_tensions
 
-# Large enough to hide the cost of a call; small, since one refused set has its whole chunk solved
-# set by set. Results depend on it by rounding.
+# Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
+# set is solved set by set. Results depend on it by rounding.
 CHUNK = 64
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Tips that an arm reaches, for ``n`` sets of tensions that have a solution.
+    """Tips of an arm for ``n`` sets of tensions that have a solution.
 
     Attributes:
         tensions: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence.
         tip: position of the tip of each in base_frame [m], (n, 3).
         direction: unit tangent of the midline at the tip in base_frame [-], (n, 3).
-        refused: number of sets that the model has no answer for; they are not among the n.
+        refused: number of sets without solution; they are not among the n.
         highest: the tensions were drawn from 0 to these [N], `Arm.tension_shape`.
     """
 
@@ -62,13 +62,12 @@ def sample_workspace(
 
     ``highest`` is one number for all tendons or one for each, of `Arm.tension_shape`. ``samples``
     best is a power of two, where the sequence is balanced; fewer samples of a ``seed`` are the
-    first of more. The arm can go somewhat further than the cloud: of many tendons, hardly ever all
-    are near an end of their range at once. ``model`` and ``stations`` are used instead of those
-    of the ``config``.
+    first of more. The workspace is somewhat larger than the cloud, as sets with all of many
+    tensions near their bounds are rare. ``model`` and ``stations`` replace those of ``config``.
 
     ``processes`` is the number of worker processes, 1 for none; by default there is one for each
-    core, if that is quicker. They import the main module anew: a script that starts them needs
-    ``if __name__ == '__main__':``. ``scheduler`` is the address of a Dask scheduler, such as
+    core, if that takes less time. They import the main module again: a script that starts them
+    needs ``if __name__ == '__main__':``. ``scheduler`` is the address of a Dask scheduler, such as
     ``tcp://10.0.0.1:8786``, whose workers have this package and are used instead; results are
     the same on machines of one kind. ``progress`` is called with the numbers of sets done and of
     all sets, first with 0.
@@ -142,6 +141,6 @@ def _sobol(dimensions: int, count: int, seed: int) -> FloatArray:
     # Imported here: it takes longer than all other imports together.
     from scipy.stats import qmc
 
-    # SciPy warns unless a power of two is drawn; the first points are the same.
+    # SciPy warns unless the number of points is a power of two.
     sequence = qmc.Sobol(dimensions, seed=np.random.default_rng(seed))
     return np.asarray(sequence.random_base2((count - 1).bit_length())[:count])

@@ -1,4 +1,4 @@
-"""A picture of a workspace: the tips in space and seen along each axis. Needs matplotlib."""
+"""A picture of a workspace: the tips in space and projected along each axis. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -7,26 +7,24 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.analysis.arm_mesh import Drawing
 from octo_arm_model.analysis.workspace import Workspace
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
 # Orthographic views: neighbours share an axis.
 _VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))  # place, axis across, axis up
 _ARM_COLOUR = '0.65'
-_AROUND = np.linspace(0.0, 2.0 * np.pi, 25)
+_SIDES = 24  # of the polygons drawn for cross sections
 
 
 def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> None:
     """Draw ``workspace`` of the arm of ``solver`` into the PNG file ``path``.
 
-    Each tip has the colour of its tensions' sum; the arm without tensions gives the scale, its
-    thickness true.
+    Each tip has the colour of the sum of its tensions; the arm without tensions is drawn to scale.
 
     Raises:
-        SolveError: if there is no answer without tensions, under the loads of ``solver``.
+        SolveError: if there is no solution without tensions, under the loads of ``solver``.
         OSError: if the file cannot be written.
     """
     # Imported here: matplotlib is optional.
@@ -34,8 +32,9 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     from matplotlib.figure import Figure
 
     arm = solver.solve(np.zeros(solver.arm.tension_shape))
-    surface = _surface(arm, solver.arm.body.radius(arm.s))
-    limits = _limits(workspace, surface)
+    body = Drawing(solver.arm, arm.s, sides=_SIDES)
+    skin = 1e3 * body.draw(arm.position, arm.quaternion, arm.q).vertices[body.triangles]
+    limits = _limits(workspace, skin)
     figure = Figure(figsize=(11.0, 10.0), layout='constrained')
     FigureCanvasAgg(figure)
     reached, refused = len(workspace.tip), workspace.refused
@@ -46,28 +45,20 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     views = []
     for place, across, up in _VIEWS:
         axes = figure.add_subplot(2, 2, place)
-        _draw_view(axes, workspace, surface, (across, up), limits)
+        _draw_view(axes, workspace, skin, [across, up], limits)
         views.append(axes)
     in_space = figure.add_subplot(2, 2, 4, projection='3d')
-    cloud = _draw_in_space(in_space, workspace, surface, limits)
+    cloud = _draw_in_space(in_space, workspace, skin, limits)
     bar = figure.colorbar(cloud, ax=[*views, in_space], shrink=0.6, aspect=40, pad=0.02)
     bar.set_label('sum of tensions [N]')
-    # A PNG, whatever the suffix.
+    # A PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')
 
 
-def _surface(arm: Backbone, radius: FloatArray) -> FloatArray:
-    """Points on the skin of ``arm`` [mm], (3, stations, around)."""
-    turned = Quaternions.from_xyzw(arm.quaternion).matrix()
-    along_n, along_b = turned[:, 1, :, np.newaxis], turned[:, 2, :, np.newaxis]
-    rim = along_n * np.cos(_AROUND) + along_b * np.sin(_AROUND)
-    return (arm.position.T[..., np.newaxis] + rim * radius[:, np.newaxis]) * 1e3
-
-
-def _limits(workspace: Workspace, surface: FloatArray) -> FloatArray:
+def _limits(workspace: Workspace, skin: FloatArray) -> FloatArray:
     """Ends of the x, y and z axis [mm], (3, 2), all of one length."""
-    points = np.concatenate([workspace.tip.T * 1e3, surface.reshape(3, -1)], axis=1)
-    low, high = points.min(axis=1), points.max(axis=1)
+    points = np.concatenate([workspace.tip * 1e3, skin.reshape(-1, 3)])
+    low, high = points.min(axis=0), points.max(axis=0)
     middle, reach = (low + high) / 2.0, 0.53 * (high - low).max()
     return np.stack([middle - reach, middle + reach], axis=1)
 
@@ -75,7 +66,7 @@ def _limits(workspace: Workspace, surface: FloatArray) -> FloatArray:
 def _style(workspace: Workspace) -> dict[str, Any]:
     """Colours and sizes of the dots: smaller where there are more."""
     total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
-    # A colour bar needs two different ends, also for one tip or none.
+    # The limits of a colour bar must differ, also for one tip or none.
     low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
     return {
         'c': total,
@@ -88,19 +79,13 @@ def _style(workspace: Workspace) -> dict[str, Any]:
 
 
 def _draw_view(
-    axes: Any,
-    workspace: Workspace,
-    surface: FloatArray,
-    pair: tuple[int, int],
-    limits: FloatArray,
+    axes: Any, workspace: Workspace, skin: FloatArray, pair: list[int], limits: FloatArray
 ) -> None:
-    """Everything seen along the axis that is not of the ``pair``."""
+    """Tips and the arm's ``skin`` [mm], (triangles, 3, 3), in the plane of a ``pair`` of axes."""
     from matplotlib.collections import PolyCollection
 
-    skin = surface[list(pair)]
-    corners = (skin[:, :-1, :-1], skin[:, 1:, :-1], skin[:, 1:, 1:], skin[:, :-1, 1:])
-    faces = np.stack([corner.reshape(2, -1).T for corner in corners], axis=1)
-    axes.add_collection(PolyCollection(list(faces), color=_ARM_COLOUR, linewidth=0.4, zorder=1))
+    faces = list(skin[:, :, pair])
+    axes.add_collection(PolyCollection(faces, color=_ARM_COLOUR, linewidth=0.4, zorder=1))
     axes.scatter(*(workspace.tip[:, pair] * 1e3).T, zorder=2, **_style(workspace))
     names = ['xyz'[i] for i in pair]
     axes.set(
@@ -111,11 +96,10 @@ def _draw_view(
     axes.set_axisbelow(True)
 
 
-def _draw_in_space(
-    axes: Any, workspace: Workspace, surface: FloatArray, limits: FloatArray
-) -> Any:
-    """Tips and arm in space; returns the tips as drawn."""
-    axes.plot_surface(*surface, color=_ARM_COLOUR, linewidth=0.0, shade=True)
+def _draw_in_space(axes: Any, workspace: Workspace, skin: FloatArray, limits: FloatArray) -> Any:
+    """Tips and the arm's ``skin`` in space; returns the tips as drawn."""
+    triangles = np.arange(3 * len(skin)).reshape(-1, 3)
+    axes.plot_trisurf(*skin.reshape(-1, 3).T, triangles=triangles, color=_ARM_COLOUR, shade=True)
     cloud = axes.scatter(*(workspace.tip * 1e3).T, depthshade=False, **_style(workspace))
     for name, ends in zip('xyz', limits):
         axes.set(**{f'{name}lim': ends, f'{name}label': f'{name} [mm]'})

@@ -19,13 +19,14 @@ from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import profile_names
-from octo_arm_model.terminal import StatusLine, make_parser
-from octo_arm_model.viewer.options import add_address
+from octo_arm_model.terminal import StatusLine, fail, make_parser
+from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
-_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # preferred ones first
+_MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
 _POLL = 1.0 / 30.0  # [s]
+_PROG = 'octo_arm_demo'
 _EPILOG = """\
 examples:
   octo_arm_demo config/renda2012_table4.yaml
@@ -37,7 +38,7 @@ The simulator moves the arm until a slider of the page, or `octo-arm play`, take
 
 
 def movement_of(arm: Arm) -> str:
-    """Name of the preferred movement that ``arm`` has."""
+    """Name of the first of the preferred movements that is for ``arm``."""
     names = profile_names(arm)
     return next(name for name in _MOVEMENTS if name in names)
 
@@ -57,13 +58,12 @@ def describe(client: ArmClient) -> str:
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
     parser = make_parser(
-        'octo_arm_demo', 'Start node, simulator and viewer of an arm, until Ctrl-C.', _EPILOG
+        _PROG, 'Start node, simulator and viewer of an arm, until Ctrl-C.', _EPILOG
     )
     parser.add_argument(
         'config', metavar='CONFIG', help='ROS parameter file of the arm, or the name of a preset'
     )
-    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
-    add_address(parser)
+    add_optional_page(parser)
     return parser
 
 
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         path = str(find_path(options.config))
         movement = movement_of(find_config(path).arm)
     except OctoArmError as error:
-        return _fail(error)
+        return fail(_PROG, error)
     is_over = stop_signals()
     common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
     playing = (f'rate:={RATE}', f'profile.name:={movement}', 'profile.loop:=true')
@@ -87,36 +87,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stack.callback(rclpy.try_shutdown)
         try:
             start_ros([])
-            client = ArmClient(Node('octo_arm_demo'))
-            step = _watching(client) if options.no_viewer else _viewing(client, options, stack)
+            client = ArmClient(Node(_PROG))
+            server = open_page(options, stack)
         except OctoArmError as error:
-            return _fail(error)
+            return fail(_PROG, error)
+        if server is None:
+            step = _watching(client)
+        else:
+            from octo_arm_model.viewer.app import Viewer  # needs viser
+
+            step = Viewer(server, client, always=True).step
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         while not is_over() and not ended(started):
             step()
             line.show(lambda: describe(client))
-        return 0 if is_over() else _fail(ended(started), 1)
-
-
-def _viewing(
-    client: ArmClient, options: argparse.Namespace, stack: contextlib.ExitStack
-) -> Callable[[], None]:
-    """One step of the viewer, to be called in turn; without viser that of `_watching`.
-
-    Raises:
-        AddressError: if the page cannot be served where ``options`` say.
-    """
-    try:
-        from octo_arm_model.viewer.address import serving
-        from octo_arm_model.viewer.app import Viewer
-    except ModuleNotFoundError as error:
-        print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
-        return _watching(client)
-    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
-    return Viewer(server, client, always=True).step
+        return 0 if is_over() else fail(_PROG, ended(started), 1)
 
 
 def _watching(client: ArmClient) -> Callable[[], None]:
+    """One step without a viewer."""
     client.listen(POSES)
 
     def step() -> None:
@@ -124,11 +113,6 @@ def _watching(client: ArmClient) -> Callable[[], None]:
         time.sleep(_POLL)
 
     return step
-
-
-def _fail(problem: object, status: int = 2) -> int:
-    print(f'octo_arm_demo: error: {problem}', file=sys.stderr)
-    return status
 
 
 if __name__ == '__main__':

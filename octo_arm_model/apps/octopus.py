@@ -1,7 +1,7 @@
 """The program `octo_arm_octopus`: eight arms around a body, playing a movement out of phase.
 
 The nodes are those of `launch/octopus.launch.py`, in namespaces arm_1 to arm_8. They share a few
-processes, because Python itself takes most of the memory and start-up time of each.
+processes, as the interpreter takes most of the memory and start-up time of each.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import rclpy
@@ -29,12 +29,13 @@ from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.terminal import StatusLine, make_parser
-from octo_arm_model.viewer.options import add_address
+from octo_arm_model.terminal import StatusLine, fail, make_parser
+from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 30.0  # [Hz] of the tensions of each arm
 PROCESSES = 2
 FRAME = 'octopus'
+_PROG = 'octo_arm_octopus'
 _EPILOG = """\
 examples:
   octo_arm_octopus
@@ -43,7 +44,7 @@ examples:
 
 
 class Crawl:
-    """Plays one movement on all arms, each an eighth of a period ahead of the one before."""
+    """Plays one movement on all arms, each an eighth of a period ahead of the previous arm."""
 
     def __init__(self, node: Node, config: Config, movement: str) -> None:
         """Publish on ``node`` tensions for eight arms of ``config``.
@@ -66,7 +67,7 @@ class Crawl:
         now = time.monotonic()
         if now < self._due:
             return
-        # Tensions that are late are skipped.
+        # Late tensions are skipped.
         self._due = max(self._due + 1.0 / RATE, now)
         stamp = self._node.get_clock().now().to_msg()
         for number, publisher in enumerate(self._publishers):
@@ -91,7 +92,7 @@ def describe(clients: Sequence[ArmClient]) -> str:
 def host(config_file: str, numbers: Sequence[int]) -> None:
     """Run the nodes of the arms ``numbers`` until a signal comes."""
     is_over = stop_signals()
-    # Each node would log the same lines.
+    # Errors only, as all nodes log the same lines.
     start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes = []
@@ -120,9 +121,7 @@ def host(config_file: str, numbers: Sequence[int]) -> None:
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
-    parser = make_parser(
-        'octo_arm_octopus', 'Eight arms around a body, crawling, until Ctrl-C.', _EPILOG
-    )
+    parser = make_parser(_PROG, 'Eight arms around a body, crawling, until Ctrl-C.', _EPILOG)
     parser.add_argument(
         'config',
         metavar='CONFIG',
@@ -141,9 +140,8 @@ def build_parser() -> argparse.ArgumentParser:
         default=PROCESSES,
         help=f'processes that the nodes share, 1 to {ARMS} (default: %(default)s)',
     )
-    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
     parser.add_argument('--host-arms', type=int, nargs='+', help=argparse.SUPPRESS)
-    add_address(parser)
+    add_optional_page(parser)
     return parser
 
 
@@ -157,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         return _show(options, path, find_config(path))
     except OctoArmError as error:
-        return _fail(error)
+        return fail(_PROG, error)
 
 
 def _show(options: argparse.Namespace, path: str, config: Config) -> int:
@@ -169,12 +167,16 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         start_ros([])
-        node = Node('octo_arm_octopus')
+        node = Node(_PROG)
         crawl = Crawl(node, config, options.movement or movement_of(config.arm))
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})
-        draw = _viewing(options, clients, stack)
+        server = open_page(options, stack)
+        if server is not None:
+            from octo_arm_model.viewer.page.octopus_page import OctopusPage  # needs viser
+
+            page = OctopusPage(server, clients, lambda: describe(clients))
         started = stack.enter_context(children(commands))
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         due = time.monotonic()
@@ -182,37 +184,13 @@ def _show(options: argparse.Namespace, path: str, config: Config) -> int:
             crawl.step()
             for client in clients:
                 client.poll()
-            draw()
+            if server is not None:
+                page.draw()
             line.show(lambda: describe(clients))
             now = time.monotonic()
             due = max(due + 1.0 / RATE, now)
             time.sleep(due - now)
-        return 0 if is_over() else _fail(ended(started), 1)
-
-
-def _viewing(
-    options: argparse.Namespace, clients: Sequence[ArmClient], stack: contextlib.ExitStack
-) -> Callable[[], None]:
-    """A function that draws the arms; it does nothing with --no-viewer or without viser.
-
-    Raises:
-        AddressError: if the page cannot be served where ``options`` say.
-    """
-    if options.no_viewer:
-        return lambda: None
-    try:
-        from octo_arm_model.viewer.address import serving
-        from octo_arm_model.viewer.page.octopus_page import OctopusPage
-    except ModuleNotFoundError as error:
-        print(f'no viewer: needs {error.name}; install it with: pip install {error.name}')
-        return lambda: None
-    server = stack.enter_context(serving(options.host, options.port, options.allow_origin))
-    return OctopusPage(server, clients, lambda: describe(clients)).draw
-
-
-def _fail(problem: object, status: int = 2) -> int:
-    print(f'octo_arm_octopus: error: {problem}', file=sys.stderr)
-    return status
+        return 0 if is_over() else fail(_PROG, ended(started), 1)
 
 
 if __name__ == '__main__':

@@ -12,6 +12,7 @@ from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.follower import Follower
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
@@ -59,15 +60,16 @@ class Answers:
             ConfigError: if the model does not cover the arm or its loads.
         """
         self._uncertainty = config.uncertainty
-        self._solver = config.solver(compiled=None)
+        self._solver = config.solver()
         self.topics = tuple(topic for topic in ANSWERS if lengths or topic != LENGTHS)
-        self._last: Backbone | None = None
-        self._newest: int | None = None
+        self._follower = Follower(self._solver, config.friction_memory)
         grid = self._solver.grid
         described = config.base_frame, config.model, grid.s, grid.section
         self._writer = BackboneWriter(*described, config.arm.tendon_names)
         self._batch_writer = BackboneBatchWriter(*described)
-        is_plain = not (config.loads.any or lengths or config.uncertainty.is_any)
+        is_plain = not (
+            config.loads.any or config.arm.friction or lengths or config.uncertainty.is_any
+        )
         self.is_quick = is_plain and self._is_alike()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
@@ -83,11 +85,8 @@ class Answers:
 
     def _answer_alone(self, reading: Reading) -> Answer:
         assert reading.tensions is not None
-        if self._newest is not None and reading.stamp_ns < self._newest:
-            self._last = None  # stamps start over: do not continue from the last shape
-        self._newest = reading.stamp_ns
         try:
-            self._last = backbone = self._solver.follow(reading.tensions, self._last)
+            backbone = self._follower.follow(reading.tensions, reading.stamp_ns)
             covariance = self._solver.tip_covariance(backbone, self._uncertainty)
         except SolveError as error:
             return Answer((), str(error), is_failure=True)

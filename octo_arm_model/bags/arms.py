@@ -92,12 +92,12 @@ def _prefix(topic: str) -> str:
 
 
 def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
-    """Parameters of the arm that a bag says was there, the last if they changed.
+    """Parameters of the arm as described in a bag, the last if they changed.
 
     That of the namespace ``prefix``, or else the only one.
 
     Raises:
-        ConfigError: if it says nothing of that, or what it says is no arm.
+        ConfigError: if there is no description, or that of no arm.
         BagError: if the bag is damaged.
     """
     topics = [

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class CsvAnswers:
         Raises:
             OSError: if a file cannot be written.
         """
-        self._files: list[TextIO] = []
+        self._files = contextlib.ExitStack()
         self._stations = self._open(folder / 'stations.csv')
         self._stations.writerow(STATIONS)
         names = ['tensions.csv'] if len(topics) == 1 else [
@@ -46,8 +46,7 @@ class CsvAnswers:
         self._origin: int | None = None
 
     def _open(self, path: Path) -> Any:
-        file = path.open('w', encoding='utf-8', newline='')
-        self._files.append(file)
+        file = self._files.enter_context(path.open('w', encoding='utf-8', newline=''))
         return csv.writer(file, lineterminator='\n')
 
     def write(
@@ -86,12 +85,6 @@ class CsvAnswers:
         """Stay open."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the files."""
-        for file in self._files:
-            file.close()
+        self._files.close()

@@ -18,9 +18,12 @@ from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config, load_config, parameters_as_yaml
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.validation import finite, positive
+from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 PRESET = 'renda2012_prototype'
 CAMERA_FRAME = 'camera'
@@ -46,6 +49,8 @@ class Experiment:
         midline_noise: standard deviation of each coordinate of a midline [m].
         dropped: share of the midlines that are missing [-].
         outliers: share of the midlines with points that are nowhere near the arm [-].
+        friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
+            down again the way they came.
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -61,11 +66,13 @@ class Experiment:
     midline_noise: float = 0.0005
     dropped: float = 0.05
     outliers: float = 0.03
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate what can be said on the command line."""
+        """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
         finite('--clock-offset', self.clock_offset)
+        not_negative('--friction', self.friction, 'coefficient', '-')
 
 
 def add_demo(
@@ -82,7 +89,10 @@ def add_demo(
     """
     config = Config.from_parameters(parameters)
     rng = np.random.default_rng(seed)
-    times, pulls = _schedule(_levels(config), experiment)
+    levels = _levels(config)
+    if experiment.friction:
+        levels = np.concatenate([levels, levels[-2::-1]])
+    times, pulls = _schedule(levels, experiment)
     messages = _Messages(writer, config)
     text = parameters_as_yaml(parameters)
     messages.say(f'/{DESCRIPTION}', text)
@@ -121,7 +131,7 @@ def truth(experiment: Experiment, seed: int) -> dict[str, Any]:
 
 
 def custom_data(experiment: Experiment, seed: int) -> dict[str, str]:
-    """Custom data for the metadata of a demo, which says what it is."""
+    """Custom data for the metadata of a demo, with what it was made with."""
     return {'note': _note(experiment, seed), 'truth': json.dumps(truth(experiment, seed))}
 
 
@@ -150,22 +160,37 @@ def _midlines(
     parameters: Mapping[str, Any], pulls: FloatArray, experiment: Experiment
 ) -> FloatArray:
     """True midlines in the camera's frame, base first, (frames, points, 3) [m]."""
-    stiffer = {'model': 'exact'}
+    stiffer: dict[str, Any] = {'model': 'exact'}
+    if experiment.friction:
+        stiffer['tendons.friction'] = [experiment.friction]
     for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
         if parameters.get(name):
             stiffer[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
     config = Config.from_parameters({**parameters, **stiffer})
     tensions = np.zeros((pulls.size, len(config.arm.tendons)))
     tensions[:, 0] = pulls
-    backbone = config.solver().solve(tensions.reshape(-1, *config.arm.tension_shape))
+    solver = config.solver()
+    shaped = tensions.reshape(-1, *config.arm.tension_shape)
+    positions = _sequence(solver, shaped) if config.arm.friction else solver.solve(shaped).position
     at = np.linspace(0.0, config.arm.length, _POINTS)
     points = np.empty((pulls.size, _POINTS, 3))
-    for frame, position in zip(points, backbone.position):
+    for frame, position in zip(points, positions):
         for axis in range(3):
-            frame[:, axis] = np.interp(at, backbone.s, position[:, axis])
+            frame[:, axis] = np.interp(at, solver.grid.s, position[:, axis])
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
     return (points - CAMERA_POSITION) @ rotation
+
+
+def _sequence(solver: Solver, tensions: FloatArray) -> list[FloatArray]:
+    """Stations under one set of ``tensions`` after another, with the history of friction."""
+    last: Backbone | None = None
+    positions = []
+    for pulled in tensions:
+        if last is None or (pulled != last.tensions).any():
+            last = solver.follow(pulled, last)
+        positions.append(last.position)
+    return positions
 
 
 class _Messages:
@@ -187,10 +212,12 @@ class _Messages:
         arm = self._config.arm
         tensions = np.zeros(len(arm.tendons))
         tensions[0] = tension
-        name = 'octo_arm_msgs/msg/TendonTensions'
+        (topic, kind), *_ = TENSION_TOPICS.items()
+        assert kind.names is not None
+        fields = {kind.names: list(arm.tendon_names), kind.tensions: tensions}
         header = self._header(time, self._config.base_frame)
-        message = self._make(name, header=header, name=list(arm.tendon_names), tension=tensions)
-        self._add('/tendon_tensions', name, time, message)
+        message = self._make(kind.type_name, header=header, **fields)
+        self._add(f'/{topic}', kind.type_name, time, message)
 
     def add_midline(self, time: float, points: FloatArray, ahead: float) -> None:
         """Add ``points`` (n, 3) [m] seen at ``time`` [s], by a clock that is ``ahead`` [s]."""

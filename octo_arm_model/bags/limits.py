@@ -52,7 +52,7 @@ def check_file(path: Path) -> None:
 
 
 def checked_yaml(text: str, what: str) -> Any:
-    """What a text in YAML says, see `load_yaml`.
+    """Content of a text in YAML, see `load_yaml`.
 
     Raises:
         BagError: if ``text`` is too large or too deep, aliases followed, or no YAML.

@@ -6,7 +6,6 @@ import contextlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from rosbags.interfaces import Connection
@@ -17,7 +16,6 @@ from octo_arm_model.bags.limits import check_size, expand_message
 from octo_arm_model.bags.metadata import check_folder
 from octo_arm_model.bags.records import Key, Record, count_messages, counts_of
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
-from octo_arm_model.bags.topics import is_answer, is_usual
 from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.core.errors import BagError
 
@@ -31,7 +29,7 @@ class BagReader:
         metadata: custom data of its recording.
         start_ns: when its first message was received [ns].
         duration: from its first message to its last [s].
-        notes: what there is to know of its state.
+        notes: remarks on its state.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -111,12 +109,7 @@ class BagReader:
         """Return this, which is open."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 
@@ -137,7 +130,7 @@ class BagReader:
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
-        """What rosbags knows of ``topics``, of all if None: definitions, policies.
+        """Connections of rosbags of ``topics``, of all if None: definitions, policies.
 
         Raises:
             BagError: if there is no such topic; the message lists those there are.
@@ -146,7 +139,7 @@ class BagReader:
             return self._connections
         for topic in topics:
             if topic not in self.topics:
-                raise BagError(f'{self.path}: no topic {topic}; {self._listing()}')
+                raise BagError(f'{self.path}: no topic {topic}; {self.listing}')
         return [connection for connection in self._connections if connection.topic in topics]
 
     def count(self, topics: Sequence[str] | None = None) -> int:
@@ -222,50 +215,9 @@ class BagReader:
         except BagError:
             return []
 
-    def pick(self, wanted: str | None, types: Sequence[str] | None, what: str) -> str:
-        """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
-
-        ``types`` are None where ``wanted`` may be of any.
-
-        What the model answers with is none unless wanted. Of several topics that with messages is
-        taken, or with a usual name such as tendon_tensions, in whatever namespace.
-
-        Raises:
-            BagError: if there is none, or several; the message lists what is there.
-        """
-        expected = ' or '.join(types or ())
-        if wanted is not None:
-            topic = wanted if wanted in self.topics else f'/{wanted}'
-            if topic not in self.topics:
-                raise BagError(f'{self.path}: no topic {wanted} for {what}; {self._listing()}')
-            if types is not None and self.topics[topic] not in types:
-                raise BagError(
-                    f'{self.path}: topic {topic} is of {self.topics[topic]}, expected {expected} '
-                    f'for {what}'
-                )
-            self.types_of(self.topics[topic])
-            return topic
-        found = [
-            topic
-            for topic, type_name in self.topics.items()
-            if type_name in (types or ()) and not is_answer(topic)
-        ]
-        for narrower in (
-            [topic for topic in found if self.count([topic])],
-            [topic for topic in found if is_usual(topic)],
-        ):
-            if len(found) > 1 and narrower:
-                found = [topic for topic in found if topic in narrower]
-        if not found:
-            raise BagError(f'{self.path}: no {what}, expected {expected}; {self._listing()}')
-        if len(found) > 1:
-            raise BagError(
-                f'{self.path}: several topics of {what}, name one of {", ".join(found)}'
-            )
-        self.types_of(self.topics[found[0]])
-        return found[0]
-
-    def _listing(self) -> str:
+    @property
+    def listing(self) -> str:
+        """Its topics and their types, for an error message."""
         if not self.topics:
             return 'it has no topics'
         topics = ', '.join(f'{topic} ({type_name})' for topic, type_name in self.topics.items())

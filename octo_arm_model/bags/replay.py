@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from rosbags.interfaces import Connection
 
@@ -13,79 +11,16 @@ from octo_arm_model.bags.arms import STRING, RecordedArm
 from octo_arm_model.bags.csv_output import CsvAnswers
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.replay_report import Report, TopicReport, check_answered
 from octo_arm_model.bags.tensions import Reading, TensionTopic
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config, parameters_as_yaml
-from octo_arm_model.core.errors import BagError, SolveError
-from octo_arm_model.wire.refusals import Refusals
 
 _WRENCH = 'tip_wrench'
 _TOGETHER = 128  # messages of tensions at a time, and less where others come between
 _LARGEST = 8 * 2**20  # messages at a time [bytes]
-_LISTED = 100  # of the messages left out of each topic; all are counted
-
-
-class Skip(NamedTuple):
-    """A message that was left out: its stamp [ns] and why."""
-
-    stamp_ns: int
-    reason: str
-
-
-@dataclass
-class TopicReport:
-    """How the messages of one topic of tensions were answered.
-
-    Attributes:
-        model: what answered them.
-        answered: how many have an answer.
-        refused: how many hold no tensions of this arm.
-        failed: how many the model had no trustworthy answer to.
-        unsorted: how many have a stamp before that of the last one.
-        skips: the first of those refused and failed.
-        reasons: how many there are of each reason, by an example of it.
-    """
-
-    model: str
-    answered: int = 0
-    refused: int = 0
-    failed: int = 0
-    unsorted: int = 0
-    skips: list[Skip] = field(default_factory=list)
-    reasons: dict[str, int] = field(default_factory=dict)
-    refusals: Refusals = field(default_factory=Refusals)
-
-    def count(self, stamp_ns: int, answer: Answer) -> None:
-        """Count an ``answer``."""
-        if answer.messages:
-            self.answered += 1
-            return
-        if answer.is_failure:
-            self.failed += 1
-        else:
-            self.refused += 1
-        self.refusals.count('', answer.reason)
-        if len(self.skips) < _LISTED:
-            self.skips.append(Skip(stamp_ns, answer.reason))
-
-
-@dataclass
-class Report:
-    """The result of a replay.
-
-    Attributes:
-        topics: how the messages of each topic of tensions were answered.
-        copied: how many messages were copied.
-        not_copied: topics that were to be and were not, and why.
-        notes: what else there is to know.
-    """
-
-    topics: dict[str, TopicReport]
-    copied: int = 0
-    not_copied: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
 
 
 def replay(
@@ -107,7 +42,7 @@ def replay(
         copy: whether to copy what is in the bag already.
         lengths: whether to answer with the lengths of the tendons too.
         table: where answers go besides.
-        progress: is told how many messages of how many are done.
+        progress: called with the numbers of messages done and of all.
 
     Raises:
         BagError: if a bag is damaged or cannot be written, or none of the messages fits the arm.
@@ -143,7 +78,8 @@ def replay(
         progress(done, total)
     for one in report.topics.values():
         one.reasons = one.refusals.of('')
-    _check(reader, report)
+        report.notes += [hint for hint in one.refusals.hints if hint not in report.notes]
+    check_answered(reader.path, report)
     report.notes += reader.notes
     return report
 
@@ -231,22 +167,3 @@ def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterat
             some, count, size = [], 0, 0
     if some:
         yield some
-
-
-def _check(reader: BagReader, report: Report) -> None:
-    """Refuse a replay without a single answer.
-
-    Raises:
-        SolveError: if the model had none.
-        BagError: if no message fits the arm.
-    """
-    if any(topic.answered for topic in report.topics.values()):
-        return
-    for name, topic in report.topics.items():
-        if topic.skips:
-            number = topic.refused + topic.failed
-            problem = f'{reader.path}: none of {number} messages on {name} could be answered, '
-            reason, count = next(iter(topic.reasons.items()))
-            problem += f'{count} as {reason}'
-            raise SolveError(problem) if topic.failed else BagError(problem)
-    raise BagError(f'{reader.path}: no messages on {", ".join(report.topics)}')

@@ -25,7 +25,7 @@ _CHUNK, _CHUNK_HEAD = 6, struct.Struct('<QQQ')  # first and last time, size when
 _ATTACHMENT = 9
 _FOOTER, _FOOTER_FIELDS = 2, struct.Struct('<QQI')  # summary, its offsets, its checksum
 _PART = 2**20  # bytes read at once
-_STEPS = 100_000  # of SQLite between looks at whether Ctrl-C has come
+_STEPS = 100_000  # instructions of SQLite between checks for a signal
 
 
 class BoundedMcapReader(McapReader):
@@ -37,7 +37,7 @@ class BoundedMcapReader(McapReader):
         """Open it.
 
         Raises:
-            ValueError: if it is damaged, or asks for more memory than there may be.
+            ValueError: if it is damaged, or needs more memory than is allowed.
         """
         check_file(self.path)
         with self.path.open('rb') as file:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
+from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
@@ -20,14 +21,12 @@ from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
-# Types that are read as by a field that is named.
-FIELDS = {'std_msgs/msg/Float32MultiArray': 'data'}
 _TOGETHER = 128  # messages read at once
 _LISTED = 20
 
 
 class Reading(NamedTuple):
-    """What a message says.
+    """Tensions of a message, or why it was refused.
 
     Attributes:
         stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
@@ -71,7 +70,7 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
     """
     topic, colon, field = (wanted or '').partition(':')
     if colon:
-        topic = reader.pick(topic, None, 'tensions')
+        topic = pick_topic(reader, topic, None, 'tensions')
         fields = reader.numeric_fields(reader.topics[topic])
         if re.sub(r'\[\d+\]', '', field) not in fields:
             raise BagError(
@@ -80,12 +79,12 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
             )
         return topic, field
     try:
-        topic = reader.pick(wanted, (*TYPES, *FIELDS), 'tensions')
+        topic = pick_topic(reader, wanted, TYPES, 'tensions')
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [one if one in reader.topics else f'/{one}' for one in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
-    return topic, FIELDS.get(reader.topics[topic], '')
+    return topic, ''
 
 
 def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
@@ -93,7 +92,7 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
     found = []
     for topic in topics[:_LISTED]:
         type_name = reader.topics.get(topic, '')
-        if type_name and type_name not in (*TYPES, *FIELDS):
+        if type_name and type_name not in TYPES:
             if fields := reader.numeric_fields(type_name):
                 found.append(f'{topic}:{{{",".join(fields)}}}')
     return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
@@ -112,7 +111,7 @@ class TensionTopic:
         self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
-        """What each of ``records`` says."""
+        """Tensions of each of ``records``, or why it was refused."""
         readings = self._read_alike(records)
         return [
             _stampable(readings[number] if number in readings else self._read_alone(record))

@@ -1,7 +1,11 @@
-"""Names of topics, in whatever namespace."""
+"""Names of topics, in whatever namespace, and which of those in a bag something is read from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
@@ -30,3 +34,47 @@ def is_answer(topic: str) -> bool:
 def is_usual(topic: str) -> bool:
     """Whether ``topic`` is one that tensions or midlines are usually measured on."""
     return any(names(topic, usual) for usual in _USUAL)
+
+
+def pick_topic(
+    reader: BagReader, wanted: str | None, types: Sequence[str] | None, what: str
+) -> str:
+    """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
+
+    ``types`` are None where ``wanted`` may be of any.
+
+    What the model answers with is none unless wanted. Of several topics that with messages is
+    taken, or with a usual name such as tendon_tensions, in whatever namespace.
+
+    Raises:
+        BagError: if there is none, or several; the message lists what is there.
+    """
+    expected = ' or '.join(types or ())
+    if wanted is not None:
+        topic = wanted if wanted in reader.topics else f'/{wanted}'
+        if topic not in reader.topics:
+            raise BagError(f'{reader.path}: no topic {wanted} for {what}; {reader.listing}')
+        if types is not None and reader.topics[topic] not in types:
+            raise BagError(
+                f'{reader.path}: topic {topic} is of {reader.topics[topic]}, expected {expected} '
+                f'for {what}'
+            )
+        reader.types_of(reader.topics[topic])
+        return topic
+    found = [
+        topic
+        for topic, type_name in reader.topics.items()
+        if type_name in (types or ()) and not is_answer(topic)
+    ]
+    for narrower in (
+        [topic for topic in found if reader.count([topic])],
+        [topic for topic in found if is_usual(topic)],
+    ):
+        if len(found) > 1 and narrower:
+            found = [topic for topic in found if topic in narrower]
+    if not found:
+        raise BagError(f'{reader.path}: no {what}, expected {expected}; {reader.listing}')
+    if len(found) > 1:
+        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(found)}')
+    reader.types_of(reader.topics[found[0]])
+    return found[0]

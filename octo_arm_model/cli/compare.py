@@ -34,8 +34,8 @@ examples:
 
 With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
 model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),
-compare.json, a picture of every step like the paper's
-Figure 9 and one of the errors over the tensions.
+compare.json, a picture of every step like the paper's Figure 9, one of all steps, and one of the
+errors over the tensions, by loading and unloading.
 
 """
 ERRORS = ('tip', 'mean', 'max', 'hausdorff')

@@ -15,13 +15,22 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.csv_table import read_columns
-from octo_arm_model.experiment.recording.measured_topics import LENGTH_UNITS, Measured
+from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.recording import CsvSources, Recording, read_recording
+from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
+from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
 ALL = 'all'
 EPILOG = """\
+recordings of laboratories, for compare and identify alike:
+  octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
+  octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
+  octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
+  octo-arm compare trial --ramp
+  octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
+      --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
+
 how a recording is read:
   Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
   first --settle seconds do not count. The frames of the camera in a steady step become its mean
@@ -53,7 +62,8 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='TOPIC',
         help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
         '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
-        'by default the only ones there; with --marker-s perhaps one of each marker',
+        'by default the only ones there; with --marker-s perhaps one of each marker, with '
+        '--marker-frames topics of TF',
     )
     parser.add_argument(
         '--marker-s',
@@ -69,7 +79,8 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         nargs='+',
         default=[],
         metavar='FRAME',
-        help='their frames in /tf, or in the topic of --midlines, in the same order',
+        help='their frames in /tf and /tf_static, or in the topics of --midlines, in the same '
+        'order; chains of frames are followed to base_frame, or else to their root',
     )
     parser.add_argument(
         '--length-unit',
@@ -152,7 +163,7 @@ def read_options(
     Without --model it is ``default_models``, or the config's if there are none.
 
     Returns:
-        The recording, what it says, the models, the alignment (None for one to be fitted) and
+        The recording, its shapes, the models, the alignment (None for one to be fitted) and
         notes on these choices.
 
     Raises:
@@ -171,7 +182,7 @@ def read_options(
         options.length_unit,
     )  # fmt: skip
     columns = read_columns(options.columns)
-    with Bar('messages') as bar:
+    with Bar('messages, rows and values') as bar:
         recording = read_recording(
             options.bag,
             options.config,
@@ -197,7 +208,8 @@ def read_options(
     ramp = options.ramp
     width = None if ramp is None or math.isnan(ramp) else ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
-    observations = observe(recording, pairing, alignment)
+    with Bar('clock offsets') as bar:
+        observations = observe(recording, pairing, alignment, bar.on_terminal)
     return (
         recording,
         observations,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording, read_options
+from octo_arm_model.cli.fit_report import as_dict, summary
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
@@ -15,17 +15,11 @@ from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.fit import LOSSES
-from octo_arm_model.experiment.fitting.fitted_file import as_config, told
-from octo_arm_model.experiment.fitting.held_back import AUTO, Misfit
+from octo_arm_model.experiment.fitting.fitted_file import as_config
+from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identify import Identification, identify
-from octo_arm_model.experiment.fitting.model_choice import (
-    best_of,
-    disagreements,
-    envelope_of,
-    rank,
-)
+from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
 from octo_arm_model.experiment.fitting.unknowns import FITS
-from octo_arm_model.experiment.recording.observations import Observations
 
 _DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
@@ -33,7 +27,8 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
   {'  '.join(FITS)}
 
-poisson_ratio and tendon_offsets need the model exact. The alignment is fitted as well where
+poisson_ratio and tendon_offsets need the model exact, friction another than renda2012 and steps
+that were loaded and unloaded. The alignment is fitted as well where
 --align is 'fit', or not given while the midlines are not in base_frame. What the data cannot tell
 is left as it is, one parameter at a time, and said.
 """
@@ -42,6 +37,7 @@ examples:
   octo-arm identify experiment
   octo-arm identify experiment --out fitted.yaml --pictures fitted
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
+  octo-arm identify experiment --model exact --fit youngs_modulus friction
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
 degrees of freedom are one less than the loads that matter. They hold what differs from one load
@@ -116,7 +112,9 @@ def _run(options: argparse.Namespace) -> int:
     if options.pictures is not None:
         from octo_arm_model.experiment.identify_figures import draw
 
-        pictures = draw(list(fitted.values()), observations.shapes, options.pictures)
+        with Bar('pictures') as bar:
+            known = list(fitted.values())
+            pictures = draw(known, observations.shapes, options.pictures, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
         options.out.write_text(
@@ -125,123 +123,20 @@ def _run(options: argparse.Namespace) -> int:
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
-    if options.csv is not None and any(name.startswith('tension_') for name in best.estimates):
-        notes.append('no CSV files: compare does it, with the fitted file as --config, and --out')
-    elif options.csv is not None and best.is_trustworthy:
-        fitted_arm = compare(observations.shapes, best.parameters, best.model, best.alignment)
+    if options.csv is not None and best.is_trustworthy:
+        shapes = best.with_tensions(observations.shapes)
+        with Bar('steps of the fitted arm') as bar:
+            fitted_arm = compare(
+                shapes, best.parameters, best.model, best.alignment, bar.on_terminal
+            )
         names = Config.from_parameters(best.parameters).arm.tendon_names
         tables = write_tables(options.csv, [fitted_arm], names)
         notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
+    elif options.csv is not None:
+        notes.append(f'{options.csv} stays empty: the data do not determine the arm')
     print(
         json.dumps(as_dict(best, list(fitted.values()), observations, notes))
         if options.json
         else summary(best, list(fitted.values()), notes)
     )
     return 0 if best.is_trustworthy else 1
-
-
-def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
-    if misfit is None:
-        return None
-    return {'rms': misfit.rms, 'tip_error_percent': 100.0 * misfit.tip_error}
-
-
-def as_dict(
-    best: Identification,
-    fitted: Sequence[Identification],
-    observations: Observations,
-    notes: Sequence[str],
-) -> dict[str, Any]:
-    """Everything of the ``best`` model in SI units, and what the others come to."""
-    names = list(best.estimates)
-    correlations: Mapping[str, Any] | None = None
-    if best.correlations is not None:
-        names = [name for name, one in best.estimates.items() if one.value is not None]
-        table = best.correlations.tolist()
-        correlations = {name: dict(zip(names, row)) for name, row in zip(names, table)}
-    cross_validation = _misfit(best.cross_validation)
-    return {
-        'model': best.model,
-        'trustworthy': best.is_trustworthy,
-        'loss': best.loss,
-        'model_error_floor': best.floor,
-        'model_error_stddev': best.tip_stddev,
-        'estimates': {
-            name: {
-                'value': one.value,
-                'stddev': one.stddev,
-                'interval95': None if one.interval95 is None else list(one.interval95),
-                'model_stddev': one.model_stddev,
-                'interval95_near_models': envelope_of(fitted, name),
-                'unit': one.unit,
-            }
-            for name, one in best.estimates.items()
-        },
-        'correlations': correlations,
-        'undetermined': list(best.undetermined),
-        'residuals': {'before': _misfit(best.before), 'after': _misfit(best.after)},
-        'cross_validation': None if cross_validation is None else {
-            **cross_validation,
-            'left_out': [
-                {'steps': list(steps), **(_misfit(one) or {})} for steps, one in best.step_misfits
-            ],
-        },
-        'models': [
-            {
-                'model': one.model,
-                'trustworthy': one.is_trustworthy,
-                'values': {name: estimate.value for name, estimate in one.estimates.items()},
-                'intervals95': {
-                    name: estimate.interval95 for name, estimate in one.estimates.items()
-                },
-                'residuals': _misfit(one.after),
-                'cross_validation': _misfit(one.cross_validation),
-            }
-            for one in fitted
-        ],
-        'alignment_camera_to_base': best.alignment.as_dict(),
-        'steps': len(observations.shapes),
-        'clock_offset': observations.offset,
-        'notes': [*notes, *best.notes],
-    }  # fmt: skip
-
-
-def summary(best: Identification, fitted: Sequence[Identification], notes: Sequence[str]) -> str:
-    """The same in text."""
-    lines = [*notes, '', f'model {best.model}']
-    width = max(len(name) for name in best.estimates)
-    for name, estimate in best.estimates.items():
-        lines.append(f'  {name:{width}}  {told(estimate)}')
-    if best.undetermined:
-        what = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
-        lines += ['', f'{what}, as these data leave open:']
-        lines += [f'  {text}' for text in best.undetermined]
-    if best.notes:
-        lines += ['', *best.notes]
-    lines += ['', 'distance of model and measurement   rms [mm]   tip [% of L]']
-    for title, misfit in (
-        ('before', best.before), ('after', best.after),
-        ('loads left out of the fit', best.cross_validation),
-    ):  # fmt: skip
-        lines.append(f'  {title:<33}{_cells(misfit)}')
-    if best.tip_stddev is not None:
-        lines.append(
-            f'  each coordinate of the tip at loads left out, without noise: '
-            f'{100.0 * best.tip_stddev:.2f} % of L (model_error_stddev)'
-        )
-    if len(fitted) > 1:
-        lines += ['', 'models, by loads left out            rms [mm]   tip [% of L]']
-        for one in sorted(fitted, key=rank):
-            values = ', '.join(
-                f'{name} {estimate.value:.5g} {estimate.unit}'
-                for name, estimate in one.estimates.items()
-                if estimate.value is not None and not name.startswith('alignment')
-            )
-            lines.append(f'  {one.model:<33}{_cells(one.cross_validation)}   {values}')
-    return '\n'.join(lines)
-
-
-def _cells(misfit: Misfit | None) -> str:
-    if misfit is None:
-        return f'{"-":>11}{"-":>15}'
-    return f'{misfit.rms * 1e3:>11.3f}{100.0 * misfit.tip_error:>15.2f}'

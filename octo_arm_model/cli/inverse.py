@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.inverse import Inverse, Stiffness, default_highest, find_tensions
-from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPosition
+from octo_arm_model.analysis.inverse import Inverse, default_highest, find_tensions
+from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.cli.options import (
     add_config,
     add_highest,

@@ -26,11 +26,12 @@ from octo_arm_model.cli import (
 )
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
-from octo_arm_model.terminal import make_parser
+from octo_arm_model.terminal import fail, make_parser, missing
 
 _COMMANDS = (
     solve, compare, record_demo, identify, inverse, load, play, replay, reproduce, workspace,
 )  # fmt: skip
+_PROG = 'octo-arm'
 _TWICE = 1.0  # [s] in which another signal is the same one
 _EPILOG = """\
 examples:
@@ -56,7 +57,7 @@ exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong
 def build_parser() -> argparse.ArgumentParser:
     """Parser of all commands."""
     parser = make_parser(
-        'octo-arm',
+        _PROG,
         'Shape of a tendon-driven soft arm from the tensions of its tendons.',
         _EPILOG,
     )
@@ -120,22 +121,17 @@ def _run(arguments: Sequence[str] | None) -> int:
         )
         return 130
     except SolveError as error:
-        return _fail(error, 1)
+        return fail(_PROG, error, 1)
     except BrokenPipeError:
         # The reader has closed the pipe, as `head` does; Python would report it again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except (OctoArmError, OSError) as error:
-        return _fail(error, 2)
+        return fail(_PROG, error)
     except ModuleNotFoundError as error:
-        return _fail(f'needs {error.name}; install it with: pip install {error.name}', 2)
+        return fail(_PROG, missing(error))
     except MemoryError:
-        return _fail('out of memory', 2)
-
-
-def _fail(problem: object, status: int) -> int:
-    print(f'octo-arm: error: {problem}', file=sys.stderr)
-    return status
+        return fail(_PROG, 'out of memory')
 
 
 if __name__ == '__main__':

@@ -114,7 +114,7 @@ def add_storage(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def unwritten(out: Path) -> Iterator[None]:
-    """Have a KeyboardInterrupt say that ``out`` is not written."""
+    """Add to a KeyboardInterrupt that ``out`` is not written."""
     try:
         yield
     except KeyboardInterrupt:
@@ -212,15 +212,17 @@ def check_out(path: Path | None, *, folder: bool, name: str = '--out') -> None:
     """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
 
     Raises:
-        ConfigError: if it is the other of the two.
-        OSError: if the folder cannot be made.
+        ConfigError: if it is the other of the two, or the folder cannot be made.
     """
     if path is None:
         return
     if path.exists() and path.is_dir() != folder:
         is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
         raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
-    (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
+    try:
+        (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -35,6 +35,7 @@ examples:
   octo-arm record-demo experiment
   octo-arm record-demo experiment --storage sqlite3 --seed 7
   octo-arm record-demo softer --stiffness 0.8 --clock-offset -0.2
+  octo-arm record-demo rough --friction 0.2
 
 The same options give the same messages.
 
@@ -58,6 +59,13 @@ def add_command(commands: Any) -> None:
     ratio = "true Young's modulus over that of the config"
     add_number(parser, '--stiffness', 1.1, ratio, 'RATIO')
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
+    add_number(
+        parser,
+        '--friction',
+        0.0,
+        'true coefficient of friction of the tendons; with some, tensions rise and fall again',
+        'MU',
+    )
     add_number(parser, '--seed', 0, 'of everything random')
     add_storage(parser)
 
@@ -67,7 +75,11 @@ def _run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.writer import BagWriter
 
     parameters = load_parameters(find_path(options.config))
-    experiment = Experiment(stiffness=options.stiffness, clock_offset=options.clock_offset)
+    experiment = Experiment(
+        stiffness=options.stiffness,
+        clock_offset=options.clock_offset,
+        friction=options.friction,
+    )
     custom = custom_data(experiment, options.seed)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
         add_demo(writer, parameters, experiment, options.seed)

@@ -25,7 +25,7 @@ from octo_arm_model.cli.progress import Bar
 from octo_arm_model.core.errors import BagError
 
 if TYPE_CHECKING:
-    from octo_arm_model.bags.replay import Report
+    from octo_arm_model.bags.replay_report import Report
 
 _DESCRIPTION = """\
 Answer every message of tensions in a bag as the node would, byte for byte, and write a new bag:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
@@ -15,7 +16,9 @@ def as_dict(backbone: Backbone, solver: Solver) -> dict[str, object]:
     return {
         'model': backbone.model,
         **{name: getattr(backbone, name).tolist() for name in arrays},
+        'tension': backbone.tensions.tolist(),
         'tendon_length': solver.tendon_lengths(backbone).tolist(),
+        'displacement': displacements_of(solver, backbone).tolist(),
         'residual': float(backbone.residual),
         'iterations': int(backbone.iterations),
     }
@@ -26,11 +29,12 @@ def summary(backbone: Backbone, solver: Solver) -> str:
     distance = float(np.linalg.norm(backbone.tip - backbone.position[0]))
     is_end = np.append(np.diff(backbone.section) != 0, True)
     rows = np.flatnonzero(is_end | (np.arange(is_end.size) == 0))
-    wound = (solver.rest_lengths - solver.tendon_lengths(backbone)).ravel()
+    wound = displacements_of(solver, backbone).ravel()
     lines = [
         f'model     {backbone.model}, {backbone.s.size} stations, residual '
         f'{float(backbone.residual):.1e} after {int(backbone.iterations)} iterations',
         f'tip       {millimetres(backbone.tip)} mm, {distance * 1e3:.2f} mm from the base',
+        'tensions  ' + ' '.join(f'{tension:.4g}' for tension in backbone.tensions.ravel()) + ' N',
         'wound in  ' + ' '.join(f'{length * 1e3:.2f}' for length in wound) + ' mm',
         '',
         'section     s [mm]        x        y        z [mm]'

@@ -1,4 +1,4 @@
-"""``octo-arm solve``: the shape of an arm for one set of tensions."""
+"""``octo-arm solve``: the shape of an arm for one set of tensions or displacements."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import argparse
 import json
 from typing import Any
 
+from octo_arm_model.analysis.displacement import solve_displacements
 from octo_arm_model.cli.options import add_config, add_json, new_command, read_config, read_json
 from octo_arm_model.cli.report import as_dict, summary
-from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.errors import TensionError, shown
 
 _EXAMPLE = "'[[0,0,0.5,0]]'"
+_NAMED = '\'{"tendon_1_1": 0.02}\''
 
 
 def add_command(commands: Any) -> None:
@@ -19,27 +21,64 @@ def add_command(commands: Any) -> None:
         commands,
         'solve',
         _run,
-        'solve an arm for one set of tensions',
-        'Solve an arm for one set of tensions and print its shape.',
+        'solve an arm for one set of tensions or displacements',
+        'Solve an arm for one set of tensions, or of lengths that winches reel in, and print its '
+        'shape.',
     )
     add_config(parser)
     parser.add_argument(
         '--tensions',
-        required=True,
         metavar='JSON',
         help='tensions [N]: one row for each section, from the tip to the base, '
-        "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'",
+        "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, of tendons "
+        'that are held by tension, others are slack',
+    )
+    parser.add_argument(
+        '--displacements',
+        metavar='JSON',
+        help=f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}',
     )
     add_json(parser)
 
 
 def _run(options: argparse.Namespace) -> None:
-    solver = read_config(options).solver()
-    tensions = read_json(options.tensions, '--tensions', _EXAMPLE)
-    if _depth(tensions) > 2:
-        raise TensionError('--tensions holds several sets, expected one row for each section')
-    backbone = solver.solve(tensions)
-    print(json.dumps(as_dict(backbone, solver)) if options.json else summary(backbone, solver))
+    # For one shape machine code takes longer to load than it saves.
+    solver = read_config(options).solver(compiled=False)
+    slack: tuple[str, ...] = ()
+    if options.displacements is not None:
+        displacements = _by_name(options.displacements, '--displacements', _NAMED)
+        tensions = {}
+        if options.tensions is not None:
+            tensions = _by_name(options.tensions, '--tensions', '\'{"tendon_1_2": 1.5}\'')
+        wound = solve_displacements(solver, displacements, tensions)
+        backbone, slack = wound.backbone, wound.slack
+    elif options.tensions is not None:
+        rows = read_json(options.tensions, '--tensions', _EXAMPLE)
+        if _depth(rows) > 2:
+            raise TensionError('--tensions holds several sets, expected one row for each section')
+        backbone = solver.solve(rows)
+    else:
+        raise TensionError('neither --tensions nor --displacements is given')
+    if options.json:
+        print(json.dumps(as_dict(backbone, solver) | {'slack': list(slack)}))
+        return
+    print(summary(backbone, solver))
+    if slack:
+        print(f'\nslack: {", ".join(slack)}')
+
+
+def _by_name(text: str, option: str, example: str) -> dict[str, float]:
+    """Numbers by tendon of a JSON ``option``.
+
+    Raises:
+        TensionError: if it is no object of numbers.
+    """
+    values = read_json(text, option, example)
+    if not isinstance(values, dict) or any(
+        isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()
+    ):
+        raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
+    return values
 
 
 def _depth(rows: object) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.parameter import Values, check_length
@@ -17,6 +18,21 @@ from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.sensitivity.results import Uncertainty
 
 
+@dataclass(frozen=True)
+class DiagnosticLimits:
+    """Thresholds of the node's diagnostics, each >= 0 [s].
+
+    Attributes:
+        silence: time without tensions.
+        age: age of a stamp on arrival.
+        ahead: how far a stamp is ahead of the clock.
+    """
+
+    silence: float = math.inf
+    age: float = math.inf
+    ahead: float = math.inf
+
+
 def build_arm(given: Values) -> Arm:
     """The arm described by ``given``, a value for every parameter.
 
@@ -24,14 +40,23 @@ def build_arm(given: Values) -> Arm:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if the arm cannot exist.
     """
-    return Arm(_material(given), _body(given), _sections(given), given['tendon_names'])
+    return Arm(
+        _material(given),
+        _body(given),
+        _sections(given),
+        given['tendon_names'],
+        axial_stiffness=given['tendons.axial_stiffness'],
+        free_length=given['tendons.free_length'],
+        sheath_stiffness=given['tendons.sheath_stiffness'],
+        friction=given['tendons.friction'],
+    )
 
 
 def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
     """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
 
     Raises:
-        ConfigError: if they are not as many as the tendons.
+        ConfigError: if their number is not that of the tendons.
         ArmDefinitionError: if one is not finite or not > 0.
     """
     limits = given['tendon_limits']
@@ -44,7 +69,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """Calibration of the load cells of ``arm``.
 
     Raises:
-        ConfigError: if there are offsets or scales, but not as many as tendons.
+        ConfigError: if there are offsets, scales or names, but not one for each tendon.
         ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
     """
     names = given['tension_names']
@@ -81,10 +106,22 @@ def build_uncertainty(given: Values) -> Uncertainty:
         deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
     name = 'model_error_stddev'
     model = not_negative(name, given[name], 'standard deviation', '-')
-    # A tip that is off by d because the curvature is wrong all along has turned by 2 d / length.
+    # An error of the curvature, constant along the arm, that moves the tip by d turns it by
+    # 2 d / length.
     return Uncertainty(
         **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
     )
+
+
+def build_diagnostic_limits(given: Values) -> DiagnosticLimits:
+    """Thresholds of the diagnostics.
+
+    Raises:
+        ArmDefinitionError: if one is negative or not finite.
+    """
+    names = ('silence', 'age', 'ahead')
+    parameters = (f'diagnostics.{name}_limit' for name in names)
+    return DiagnosticLimits(*(not_negative(name, given[name], 'time', 's') for name in parameters))
 
 
 def _material(given: Values) -> Material:

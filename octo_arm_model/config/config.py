@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config.build import (
+    DiagnosticLimits,
     build_arm,
+    build_diagnostic_limits,
     build_limits,
     build_load_cells,
     build_uncertainty,
 )
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
+from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
@@ -25,25 +26,11 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
+from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver
-
-
-@dataclass(frozen=True)
-class DiagnosticLimits:
-    """Thresholds of the node's diagnostics, each >= 0 [s].
-
-    Attributes:
-        silence: time without tensions.
-        age: age of a stamp on arrival.
-        ahead: how far a stamp is ahead of the clock.
-    """
-
-    silence: float
-    age: float
-    ahead: float
 
 
 @dataclass(frozen=True)
@@ -56,16 +43,19 @@ class Config:
         model: name of the model.
         stations: number of stations along the backbone.
         base_frame: name of the frame the backbone is expressed in.
-        frame_prefix: what the names of the frames of tip and anchorages begin with.
+        frame_prefix: prefix of the names of the frames of tip and anchorages.
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
         uncertainty: standard deviations of tensions, material and tendon offsets.
+        friction_memory: gap between tensions after which the history of tendons with friction is
+            forgotten [s]; 0 for never.
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
-        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for what
-            the arm bears, see `simulation.limits`.
-        load_cells: how readings become tensions.
+        tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
+            defaults of `simulation.limits`.
+        load_cells: calibration of the load cells.
+        solve_budget: what one solve of a loaded arm may take in the node.
     """
 
     arm: Arm
@@ -78,14 +68,16 @@ class Config:
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    friction_memory: float = 0.0
     markers_rate: float = 0.0
-    diagnostic_limits: DiagnosticLimits = DiagnosticLimits(math.inf, math.inf, math.inf)
+    diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Config:
-        """From a mapping of dotted parameter names to values, as ROS has them.
+        """From a mapping of dotted parameter names, as in ROS, to values.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
@@ -124,10 +116,12 @@ class Config:
             shear=given['material.shear'],
             loads=build_loads(given),
             uncertainty=uncertainty,
+            friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
-            diagnostic_limits=_diagnostic_limits(given),
+            diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
+            solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
 
     def solver(
@@ -135,11 +129,13 @@ class Config:
         model: str | None = None,
         stations: int | None = None,
         *,
-        compiled: bool | None = False,
+        compiled: bool | None = None,
+        budget: Budget | None = None,
     ) -> Solver:
         """Solver of this arm, with another ``model`` or number of ``stations`` if given.
 
-        ``compiled`` is as in `Solver`.
+        By default in machine code where numba works, see `Solver`, and with the iterations of
+        `solve_budget`, but not its seconds: an answer does not depend on how busy a computer is.
 
         Raises:
             ConfigError: if there is no such model, it does not cover the arm or its loads, or the
@@ -155,15 +151,8 @@ class Config:
             shear=self.shear,
             loads=self.loads,
             compiled=compiled,
+            budget=Budget(self.solve_budget.iterations) if budget is None else budget,
         )
-
-
-def _diagnostic_limits(given: Mapping[str, Any]) -> DiagnosticLimits:
-    limits = {}
-    for name in ('silence', 'age', 'ahead'):
-        parameter = f'diagnostics.{name}_limit'
-        limits[name] = not_negative(parameter, given[parameter], 'time', 's')
-    return DiagnosticLimits(**limits)
 
 
 def load_config(path: str | Path) -> Config:
@@ -181,17 +170,17 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
     """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
 
     Raises:
-        ConfigError: if the file cannot be read or is none; the message names the file.
+        ConfigError: if the file cannot be read or is no parameter file; the message names it.
     """
     with naming(path):
         return _parse(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
-    """As `load_parameters`, from the text of a file that is called ``name`` in errors.
+    """As `load_parameters`, from the text of a file, called ``name`` in errors.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if it is no parameter file.
     """
     with naming(name):
         return _parse(text)
@@ -218,7 +207,7 @@ def _parse(text: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Turn every error of a parameter file into one that names it."""
+    """Convert every error of a parameter file to one that names the file."""
     with reading(path, ConfigError):
         try:
             yield
@@ -255,16 +244,3 @@ def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
             raise ConfigError(f'{twice} is given twice, nested and with a dot')
         flat.update(found)
     return flat
-
-
-def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
-    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
-
-    Raises:
-        ConfigError: if one is not; the message suggests a similar name.
-    """
-    for name in values:
-        if name not in known:
-            close = difflib.get_close_matches(str(name), known, n=1)
-            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
-            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

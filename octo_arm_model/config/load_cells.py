@@ -1,4 +1,4 @@
-"""From readings of load cells to tensions, for whatever reads them: node, bags, CSV files."""
+"""From readings of load cells to tensions, for node, bags and CSV files alike."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.tendon_sums import check_tensions
 
-_ROUNDING = 1e-15  # of an offset, by which reading and offset may fail to cancel
+_ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
 
 
 @dataclass(frozen=True)
 class LoadCellCalibration:
     """Calibration of the load cells of an arm: tension = scale * reading + offset.
 
-    What is then within the deadband of zero is zero: cells of slack tendons read a little more or
-    less. A tension further below zero is refused.
+    Tensions within the deadband of zero are then set to zero, since the cells of slack tendons
+    read small values of either sign. A tension further below zero is refused.
 
     Attributes:
         deadband: of every tension [N], >= 0.
         offset: of each tendon [N]; empty for none.
         scale: of each tendon [-], > 0; empty for 1.
-        names: what each tendon is called in what comes in, see `wire.tension_fields`; empty for
-            its own name.
+        names: name of each tendon in incoming messages, see `wire.tension_fields`; empty for the
+            name of the tendon.
     """
 
     deadband: float = 0.0
@@ -37,7 +37,7 @@ class LoadCellCalibration:
 
     @property
     def is_identity(self) -> bool:
-        """Whether readings are tensions as they are."""
+        """Whether readings are tensions without conversion."""
         return not (self.deadband or any(self.offset) or any(one != 1.0 for one in self.scale))
 
     def tensions(self, arm: Arm, readings: ArrayLike) -> FloatArray:
@@ -53,7 +53,7 @@ class LoadCellCalibration:
         if array.dtype.kind not in 'fiu' or array.shape[-len(arm.tension_shape) :] != (
             arm.tension_shape
         ):
-            return check_tensions(arm, readings)  # It says what is wrong with them.
+            return check_tensions(arm, readings)  # raises the error
         tensions = self.scale_and_offset(array.astype(np.float64))
         try:
             return check_tensions(arm, tensions)
@@ -66,12 +66,12 @@ class LoadCellCalibration:
     def scale_and_offset(self, readings: FloatArray) -> FloatArray:
         """Tensions for ``readings``, (..., tendons) or (..., *`Arm.tension_shape`) [N].
 
-        Nothing is refused: what is below zero by more than the deadband stays there.
+        Nothing is refused: tensions below minus the deadband are returned as they are.
         """
         count = len(self.scale) or len(self.offset)
         if not count:
             return np.where(np.abs(readings) <= self.deadband, 0.0, readings)
-        # Sections with as many tendons each are rows.
+        # Sections with equal numbers of tendons are rows.
         axes = 1 if readings.shape[-1] == count else 2
         shape = readings.shape[-axes:]
         scale, offset = self._columns(shape)
@@ -80,12 +80,12 @@ class LoadCellCalibration:
         return np.where(np.abs(tensions) <= band, 0.0, tensions)
 
     def readings(self, tensions: FloatArray) -> FloatArray:
-        """What cells without errors read under ``tensions`` (tendons,) [N], likewise."""
+        """Readings of cells without errors under ``tensions`` (tendons,) [N]: the inverse."""
         scale, offset = self._columns(tensions.shape)
         return np.asarray((tensions - offset) / scale)
 
     def _columns(self, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Scale and offset of each tendon, of a ``shape``."""
+        """Scale and offset of each tendon, in the ``shape`` of a set of tensions."""
         scale = np.array(self.scale).reshape(shape) if self.scale else np.ones(shape)
         offset = np.array(self.offset).reshape(shape) if self.offset else np.zeros(shape)
         return scale, offset

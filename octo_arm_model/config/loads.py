@@ -1,4 +1,4 @@
-"""The parameters of the loads, and the loads they stand for."""
+"""The parameters of the loads, and the loads made from them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def build_loads(given: Values) -> Loads:
 
     Raises:
         ConfigError: if lists do not have the lengths they need.
-        ArmDefinitionError: if a load cannot be.
+        ArmDefinitionError: if a load is invalid.
     """
     if len(given['loads.point_s']) > MAX_POINT_LOADS:
         count = len(given['loads.point_s'])

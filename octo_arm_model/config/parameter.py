@@ -1,7 +1,8 @@
-"""What a parameter is: its name, type, default and meaning, declared once."""
+"""A parameter: its name, type, default and meaning."""
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,15 +41,15 @@ class Parameter:
 
     @property
     def type_name(self) -> str:
-        """Type in the words of ROS, e.g. ``double[]``."""
+        """Name of the type in ROS, e.g. ``double[]``."""
         word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
         return word + '[]' if self.is_array else word
 
     @property
     def default_or_none_given(self) -> Any:
-        """Value in ROS, where every parameter has one, if none is given.
+        """Value declared in ROS, where every parameter has one.
 
-        The default, or zero or an empty list for a parameter without one.
+        The default, or zero or an empty list for a parameter without default.
         """
         if self.default is not None:
             return self.default
@@ -99,7 +100,20 @@ def check_length(name: str, column: Sequence[Any], count: int, what: str) -> Non
     """Check that the list ``name`` has ``count`` values.
 
     Raises:
-        ConfigError: if not; ``what`` says what they are.
+        ConfigError: if not; ``what`` ends the message.
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')
+
+
+def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
+    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
+
+    Raises:
+        ConfigError: if one is not; the message suggests a similar name.
+    """
+    for name in values:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=1)
+            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+            raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

@@ -1,7 +1,6 @@
-"""Every parameter of the arm and its node, declared once.
+"""The table of the parameters of an arm and its node.
 
-The YAML loader reads this table, the node declares its ROS parameters from it and the manual
-prints it, so a name, a unit or a default is written in one place only.
+The YAML loader reads it, the node declares its ROS parameters from it and the manual prints it.
 """
 
 from __future__ import annotations
@@ -104,6 +103,23 @@ PARAMETERS = (
     Parameter('tendons.table_angle', float,
               'direction at each of table_s [rad], tendon after tendon; empty for angle', (),
               is_array=True),
+    Parameter('tendons.axial_stiffness', float,
+              'E A of each tendon itself [N], section by section from the tip, or one number for '
+              'all, by which a winch that is driven by length has to reel in more; 0 for one that '
+              'does not stretch; empty for none that does', (), is_array=True, range='>= 0'),
+    Parameter('tendons.free_length', float,
+              'length of each tendon between the base and its winch [m], which stretches as well '
+              'as what runs in the arm, or one number for all; empty for none', (), is_array=True,
+              range='>= 0'),
+    Parameter('tendons.sheath_stiffness', float,
+              'stiffness k of the body about each tendon [Pa]: force per length over how far it '
+              'digs in, section by section from the tip, or one number for all; with model exact; '
+              '0 for tendons that keep their places; empty for all such', (), is_array=True,
+              range='>= 0'),
+    Parameter('tendons.friction', float,
+              "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
+              'all or one per tendon, section by section from the tip; empty for none; with model '
+              'closed_form or exact', (), is_array=True, range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),
@@ -125,6 +141,15 @@ PARAMETERS = (
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     *LOAD_PARAMETERS,
+    Parameter('solve_budget.iterations', int,
+              "iterations of Newton's method that a solve of a loaded arm may take; one that "
+              'would take more is refused', 1000, range='>= 1'),
+    Parameter('solve_budget.seconds', float,
+              'time that a solve of a loaded arm may take in the node, where nothing else is '
+              'answered meanwhile; one that would take more is refused [s]', 0.08, range='> 0'),
+    Parameter('friction_memory', float,
+              'gap between tensions after which the history of tendons with friction is forgotten '
+              'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),

@@ -1,7 +1,7 @@
-"""Read and write YAML, with bounds on its size and depth, and scalars as ROS reads them.
+"""Read and write YAML with bounds on its size and depth, and scalars as ROS reads them.
 
-As in rcl_yaml_param_parser 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are texts, which
-YAML 1.1 reads as 90, 1000 and a date.
+As in rcl_yaml_param_parser 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are texts; in YAML 1.1
+they are a text, 90, 1000 and a date.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _FLOAT = re.compile(
     r'^([-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?'
     r'|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'
 )
-# Further numbers of C, and so of ROS; texts here.
+# Further numbers of C, and so of ROS; they are texts here.
 _C_NUMBER = re.compile(
     r'^[-+]?(inf(inity)?|nan(\(\w*\))?|0x[0-9a-f]*\.?[0-9a-f]*(p[-+]?[0-9]+)?)$', re.IGNORECASE
 )
@@ -77,7 +77,7 @@ def dump_yaml(value: Any) -> str:
 
 @contextlib.contextmanager
 def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
-    """Turn every error of a file or its YAML into one of ``kind`` that names the file.
+    """Convert every error of a file or its YAML to one of ``kind`` that names the file.
 
     Raises:
         OctoArmError: of that kind.
@@ -98,7 +98,7 @@ def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
 
 
 def _check_size(text: str) -> None:
-    # Texts of messages come here without `read_text`.
+    # Texts of messages have not passed `read_text`.
     if len(text) > MAX_YAML_BYTES:
         raise _TooLargeError(f'larger than {MAX_YAML_BYTES} bytes')
 
@@ -113,7 +113,7 @@ class _Loader(yaml.SafeLoader):
         super().__init__(stream)
         self._depth = 0
         self._count = 0
-        self._sizes: dict[int, int] = {}  # by the identity of nodes, which the document keeps
+        self._sizes: dict[int, int] = {}  # by id of the nodes, which the document holds
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         before, is_alias = self._count, self.check_event(yaml.AliasEvent)

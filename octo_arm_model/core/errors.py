@@ -1,19 +1,19 @@
-"""What can go wrong, one class per kind of failure, all under one base."""
+"""Errors: one class for each kind of failure, with one base class."""
 
 from __future__ import annotations
 
 _SHOWN = 200  # characters of a value in a message
-_LONGEST = 300  # characters of what went wrong that are worth keeping
+_LONGEST = 300  # characters of a message of `in_short`
 
 
 def shown(value: object) -> str:
-    """``value`` as messages show it: in one line, and of a long one its beginning."""
+    """``value`` on one line for a message, cut after `_SHOWN` characters."""
     text = ' '.join(repr(value).splitlines())
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
 
 
 class OctoArmError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose."""
 
 
 class ArmDefinitionError(OctoArmError, ValueError):
@@ -25,7 +25,7 @@ class ArmDefinitionError(OctoArmError, ValueError):
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
-        """Say which ``field`` holds which ``value`` and what was ``expected``."""
+        """Compose the message from ``field``, ``value`` and what was ``expected``."""
         super().__init__(f'{field} is {shown(value)}, expected {expected}')
         self.field = field
         self.value = value
@@ -41,54 +41,54 @@ class TensionError(OctoArmError, ValueError):
 
 
 class LoadError(OctoArmError, ValueError):
-    """A load given with the tensions is not one."""
+    """A load given with the tensions is invalid."""
 
 
 class MessageError(OctoArmError, ValueError):
-    """What arrived on a topic is no message of its type."""
+    """Data that arrived on a topic are not a message of its type."""
 
 
 class TargetError(OctoArmError, ValueError):
-    """What the arm is asked to reach is not something it could."""
+    """A target of the inverse is invalid."""
 
 
 class BagError(OctoArmError, ValueError):
-    """A bag cannot be read or written, or does not hold what is asked of it."""
+    """A bag cannot be read or written, or lacks the required data."""
 
 
 class MeasurementError(OctoArmError, ValueError):
-    """Measurements do not tell what is asked of them."""
+    """Measurements do not determine the required result."""
 
 
 class ProfileError(OctoArmError, ValueError):
-    """A command profile is not one, or not one for this arm.
+    """A command profile is invalid, or not for this arm.
 
     Attributes:
-        problem: what is wrong.
-        row: the row it is wrong with, from 0; None where it is no single one.
+        problem: description of the error.
+        row: index of the row in error, from 0; None where it is no single row.
     """
 
     def __init__(self, problem: str, row: int | None = None) -> None:
-        """Say what is wrong, and in which row."""
+        """Compose the message from ``problem`` and ``row``."""
         super().__init__(problem if row is None else f'row {row + 1}: {problem}')
         self.problem = problem
         self.row = row
 
 
 class SolveError(OctoArmError, ArithmeticError):
-    """The model has no trustworthy answer for these tensions, so none is returned.
+    """The model has no trustworthy solution for these tensions, so none is returned.
 
     Attributes:
-        number: which of the arms solved side by side; the message names it where known.
+        number: index of the arm within the batch; None where unknown.
     """
 
     def __init__(self, message: str, number: int | None = None) -> None:
-        """Say why, and for which one of several arms."""
+        """Keep the ``message`` and the ``number`` of the arm."""
         super().__init__(message)
         self.number = number
 
     def in_batch(self, first: int, count: int) -> None:
-        """Say which set of a batch it was, or among which ``count`` from ``first`` on."""
+        """Add to the message the set of the batch, or the ``count`` sets from ``first`` on."""
         where = f'sets {first} to {first + count - 1}'
         if self.number is not None or count == 1:
             where = f'set {first + (self.number or 0)}'
@@ -99,15 +99,15 @@ class ConvergenceError(SolveError):
     """The iteration did not reach its tolerance.
 
     Attributes:
-        residual: what was left of the equations, relative [-].
-        iterations: steps made.
-        iterate: the last iterate, for whoever wants to look at it; None where there is none.
+        residual: relative residual of the equations [-].
+        iterations: number of iterations.
+        iterate: the last iterate; None where there is none.
     """
 
     def __init__(
         self, what: str, residual: float, iterations: int, iterate: object = None
     ) -> None:
-        """Say ``what`` did not converge and how far it got."""
+        """Compose the message; ``what`` is the iteration that did not converge."""
         super().__init__(
             f'{what} did not converge: residual {residual:.2e} after {iterations} iterations'
         )
@@ -120,13 +120,13 @@ class ContinuationError(ConvergenceError):
     """Following equilibria from a known one would take more than the budget of the solve.
 
     Attributes:
-        part: of the way that was gone.
+        part: fraction of the path that was followed [-].
     """
 
     def __init__(
         self, budget: str, part: float, residual: float, iterations: int, iterate: object = None
     ) -> None:
-        """Say which ``budget`` is spent and how far it got."""
+        """Compose the message; ``budget`` is the one that is spent."""
         super().__init__('continuation', residual, iterations, iterate)
         self.args = (
             f'continuation has spent its budget of {budget} at {100.0 * part:.3g} % of the way '
@@ -137,7 +137,7 @@ class ContinuationError(ConvergenceError):
 
 
 def in_short(error: Exception) -> str:
-    """What an ``error`` says, without the middle where that is long, as names from outside are."""
+    """Message of ``error``, its middle left out where it is longer than `_LONGEST`."""
     text = str(error)
     if len(text) <= _LONGEST:
         return text

@@ -1,4 +1,4 @@
-"""Array types, in one place."""
+"""Types of arrays and numbers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from numpy.typing import NDArray
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
-# What a formula takes and gives: a number or an array of numbers, real or, where a derivative is
-# its imaginary part, complex.
+# Argument and result of a formula: a number or an array, real, or complex where the imaginary
+# part is a derivative.
 Number: TypeAlias = Any

@@ -1,7 +1,7 @@
-"""How large what is given from outside may be: one table, checked where each thing enters.
+"""Bounds on the size of all input, in one table; each is checked where the input enters.
 
-What an arm costs grows in proportion to its stations, to its intervals and to its tendons at each
-of them. Within these bounds every model answers within seconds to tens of seconds and a gigabyte.
+Time and memory of a solve grow in proportion to stations and to intervals times tendons. Within
+these bounds every model takes at most some tens of seconds and a gigabyte.
 """
 
 from __future__ import annotations

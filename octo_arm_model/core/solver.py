@@ -31,7 +31,7 @@ from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_lengths import TendonLengths
-from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
@@ -127,6 +127,7 @@ class Solver:
         ``tip_wrench`` (..., 6) is a force and a moment on the tip in base_frame [N, N m], besides
         those of ``loads``; its leading axes are broadcast with those of the tensions. A loaded arm
         is followed from ``start``, a single solution of this solver, or from the unloaded shape.
+        Tendons with friction are pulled from slack, see `follow` for others.
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
@@ -136,6 +137,16 @@ class Solver:
             SolveError: if the model has no trustworthy answer.
             ContinuationError: if a loaded arm would take more than the budget.
         """
+        return self._solve(tensions, tip_wrench, start, None)
+
+    def _solve(
+        self,
+        tensions: ArrayLike,
+        tip_wrench: ArrayLike | None,
+        start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Backbone:
+        """As `solve`; tendons with friction slide from tensions ``before``."""
         checked = check_tensions(self.arm, tensions)
         self._limits.check_tensions(checked)
         lead = checked.shape[: -len(self.arm.tension_shape)]
@@ -165,13 +176,20 @@ class Solver:
             one = 0 if results.is_one else part
             try:
                 with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                    solution = self._statics.solve(flat[one], flat_wrenches[one], start)
+                    solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
                 results.add(() if results.is_one else part, solution)
             except SolveError as error:
                 if batch > 1:
                     error.in_batch(part.start, part.stop - part.start)
                 raise
-        return results.backbone(self.model, checked, wrenches, lead)
+        return results.backbone(self.model, checked, wrenches, lead, self._reach)
+
+    @functools.cached_property
+    def _reach(self) -> FloatArray:
+        """See `Backbone`."""
+        reach = transmission(self.arm, self.grid.s, self.grid.section).T
+        reach.setflags(write=False)
+        return reach
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
         """Return ``tip_wrench`` (..., 6) as a float array.
@@ -190,17 +208,21 @@ class Solver:
     ) -> Backbone:
         """As `solve`, from the ``last`` solution if there is one; anew where that leads nowhere.
 
+        Tendons with friction slide from their tensions in the ``last`` one, so that a sequence of
+        tensions shows the hysteresis of the arm.
+
         Raises:
             OctoArmError: as `solve`.
         """
+        before = None if last is None else last.point_tensions
         try:
-            return self.solve(tensions, tip_wrench, last)
+            return self._solve(tensions, tip_wrench, last, before)
         except ContinuationError:
             raise  # Its budget is spent.
         except ConvergenceError:
             if last is None:
                 raise
-            return self.solve(tensions, tip_wrench)
+            return self._solve(tensions, tip_wrench, None, before)
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this solver.
@@ -231,7 +253,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        lengths = self._lengths.under(self._own_twist(backbone))
+        lengths = self._lengths.under(self._own_twist(backbone), backbone.tensions.ravel())
         return lengths.reshape(self.arm.tension_shape)
 
     @property

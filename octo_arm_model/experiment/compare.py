@@ -24,6 +24,7 @@ from octo_arm_model.experiment.recording.branches import (
     part_along,
     remarks,
 )
+from octo_arm_model.experiment.recording.curves import lengths_along
 from octo_arm_model.experiment.recording.markers import is_at_tip
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import (
@@ -56,6 +57,17 @@ class StepComparison:
     errors: MidlineErrors
     direction: str
     bend: float
+
+    @property
+    def s(self) -> FloatArray:
+        """Arc coordinates of the points of the model that those measured are paired with [m]."""
+        if self.shape.s is not None:
+            return self.shape.s
+        count, model = len(self.measured), self.backbone.position
+        start = fraction_at_start(self.measured, model)
+        fraction = np.linspace(start, 1.0, count) if count > 1 else np.ones(1)
+        along = lengths_along(model)
+        return np.interp(fraction * along[-1], along, self.backbone.s)
 
 
 @dataclass(frozen=True)
@@ -111,11 +123,13 @@ def compare(
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
     answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
+    last: Backbone | None = None  # that tendons with friction slide on from
     for number, shape in enumerate(shapes, start=1):
         progress(number - 1, len(shapes))
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
         try:
-            answered.append((number, shape, solver.solve(tensions)))
+            last = solver.follow(tensions, last if solver.arm.friction else None)
+            answered.append((number, shape, last))
         except SolveError as error:
             refused.append(f'step {number}: {error}')
     if not answered:
@@ -141,7 +155,9 @@ def compare(
         else:
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
-        softer = -solver.sensitivity(backbone).by_youngs_modulus.tip[:3, 0]
+        # With friction the way a softer arm goes is that of a pull from slack.
+        pulled = solver.solve(backbone.tensions) if solver.arm.friction else backbone
+        softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
         bend = part_along(measured[-1] - backbone.position[-1], softer, STILL * solver.arm.length)
         if errors.tip is None:
             bend = float('nan')

@@ -15,7 +15,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.error_figures import draw_errors
-from octo_arm_model.experiment.figure_files import new_figure, save
+from octo_arm_model.experiment.figure_files import TensionColours, new_figure, save
 from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
@@ -33,7 +33,7 @@ def draw(
 ) -> list[Path]:
     """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
 
-    ``progress`` is told how many pictures of how many are done.
+    ``progress`` is called with the numbers of pictures done and of all.
 
     Raises:
         OSError: if a file cannot be written.
@@ -92,37 +92,46 @@ def _draw_step(
     shown: Sequence[tuple[ModelComparison, StepComparison]], axes: FloatArray, limits: FloatArray
 ) -> Any:
     """Measured and modelled midlines of one step: a column for each model, a row for each view."""
-    views = len(axes) - 1
-    size = np.ptp(limits, axis=1)
     width = 7.0 if len(shown) == 1 else 5.2
-    height = width * float(size[1:].sum() / size[0])
-    figure = new_figure(width * len(shown), height + 0.9 + 0.4 * views)
+    figure, panels = _panels(len(shown), limits, width)
     shape = shown[0][1].shape
-    outliers = f' and {shape.outliers} outliers' if shape.outliers else ''
+    left_out = f', {shape.outliers} left out' if shape.outliers else ''
     figure.suptitle(
-        f'Step {shown[0][1].number}: {shape.tension:.2f} N, {shape.frames} frames{outliers}'
+        f'Step {shown[0][1].number}: {shape.tension:.2f} N, {shape.frames} frames{left_out}'
     )
-    panels = figure.subplots(
-        views, len(shown), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
-    )
-    names = ('bending direction [mm]', 'across both [mm]')
     for column, (comparison, step) in enumerate(shown):
-        for view in range(views):
-            panel = panels[view, column]
+        for view, panel in enumerate(panels[:, column]):
             _draw_view(panel, comparison, step, axes[[0, view + 1]])
-            panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
-            panel.grid(alpha=0.3)
-            panel.set_axisbelow(True)
-            if not column:
-                panel.set_ylabel(names[view])
         name = 'tip' if step.errors.tip is not None else 'mean'
         percent = 100.0 * (getattr(step.errors, name) or 0.0) / comparison.length
         panels[0, column].set_title(
             f'{comparison.model}, {name} error {percent:.1f} % of L', fontsize='medium'
         )
         panels[0, column].legend(loc='best', frameon=False)
-        panels[-1, column].set_xlabel('along the base [mm]')
     return figure
+
+
+def _panels(columns: int, limits: FloatArray, width: float) -> tuple[Any, Any]:
+    """A figure with a row for each view, and ``columns`` of a ``width`` [in] with equal axes."""
+    size = np.ptp(limits, axis=1)
+    views = len(size) - 1
+    # What labels and margins leave of the width, and their height.
+    inside = width - 0.15 - 0.65 / columns
+    height = inside * float(size[1:].sum() / size[0]) + 1.15 + 0.15 * views
+    figure = new_figure(width * columns, height, 'compressed')
+    panels = figure.subplots(
+        views, columns, squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
+    )
+    names = ('bending direction [mm]', 'across both [mm]')
+    for (view, column), panel in np.ndenumerate(panels):
+        panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
+        panel.grid(alpha=0.3)
+        panel.set_axisbelow(True)
+        if not column:
+            panel.set_ylabel(names[view])
+        if view == views - 1:
+            panel.set_xlabel('along the base [mm]')
+    return figure, panels
 
 
 def _draw_view(
@@ -161,35 +170,22 @@ def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> Float
 
 def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: FloatArray) -> Any:
     """Measured midlines over the model's in the arm's own frame: a column for each model."""
-    from matplotlib import colormaps
-
-    views = len(axes) - 1
-    size = np.ptp(limits, axis=1)
-    height = 5.2 * float(size[1:].sum() / size[0])
-    figure = new_figure(5.2 * len(comparisons), height + 0.9 + 0.4 * views)
-    panels = figure.subplots(
-        views, len(comparisons), squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
-    )
-    highest = max(step.shape.tension for one in comparisons for step in one.steps)
+    figure, panels = _panels(len(comparisons), limits, 5.2)
+    steps = [step for one in comparisons for step in one.steps]
+    colours = TensionColours([step.shape for step in steps])
     for column, comparison in enumerate(comparisons):
-        for view in range(views):
-            panel = panels[view, column]
+        is_line = True
+        for view, panel in enumerate(panels[:, column]):
             for step in comparison.steps:
-                colour = colormaps['viridis'](0.92 * step.shape.tension / max(highest, 1e-9))
                 origin, plane = step.backbone.position[0], axes[[0, view + 1]]
-                panel.plot(*_flatten(step.backbone.position, plane, origin).T, color=colour)
+                model = _flatten(step.backbone.position, plane, origin)
+                panel.plot(*model.T, color=colours.of(step.shape))
                 measured = _flatten(step.measured, plane, origin)
-                panel.plot(
-                    *measured.T, '--' if step.shape.s is None and len(measured) > 1 else 's',
-                    color=_MEASURED,
-                    linewidth=1.1,
-                )  # fmt: skip
-            panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
-            panel.grid(alpha=0.3)
-        panels[0, column].set_title(
-            f'{comparison.model} (colour) and measured (dashes)', fontsize='medium'
-        )
-        panels[-1, column].set_xlabel('along the base [mm]')
-    for view, name in enumerate(('bending direction [mm]', 'across both [mm]')[:views]):
-        panels[view, 0].set_ylabel(name)
+                is_line = step.shape.s is None and len(measured) > 1
+                style = '--' if is_line else 's'
+                panel.plot(*measured.T, style, color=_MEASURED, linewidth=1.1, markersize=4.0)
+        what = 'dashes' if is_line else 'squares'
+        title = f'{comparison.model} (colour) and measured ({what})'
+        panels[0, column].set_title(title, fontsize='medium')
+    colours.add_bar(figure, panels)
     return figure

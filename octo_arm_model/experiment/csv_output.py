@@ -9,11 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.compare import ModelComparison, StepComparison
+from octo_arm_model.experiment.compare import ModelComparison
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
-from octo_arm_model.experiment.recording.curves import lengths_along
-from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
 _AXES = ('x', 'y', 'z')
 MIDLINES = (
@@ -55,20 +52,9 @@ def _midlines(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
     for comparison in comparisons:
         for step in comparison.steps:
             away = shape_residuals(step.shape, step.measured, step.backbone)
-            numbers = np.column_stack([_places(step), step.measured, step.measured - away, away])
+            numbers = np.column_stack([step.s, step.measured, step.measured - away, away])
             for row in numbers.tolist():
                 yield [comparison.model, step.number, *row]
-
-
-def _places(step: StepComparison) -> FloatArray:
-    """Arc coordinates of the points of the model that those measured are paired with [m]."""
-    if step.shape.s is not None:
-        return step.shape.s
-    count, backbone = len(step.measured), step.backbone
-    start = fraction_at_start(step.measured, backbone.position)
-    fraction = np.linspace(start, 1.0, count) if count > 1 else np.ones(1)
-    along = lengths_along(backbone.position)
-    return np.interp(fraction * along[-1], along, backbone.s)
 
 
 def _stations(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:

@@ -1,16 +1,21 @@
-"""Figures without a display, and their files. Needs matplotlib."""
+"""Figures without a display, their files, and colours by tension. Needs matplotlib."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 
 
-def new_figure(width: float, height: float) -> Any:
-    """An empty figure of so many inches."""
+def new_figure(
+    width: float, height: float, layout: Literal['constrained', 'compressed'] = 'constrained'
+) -> Any:
+    """An empty figure of so many inches; with equal axes its ``layout`` is 'compressed'."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout='constrained')
+    return Figure(figsize=(width, height), layout=layout)
 
 
 def save(figure: Any, path: Path) -> None:
@@ -18,4 +23,24 @@ def save(figure: Any, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=120, bbox_inches='tight', pad_inches=0.1)
+
+
+class TensionColours:
+    """Colours of steps by the sum of their tensions."""
+
+    def __init__(self, shapes: Sequence[MeasuredShape]) -> None:
+        """Of steps with these ``shapes``."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        highest = max(shape.tension for shape in shapes)
+        self._scale: Any = ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
+
+    def of(self, shape: MeasuredShape) -> Any:
+        """Colour of a step."""
+        return self._scale.to_rgba(shape.tension)
+
+    def add_bar(self, figure: Any, panels: Any) -> None:
+        """The scale of colours beside the ``panels`` of a ``figure``."""
+        figure.colorbar(self._scale, ax=panels, label='sum of tensions [N]', pad=0.01)

@@ -5,17 +5,14 @@ Needs matplotlib.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
-from octo_arm_model.experiment.figure_files import new_figure, save
+from octo_arm_model.experiment.figure_files import TensionColours, new_figure, save
 from octo_arm_model.experiment.fitting.identify import Identification
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
@@ -26,22 +23,30 @@ _FEW = 2  # points: tips have no residuals along the arm
 
 
 def draw(
-    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape], folder: Path
+    fitted: Sequence[Identification],
+    shapes: Sequence[MeasuredShape],
+    folder: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Path]:
     """Draw the ``fitted`` models of ``shapes`` into ``folder``; returns the paths.
+
+    ``progress`` is called with the numbers of pictures done and of all.
 
     Raises:
         OSError: if a file cannot be written.
     """
-    paths = []
+    pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
     if names:
-        paths.append(folder / 'intervals.png')
-        save(_draw_intervals(fitted, names), paths[-1])
+        pictures['intervals'] = lambda: _draw_intervals(fitted, names)
     known = [one for one in fitted if one.after is not None]
     if known and all(len(shape.points) > _FEW for shape in shapes):
-        paths.append(folder / 'residuals_along_s.png')
-        save(_draw_residuals(known, shapes), paths[-1])
+        pictures['residuals_along_s'] = lambda: _draw_residuals(known, shapes)
+    paths: list[Path] = []
+    for name, picture in pictures.items():
+        progress(len(paths), len(pictures))
+        paths.append(folder / f'{name}.png')
+        save(picture(), paths[-1])
     return paths
 
 
@@ -58,7 +63,7 @@ def _shown(fitted: Sequence[Identification]) -> list[str]:
 
 def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> Any:
     """A panel for each parameter: estimates of all models with their intervals."""
-    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.5 * len(fitted))
+    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.6 * len(fitted))
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for panel, name in zip(panels, names, strict=True):
         for row, one in enumerate(fitted):
@@ -66,12 +71,20 @@ def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> A
             if estimate is None or estimate.value is None:
                 continue
             colour = LINES[one.model]['color']
+            panel.plot(estimate.value, row, 'o', color=colour, markersize=6.0)
+            text = f'{estimate.value:.6g}'
             if estimate.interval95 is not None:
-                panel.plot(estimate.interval95, (row, row), '-', color=colour, linewidth=3.0)
-            panel.plot(estimate.value, row, 'o', color=colour, markersize=8.0)
+                low, high = estimate.interval95
+                panel.plot((low, high), (row, row), '-|', color=colour, linewidth=2.5,
+                           markersize=14.0, markeredgewidth=1.5)  # fmt: skip
+                text = f'{low:.6g} to {high:.6g}'
+            panel.annotate(
+                text, (estimate.value, row), xytext=(0, 9), textcoords='offset points',
+                ha='center', fontsize='small', annotation_clip=False,
+            )  # fmt: skip
         panel.set(xlabel=f'{name} [{_unit(fitted, name)}]')
         panel.grid(alpha=0.3)
-        panel.margins(x=0.1, y=0.25)
+        panel.margins(x=0.2, y=0.3)
     rows = [_row(one) for one in fitted]
     panels[0].set_yticks(range(len(fitted)), rows)
     panels[0].invert_yaxis()
@@ -90,25 +103,18 @@ def _unit(fitted: Sequence[Identification], name: str) -> str:
 
 def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
     """A column for each model, a row for each axis of the base: residuals over s by tension."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     figure = new_figure(4.4 * len(fitted) + 1.0, 6.6)
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
-    scale = Normalize(0.0, max(shape.tension for shape in shapes))
+    colours = TensionColours(shapes)
     for column, one in enumerate(fitted):
         base = Config.from_parameters(one.parameters).base
-        comparison = compare(_fitted(one, shapes), one.parameters, one.model, one.alignment)
+        comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
-            s = step.shape.s
-            if s is None:
-                s = comparison.length * np.linspace(0.0, 1.0, len(away))
             style = '-' if step.shape.s is None else 'o:'
-            colour = colormaps['viridis'](scale(step.shape.tension))
+            colour = colours.of(step.shape)
             for row in range(3):
-                panels[row, column].plot(1e3 * s, 1e3 * away[:, row], style, color=colour)
+                panels[row, column].plot(1e3 * step.s, 1e3 * away[:, row], style, color=colour)
         for row, axis in enumerate(('t, along the base', 'n', 'b')):
             panels[row, column].axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
             panels[row, column].grid(alpha=0.3)
@@ -116,17 +122,9 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
                 panels[row, column].set_ylabel(f'{axis} [mm]')
         panels[0, column].set_title(one.model, fontsize='medium')
         panels[-1, column].set_xlabel('s [mm]')
-    figure.colorbar(ScalarMappable(scale, 'viridis'), ax=panels, label='sum of tensions [N]')
+    colours.add_bar(figure, panels)
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
-
-
-def _fitted(one: Identification, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
-    """The ``shapes`` with the tensions of the fitted load cells."""
-    return [
-        dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=tensions))
-        for shape, tensions in zip(shapes, one.tensions, strict=True)
-    ]
 
 
 def _in_base(step: StepComparison, base: Pose) -> Any:

@@ -14,7 +14,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
-# Enough for the coiled tip to be drawn smoothly.
+# Enough for a smooth drawing of the coiled tip.
 STATIONS = 401
 
 

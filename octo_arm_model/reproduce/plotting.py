@@ -16,7 +16,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 
-# Of decreasing width: where models agree the lines below stay visible.
+# Of decreasing width, so that the lower lines stay visible where models agree.
 LINES: dict[str, dict[str, Any]] = {
     'renda2012': {'color': 'black', 'linewidth': 1.6},
     'closed_form': {'color': '#e69f00', 'linewidth': 1.1, 'dashes': (3.0, 2.0)},
@@ -40,7 +40,7 @@ STYLE: Any = {
     'grid.linewidth': 0.5,
     'xtick.major.width': 0.6,
     'ytick.major.width': 0.6,
-    # Names inside an SVG file are derived from this: the same figure gives the same file.
+    # Identifiers in SVG files are derived from this, so that equal figures give equal files.
     'svg.hashsalt': 'octo_arm_model',
 }
 

@@ -20,7 +20,7 @@ from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.page.document import DataTable
 
-UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], of Figure 8: ours, as the paper prints none
+UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
 _ARMS = {
     'Table 2': 'table2', 'Table 4': 'table4', 'section 5.1': 'fem', 'section 5.2': 'prototype',
 }  # fmt: skip

@@ -1,4 +1,4 @@
 """Nodes, clients and the player of profiles over ROS 2.
 
-Imports rclpy and all rooms below; the viewer and the apps alone import it in turn.
+Imports rclpy and all packages below; the viewer and the apps alone import it in turn.
 """

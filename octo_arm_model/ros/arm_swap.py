@@ -13,7 +13,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from octo_arm_model.config.config import refuse_unknown
+from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter

@@ -35,6 +35,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionInput,
     TensionSubscription,
 )
+from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.simulation.commands import TOPIC
@@ -71,8 +72,9 @@ class SimulatorNode(CheckedNode):
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
+        work = WorkQueue(self)
         self._inputs = [
-            TensionSubscription(self, topic, self._current_arm, self._on_command, TOPIC)
+            TensionSubscription(self, topic, self._current_arm, self._on_command, work, TOPIC)
             for topic in TOPICS
         ]
         check_overrides(self)

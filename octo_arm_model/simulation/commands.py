@@ -1,4 +1,4 @@
-"""Command profiles by name: the movements built in, and files."""
+"""Command profiles by name: built-in movements, and files."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from octo_arm_model.simulation.movements import MOVEMENTS
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.profile_files import read_profile
 
-# Commanded tensions have topics like the measured ones, below this name.
+# Commanded tensions have the same topics as measured ones, below this name.
 TOPIC = 'tendon_commands'
 
 
 def profile_names(arm: Arm) -> dict[str, str]:
-    """Names and descriptions of the movements that ``arm`` can make."""
+    """Names and descriptions of the movements for ``arm``."""
     return {
         name: movement.description
         for name, movement in MOVEMENTS.items()
@@ -26,17 +26,17 @@ def profile_names(arm: Arm) -> dict[str, str]:
 
 
 def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> CommandProfile:
-    """Profile for ``arm``: a movement that is built in, or a CSV or YAML file.
+    """Profile for ``arm``: a built-in movement, or a CSV or YAML file.
 
     Args:
         name: of a movement, or path of a file (.csv, .yaml, .yml).
-        arm: the arm that is to move.
+        arm: the arm.
         highest: largest tension [N] of all tendons or of each, of `Arm.tension_shape`; by default
-            what the arm bears. Tensions of the paper and of files are as they are given there.
+            `default_highest`. Not for tensions of the paper and of files.
 
     Raises:
-        ProfileError: if there is none of that name, it is not for this arm, or the file is wrong;
-            the message names the file and its line.
+        ProfileError: if there is no such profile, it is not for this arm, or the file is invalid;
+            the message has the name of the file and the line.
     """
     if name in MOVEMENTS:
         return MOVEMENTS[name].profile(arm, highest)

@@ -14,13 +14,13 @@ from octo_arm_model.simulation.winches import SimulatedWinches, Winches
 
 @dataclass(frozen=True)
 class Hardware:
-    """Parameters of the hardware; by default it adds no error.
+    """Parameters of the hardware, by default ideal.
 
     Attributes:
         winches: parameters of the winches, which pull the tendons.
         load_cells: parameters of the load cells, which measure their tensions.
         relaxation: parameters of the viscoelastic material.
-        calibration: what turns readings into tensions; the load cells read what it undoes.
+        calibration: conversion of readings to tensions; its inverse is applied to the tensions.
     """
 
     winches: Winches = field(default_factory=Winches)
@@ -30,12 +30,12 @@ class Hardware:
 
 
 class Moment(NamedTuple):
-    """The hardware at one time, each (tendons,) [N].
+    """Outputs of the hardware at one time, each (tendons,) [N].
 
     Attributes:
         measured: readings of the load cells; None where the message is lost.
-        effective: tensions under which the elastic arm has the shape that this one has; without
-            relaxation those that the tendons have.
+        effective: tensions under which the elastic arm has the shape of this one; without
+            relaxation the tensions of the tendons.
     """
 
     measured: FloatArray | None
@@ -43,7 +43,7 @@ class Moment(NamedTuple):
 
 
 class SimulatedHardware:
-    """The hardware over time, from slack tendons on."""
+    """The hardware over time, initially with slack tendons."""
 
     def __init__(self, hardware: Hardware, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""

@@ -1,4 +1,4 @@
-"""How far each tendon may be pulled: the limits of commanded tensions, and their one check."""
+"""Limits of commanded tensions, and their check."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FIGURES = {
     'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
     'renda2012_table4': {'14': FETCHING_IN_PLANE, '15': FETCHING_IN_SPACE},
 }
-_ROUNDING = 1e-9  # relative, of interpolation between tensions that are at their limit
+_ROUNDING = 1e-9  # relative, of interpolation between tensions at their limit
 
 
 def figures(arm: Arm) -> dict[str, FloatArray]:
@@ -33,14 +33,14 @@ def figures(arm: Arm) -> dict[str, FloatArray]:
 
 
 def highest_tensions(arm: Arm) -> FloatArray:
-    """Largest tension of each tendon where none is given (tendons,) [N].
+    """Default limit of each tendon (tendons,) [N].
 
-    What the arm bears, or a figure of the paper asks for.
+    The larger of `default_highest` and the tensions of the paper's figures.
     """
     highest = default_highest(arm).ravel()
     for tensions in figures(arm).values():
         highest = np.maximum(highest, tensions)
-    # To two digits, upwards; read as decimals, so that no power of ten is rounded.
+    # Rounded up to two digits, and made from decimals so that powers of ten are not rounded.
     exponents = np.floor(np.log10(highest) - 1.0).astype(np.int64)
     digits = np.ceil(highest / 10.0**exponents - 1e-9)
     return np.array([float(f'{two:.0f}e{power}') for two, power in zip(digits, exponents)])
@@ -54,10 +54,10 @@ def tendon_limits(config: Config) -> FloatArray:
 
 
 def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArray:
-    """Return ``tensions`` to be commanded, (tendons,) or as `Arm.tension_shape` [N], flat.
+    """Return commanded ``tensions``, (tendons,) or of `Arm.tension_shape` [N], as (tendons,).
 
     Raises:
-        TensionError: if they are none of ``arm``, or one is beyond its limit of ``limits``
+        TensionError: if they do not fit ``arm``, or one exceeds its limit in ``limits``
             (tendons,) [N]; the message names the tendon.
     """
     shaped = np.asarray(tensions)
@@ -78,13 +78,13 @@ def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArr
 
 
 def check_profile(profile: CommandProfile, arm: Arm, limits: FloatArray) -> None:
-    """Check that ``profile`` keeps ``limits`` (tendons,) [N]; between its rows it always does.
+    """Check that all rows of ``profile``, and so all tensions, keep ``limits`` (tendons,) [N].
 
     Raises:
-        ProfileError: if it does not; the message names the row.
+        ProfileError: if one does not; the message names the row.
     """
     beyond = (profile.tensions > limits * (1.0 + _ROUNDING)).any(axis=1)
-    # Of the rows, the first that a command of it would be refused for.
+    # The first row beyond a limit, or any row to check its shape.
     for row in [int(np.argmax(beyond))] if beyond.any() else [0]:
         try:
             check_command(arm, profile.tensions[row], limits)

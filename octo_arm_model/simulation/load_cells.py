@@ -15,18 +15,18 @@ from octo_arm_model.core.hints import FloatArray
 class LoadCells:
     """Parameters of the load cells of an arm, the same for all.
 
-    They act on a tension in the order listed here. By default all are off.
+    They are applied in the order listed here. By default all are off.
 
     Attributes:
         gain_stddev: standard deviation of the gain of each cell, drawn once [-].
-        noise_stddev: standard deviation of the noise of each reading [N]; of slack tendons
-            every other reading is negative.
+        noise_stddev: standard deviation of the noise of each reading [N]; half of the readings
+            of slack tendons are negative.
         resolution: readings are multiples of this [N]; 0 for all digits.
         drop_probability: probability that a message, the readings of all cells, is lost [-].
-        seed: of gains, noise and losses; the same seed draws the same ones.
+        seed: of gains, noise and losses; the same seed gives the same ones.
 
     Raises:
-        ArmDefinitionError: if a value is impossible.
+        ArmDefinitionError: if a value is outside its range.
     """
 
     gain_stddev: float = 0.0
@@ -57,20 +57,20 @@ class SimulatedLoadCells:
         self._draw()
 
     def change(self, load_cells: LoadCells) -> None:
-        """Replace the parameters; another seed draws new gains, noise and losses."""
+        """Replace the parameters; another seed gives new gains, noise and losses."""
         before, self._own = self._own, load_cells
         if load_cells.seed != before.seed:
             self._draw()
 
     def _draw(self) -> None:
-        # A stream for each: switching one on does not change the others.
+        # A stream for each, so that switching one on does not change the others.
         gains, self._noise, self._losses = map(
             np.random.default_rng, np.random.SeedSequence(self._own.seed).spawn(3)
         )
         self._deviation = gains.standard_normal(self._tendons)
 
     def read(self, tension: FloatArray) -> FloatArray | None:
-        """Readings of cells that would read ``tension`` (tendons,) [N]; None where lost."""
+        """Readings for the errorless readings ``tension`` (tendons,) [N]; None where lost."""
         own = self._own
         noise = self._noise.standard_normal(self._tendons)
         is_lost = self._losses.random() < own.drop_probability

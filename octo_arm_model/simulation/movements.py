@@ -1,4 +1,4 @@
-"""Movements that are built in: those of the paper, and those any arm can make."""
+"""Built-in movements: those of the paper, and those of any arm."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ TURN_TIME = 6.0  # [s] in which the bending plane turns once
 TURNS = 3
 SWEEP_TIME = 10.0  # [s] for each tendon
 SWEEP = (0.2, 1.0)  # [Hz], from and to; the mean times SWEEP_TIME is a whole number of periods
-SAMPLE = 0.02  # [s] between the rows of movements that are no sequences of postures
-# The compression for `default_highest`: clearly visible, and far from the limits.
+SAMPLE = 0.02  # [s] between the rows of movements that are not sequences of postures
+# The compression for `default_highest`: clearly visible, and far below the limits.
 _COMPRESSION = 0.1
 
 
@@ -39,9 +39,9 @@ class Movement:
     """A profile that is computed for a given arm.
 
     Attributes:
-        description: what it does, as it is listed.
+        description: a line for lists of movements.
         profile: computes it for an arm and largest tensions [N]; None for `default_highest`.
-        objection: why an arm cannot make it; empty if it can.
+        objection: the reason why it is not for an arm; empty if it is.
     """
 
     description: str
@@ -55,7 +55,7 @@ class Movement:
 def _postures(
     postures: Sequence[Tensions], preset: str, arm: Arm, highest: ArrayLike | None
 ) -> CommandProfile:
-    """From rest through ``postures`` and back, each held for a while."""
+    """From rest through ``postures`` and back, each held for `HOLD_TIME`."""
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
     objection = _paper_objection(postures, preset, arm)
@@ -75,7 +75,7 @@ def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str
             f'these tensions are for {shape[0]} sections of {shape[1]} tendons, such as '
             f'{preset}, those of this arm have shape {arm.tension_shape}'
         )
-    # The paper's q = N / (E A); at -1 the arm has no length.
+    # The paper's q = N / (E A); at -1 the arm has zero length.
     ends = np.array([section.anchorage for section in arm.sections])
     axial = SectionStiffness.at(arm, ends).axial
     for posture in postures:
@@ -114,7 +114,7 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
 def _one_by_one(
     times: FloatArray, wave: FloatArray, interpolation: str, arm: Arm, highest: ArrayLike | None
 ) -> CommandProfile:
-    """Every tendon in turn along ``wave``, parts of its largest tension at ``times`` [s]."""
+    """Every tendon in turn along ``wave``, fractions of its largest tension at ``times`` [s]."""
     peaks = _highest(arm, highest)
     count, duration = len(peaks), times[-1]
     # The last row of one tendon is the first of the next.

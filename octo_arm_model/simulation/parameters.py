@@ -1,4 +1,4 @@
-"""The table of the simulator's parameters beside those of the arm."""
+"""The table of the simulator's parameters, in addition to those of the arm."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.config.config import Config, refuse_unknown
-from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
@@ -22,6 +22,8 @@ from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
+# Parameters of the arm that say what its load cells read.
+_OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tension_scale')
 
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
@@ -69,7 +71,7 @@ class SimulatorConfig:
 
     Attributes:
         arm: the arm whose tendons are pulled.
-        limits: largest tension that each tendon is pulled with (tendons,) [N].
+        limits: limits of the commanded tensions (tendons,) [N].
         base_frame: name of its frame.
         rate: how often tensions are measured [Hz].
         hardware: winches, load cells and relaxation.
@@ -93,8 +95,8 @@ class SimulatorConfig:
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
-            ArmDefinitionError: if a value is impossible.
-            ProfileError: if the profile is none, not for this arm, or beyond the limit of a
+            ArmDefinitionError: if a value is outside its range.
+            ProfileError: if the profile is invalid, not for this arm, or beyond the limit of a
                 tendon.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
@@ -125,6 +127,13 @@ class SimulatorConfig:
             speed=own['profile.speed'],
             loop=own['profile.loop'],
         )
+
+
+def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those ``values`` of a simulator's file that the node of the arm needs to read it."""
+    arm = {parameter.name: parameter for parameter in ARM_PARAMETERS}
+    shared = {name: arm[name].convert(values[name]) for name in _OF_LOAD_CELLS if name in values}
+    return {name: value for name, value in shared.items() if value != ()}
 
 
 def _group(values: Mapping[str, Any], group: str) -> dict[str, Any]:

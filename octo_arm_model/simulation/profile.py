@@ -21,9 +21,9 @@ INTERPOLATIONS = ('smooth', 'linear', 'steps')
 class CommandProfile:
     """Commanded tensions over time.
 
-    Between rows, ``smooth`` is a cubic through them of zero rate at both ends, which stays in the
-    range of two neighbouring rows (PCHIP, Fritsch and Butland 1984), ``linear`` interpolates
-    linearly, and ``steps`` holds each row until the next.
+    Between rows, ``smooth`` is monotone cubic interpolation of zero rate at both ends (PCHIP,
+    Fritsch and Butland 1984), ``linear`` interpolates linearly, and ``steps`` holds each row until
+    the next.
 
     Attributes:
         times: (n,) [s], increasing, at least two and at most `MAX_PROFILE_ROWS`; counted from the
@@ -84,13 +84,13 @@ class CommandProfile:
     def at(self, time: ArrayLike, *, loop: bool = False) -> FloatArray:
         """Tensions (..., tendons) [N] at ``time`` (...) [s].
 
-        Before the first row it is the first, after the last row the last; with ``loop`` it is
-        periodic. Played at another speed it is ``profile.at(speed * time)``.
+        Constant before the first and after the last row, or, with ``loop``, periodic. At another
+        speed use ``profile.at(speed * time)``.
         """
         t = np.asarray(time, dtype=np.float64)
         t = np.mod(t, self.duration) if loop else np.clip(t, 0.0, self.duration)
         if self.interpolation == 'smooth':
-            # By rounding a cubic may be just below rows of 0.
+            # A cubic between rows of 0 may be negative by rounding.
             return np.maximum(self._smooth(t), 0.0)
         row = np.searchsorted(self.times, t, side='right') - 1
         if self.interpolation == 'steps':
@@ -102,7 +102,7 @@ class CommandProfile:
 
     @functools.cached_property
     def _smooth(self) -> PchipInterpolator:
-        # A constant row before and after gives the ends zero rate.
+        # A copy of the first row before and of the last after give the ends zero rate.
         times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
         rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
         return PchipInterpolator(times, rows, axis=0)
@@ -112,7 +112,7 @@ def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandPro
     """A smooth profile from tensions ``start`` to ``stop`` [N], (tendons,) or `Arm.tension_shape`.
 
     Raises:
-        ProfileError: if they are no tensions or ``duration`` is not > 0 [s].
+        ProfileError: if a tension is invalid or ``duration`` is not > 0 [s].
     """
     rows = np.array([np.ravel(start), np.ravel(stop)], dtype=np.float64)
     return CommandProfile(np.array([0.0, duration]), rows)

@@ -17,7 +17,7 @@ def draw_profile(
 ) -> None:
     """Draw ``tensions`` (n, tendons) [N] over ``times`` (n,) [s] into the PNG file ``path``.
 
-    One panel for each section that is pulled, since tensions differ much between sections.
+    One panel for each section with tensions, which differ much between sections.
 
     Raises:
         OSError: if the file cannot be written.
@@ -35,5 +35,5 @@ def draw_profile(
         axes.grid(alpha=0.3)
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     panels[-1].set(xlabel='time [s]')
-    # A PNG, whatever the suffix.
+    # A PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')

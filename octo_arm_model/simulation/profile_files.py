@@ -22,7 +22,7 @@ from octo_arm_model.simulation.profile import CommandProfile
 
 
 class _Row(NamedTuple):
-    """The texts of one row, and their lines."""
+    """The texts of one row, and their line numbers."""
 
     time_line: int
     time: str
@@ -35,7 +35,7 @@ _NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*
 
 
 class _LineError(Exception):
-    """A problem with a line of the file."""
+    """An error in a line of the file."""
 
     def __init__(self, line: int, problem: str) -> None:
         super().__init__(f'line {line}: {problem}')
@@ -45,12 +45,12 @@ def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
     A CSV file has a header, ``time`` and the names of all tendons in any order, with or without
-    their units (``time [s]``, ``tendon_1_1 [N]``), and below it rows of numbers; it is played
-    smoothly. A YAML file has ``times``, a list, ``tensions``, a list of as many lists in the order
-    of `Arm.tendon_names`, and maybe ``interpolation``.
+    their units (``time [s]``, ``tendon_1_1 [N]``), and below it rows of numbers; its
+    interpolation is smooth. A YAML file has ``times``, a list, ``tensions``, a list of as many
+    lists in the order of `Arm.tendon_names`, and optionally ``interpolation``.
 
     Raises:
-        ProfileError: if the file cannot be read or is wrong; the message names it and the line.
+        ProfileError: if the file cannot be read or is invalid; the message has its name and line.
     """
     with reading(path, ProfileError):
         return _read(path, arm)
@@ -71,7 +71,7 @@ def _read(path: str | Path, arm: Arm) -> CommandProfile:
     except _LineError as error:
         raise ProfileError(f'{path}, {error}') from None
     except ProfileError as error:
-        # Tensions were checked before: what is wrong with a row is its time.
+        # Tensions were checked before, so the error of a row is in its time.
         where = '' if error.row is None else f', line {rows[error.row].time_line}'
         raise ProfileError(f'{path}{where}: {error}') from None
 
@@ -119,7 +119,7 @@ def _without_unit(name: str) -> str:
 
 
 def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
-    # Nodes, not values: they know their lines.
+    # Nodes instead of values, as they have line numbers.
     document = compose_yaml(text)
     if not isinstance(document, yaml.MappingNode):
         raise _LineError(1, 'expected times: and tensions:')

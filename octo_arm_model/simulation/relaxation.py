@@ -1,15 +1,15 @@
 """A viscoelastic material. Not in the paper, whose arm is elastic.
 
 Standard linear solid: under a step of strain its modulus is E (1 + ratio exp(-t / time)), where E,
-that of the arm's definition, is the relaxed one. The shape under tendons alone depends
-on tensions over modulus, in every model, so the viscoelastic arm under tensions T(t) has,
-without inertia, the shape of the elastic arm under *effective* tensions, which satisfy
+that of the arm's definition, is the relaxed one. In every model the shape under tendons alone
+depends on tensions over modulus, so that without inertia the viscoelastic arm under tensions T(t)
+has the shape of the elastic arm under *effective* tensions, which satisfy
 
     T + time dT/dt = T_effective + (1 + ratio) time dT_effective/dt
 
-A step of T has the effect 1 / (1 + ratio) at once, and the rest with the time constant
-(1 + ratio) time. That is exact at once and at rest, and in between to first order in the strains.
-Weight and other loads act on the relaxed arm.
+Of a step of T, the part 1 / (1 + ratio) is effective at once, and the rest with the time constant
+(1 + ratio) time. This is exact initially and at rest, and in between to first order in the
+strains. Weight and other loads act on the relaxed arm.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Relaxation:
         time: time constant of the modulus at constant strain [s].
 
     Raises:
-        ArmDefinitionError: if a value is impossible.
+        ArmDefinitionError: if a value is outside its range.
     """
 
     ratio: float = 0.0

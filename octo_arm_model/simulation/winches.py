@@ -1,4 +1,4 @@
-"""Tensions that winches make of commands: limits of force and rate, and lag."""
+"""Winches: tensions from commands, with limits of force and rate, and lag."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from octo_arm_model.core.hints import FloatArray
 class Winches:
     """Parameters of the winches of an arm, the same for all.
 
-    They act on a command in the order listed here. By default all are off.
+    They are applied in the order listed here. By default all are off.
 
     Attributes:
-        slack_floor: least tension, which keeps tendons from going slack [N].
+        slack_floor: smallest tension [N], so that tendons do not go slack.
         force_limit: largest tension [N]; 0 for no limit.
         rate_limit: largest rate at which their set point changes [N/s]; 0 for no limit.
-        lag: time constant with which the tension follows the set point [s]; 0 for at once.
+        lag: time constant of the tension after a step of the set point [s]; 0 for none.
 
     Raises:
-        ArmDefinitionError: if a value is impossible.
+        ArmDefinitionError: if a value is outside its range.
     """
 
     slack_floor: float = 0.0
@@ -61,8 +61,8 @@ class SimulatedWinches:
     def step(self, command: FloatArray, dt: float) -> FloatArray:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
 
-        The set point that the rate limit allows at the end of the step is used throughout it, and
-        the lag is integrated exactly: stable for any step.
+        The set point at the end of the step is used for the whole step, and the lag is integrated
+        exactly: stable for any step.
         """
         own = self.winches
         wanted = np.maximum(command, own.slack_floor)

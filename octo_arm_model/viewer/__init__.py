@@ -1,4 +1,4 @@
 """A page that shows an arm and commands its tendons, and the checks on requests to it.
 
-Imports viser, ros/client and all rooms below.
+Imports viser, ros/client and all packages below.
 """

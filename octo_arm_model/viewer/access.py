@@ -2,7 +2,7 @@
 
 A browser sends the origin of the page with every WebSocket that the page opens; other origins are
 refused. A page whose name resolves to this machine (DNS rebinding) has the origin of the viewer,
-but its name is in Host, which is checked too.
+but its own name in Host, which is checked too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from octo_arm_model.core.errors import ConfigError
 
 _DEFAULT_PORTS = {'http': 80, 'https': 443}
 _THIS_MACHINE = ('localhost', '127.0.0.1', '::1')
-_MOST_SHOWN = 80  # characters of what a request says
+_MOST_SHOWN = 80  # characters of a header in a message
 
 
 class Access:
@@ -29,7 +29,7 @@ class Access:
         """
         self._origins = {_origin_of(origin) for origin in origins}
         self._names = {*_THIS_MACHINE, host.lower(), *(name for _, name, _ in self._origins)}
-        # An address cannot be rebound. On a loopback host no other address is needed.
+        # Addresses cannot be rebound. A loopback host needs no other address.
         self._takes_addresses = not _is_loopback(host)
 
     def objection(self, hosts: Sequence[str], origins: Sequence[str]) -> str:
@@ -38,7 +38,7 @@ class Access:
         if host is None or not self._is_ours(host.hostname or ''):
             return f'host {_shown(hosts)} is not one that this page is served as'
         if not origins:
-            return ''  # not from a browser, which always sends one
+            return ''  # no browser, which would always send one
         page = _split(origins[0]) if len(origins) == 1 else None
         if page is None or page.scheme not in _DEFAULT_PORTS or page.path:
             return f'origin {_shown(origins)} is none'

@@ -1,4 +1,4 @@
-"""The loop of the viewer: draw what the node publishes, and command what the page asks for."""
+"""The loop of the viewer: draw published shapes, and publish the commands of the page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _IDLE = 0.2  # [s] between polls of the node while no browser is connected
 
 
 class Viewer:
-    """Shows one arm and commands it; all work is done by the thread that calls `step`.
+    """Shows one arm and commands it, in the thread that calls `step`.
 
     Attributes:
         pictures: number of pictures drawn.
@@ -44,7 +44,7 @@ class Viewer:
         self._refusals = RefusalLog()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
-        # A new browser gets the newest picture at once.
+        # Draw at once for a new browser.
         server.on_client_connect(lambda client: self._todo.put(self._refresh))
 
     def step(self) -> None:
@@ -88,7 +88,7 @@ class Viewer:
             self._page.draw()
 
     def _listen(self) -> bool:
-        """Take what the node published, and build a page for a new arm; returns `poll`."""
+        """Poll the client, build a page for a new arm; returns whether there is a new shape."""
         self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
         try:
             has_shape = self._client.poll()

@@ -26,7 +26,7 @@ class Commander:
     """
 
     def __init__(self, tensions: ArrayLike) -> None:
-        """Begin at ``tensions`` [N], (tendons,), with nothing to command."""
+        """Begin at ``tensions`` [N], (tendons,), without a command."""
         self.tensions = np.array(tensions, dtype=np.float64)
         self.profile: CommandProfile | None = None
         self._speed, self._loop = 1.0, False

@@ -1,7 +1,7 @@
 """Checks on connections to viser's server: origin, contents, size, number and rate.
 
-viser has none. It opens its server with `websockets.asyncio.server.serve`, which is replaced while
-a server starts by a function that adds the checks. A viser that does not call it is refused.
+viser has none. It opens its server with `websockets.asyncio.server.serve`, which is replaced by a
+function that adds the checks while a server starts. A viser that does not call it is refused.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from octo_arm_model.viewer.requests import Requests
 
 MOST_PAGES = 32
 _MOST_CONNECTIONS = 128  # including those without a request yet
-_MOST_BYTES = 1 << 16  # of a message; those of a page have some hundred
-_MOST_A_SECOND = 500  # messages that are read of one page; the others wait
+_MOST_BYTES = 1 << 16  # of a message; those of a page have a few hundred
+_MOST_A_SECOND = 500  # messages read from one page; further ones wait
 _PERIOD = 1.0  # [s] between log lines
 _LOG = logging.getLogger('octo_arm_model.viewer')
 # Close codes for faults of the peer: protocol, invalid text, size.
@@ -46,16 +46,16 @@ class RefusalLog:
 
     def __init__(self) -> None:
         """Log the first one at once."""
-        self._said, self._unsaid = -_PERIOD, 0
+        self._logged, self._left_out = -_PERIOD, 0
 
     def add(self, what: str) -> None:
         """Log the refusal ``what``, or count it until the next line."""
         now = time.monotonic()
-        if now - self._said < _PERIOD:
-            self._unsaid += 1
+        if now - self._logged < _PERIOD:
+            self._left_out += 1
             return
-        more = f' (and {self._unsaid} before that)' if self._unsaid else ''
-        self._said, self._unsaid = now, 0
+        more = f' (and {self._left_out} before that)' if self._left_out else ''
+        self._logged, self._left_out = now, 0
         _LOG.warning('viewer refused: %s%s', what, more)
 
 
@@ -123,7 +123,7 @@ class Guard:
             return None
         try:
             response = given(connection, request)
-        except (OSError, ValueError):  # a name that no file could have
+        except (OSError, ValueError):  # an invalid file name
             return connection.respond(http.HTTPStatus.NOT_FOUND, 'NOT FOUND')
         if response is not None:
             response.headers.update(_page_headers(hosts[0]))
@@ -195,8 +195,8 @@ class Guard:
 def _page_headers(host: str) -> dict[str, str]:
     """Headers of the page served as ``host``.
 
-    They keep it from connecting to other servers, whatever a link to it says, and from frames of
-    other pages (clickjacking).
+    They forbid connections to other servers, also by the address in a link, and frames of other
+    pages (clickjacking).
     """
     sources = f"connect-src 'self' ws://{host} wss://{host} data: blob:"
     return {

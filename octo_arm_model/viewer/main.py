@@ -13,8 +13,10 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.start import start_ros
+from octo_arm_model.terminal import fail, make_parser, missing
 from octo_arm_model.viewer.options import add_address
 
+_PROG = 'octo_arm_viewer'
 _EPILOG = """\
 examples:
   octo_arm_viewer                      # the arm of the node in the root namespace
@@ -28,12 +30,7 @@ It shows what the node publishes, and commands nothing until a slider or button 
 
 def build_parser() -> argparse.ArgumentParser:
     """Parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='octo_arm_viewer',
-        description='Show an arm in the browser and pull its tendons.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = make_parser(_PROG, 'Show an arm in the browser and pull its tendons.', _EPILOG)
     parser.add_argument('--namespace', default='', help='namespace of the arm')
     add_address(parser)
     return parser
@@ -42,32 +39,27 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until a signal comes; returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    # rcl parses all after --ros-args.
+    # rcl parses everything after --ros-args.
     own = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = build_parser().parse_args(given[:own])
     try:
         from octo_arm_model.viewer.address import serving
         from octo_arm_model.viewer.app import Viewer
     except ModuleNotFoundError as error:
-        return _fail(f'needs {error.name}; install it with: pip install {error.name}')
+        return fail(_PROG, missing(error))
     is_over = stop_signals()
     try:
         start_ros(given[own:])
-        client = ArmClient(Node('octo_arm_viewer'), options.namespace)
+        client = ArmClient(Node(_PROG), options.namespace)
         with serving(options.host, options.port, options.allow_origin) as server:
             viewer = Viewer(server, client)
             while not is_over():
                 viewer.step()
     except OctoArmError as error:
-        return _fail(error)
+        return fail(_PROG, error)
     finally:
         rclpy.try_shutdown()
     return 0
-
-
-def _fail(problem: object) -> int:
-    print(f'octo_arm_viewer: error: {problem}', file=sys.stderr)
-    return 2
 
 
 if __name__ == '__main__':

@@ -1,8 +1,15 @@
-"""The command line options of all programs that serve a page."""
+"""What programs share that serve a page: their options, and the server where viser is there."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+from typing import TYPE_CHECKING
+
+from octo_arm_model.terminal import missing
+
+if TYPE_CHECKING:
+    import viser
 
 LOOPBACK = '127.0.0.1'
 PORT = 8080
@@ -31,3 +38,27 @@ def add_address(parser: argparse.ArgumentParser) -> None:
         'may command; may be given more than once. By default pages of localhost and of addresses '
         'served on',
     )
+
+
+def add_optional_page(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a program that can do without its page."""
+    parser.add_argument('--no-viewer', action='store_true', help='numbers only')
+    add_address(parser)
+
+
+def open_page(
+    options: argparse.Namespace, stack: contextlib.ExitStack
+) -> viser.ViserServer | None:
+    """Server of a page until ``stack`` is closed; None with --no-viewer or without viser.
+
+    Raises:
+        AddressError: if the page cannot be served where ``options`` say.
+    """
+    if options.no_viewer:
+        return None
+    try:
+        from octo_arm_model.viewer.address import serving
+    except ModuleNotFoundError as error:
+        print(f'no viewer: {missing(error)}')
+        return None
+    return stack.enter_context(serving(options.host, options.port, options.allow_origin))

@@ -1,8 +1,8 @@
 """Check the messages of a page before viser acts on them.
 
-A page here needs five of viser's messages: the camera, the value of a control, and a dragged point
-with the start and end of the drag. All others are refused: uploads, other attributes of a control,
-sharing over the internet, notifications of other pages.
+The pages here need five of viser's messages: the camera, the value of a control, and a dragged
+point with the start and end of the drag. All others are refused: uploads, other attributes of a
+control, sharing over the internet, notifications of other pages.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Requests:
             return f'{_shown(list(request.updates))} of a control, expected its value alone'
         control = self._control(request.uuid)
         if control is None:
-            return ''  # removed meanwhile, as for another arm; viser ignores it
+            return ''  # removed since, as for another arm; viser ignores it
         return value_objection(control, request.updates['value'])
 
     def _control(self, uuid: str) -> object | None:

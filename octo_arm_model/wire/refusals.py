@@ -50,6 +50,11 @@ class Refusals:
             f'{topic}: {count} left out, as {self.examples[topic, kind]}'
             for (topic, kind), count in ordered
         ]
+        return lines + self.hints
+
+    @property
+    def hints(self) -> list[str]:
+        """What parameters are for what was left out."""
         if any(_NEGATIVE.match(example) for example in self.examples.values()):
-            lines.append('load cells: tension_deadband takes readings near zero as zero')
-        return lines
+            return ['load cells: tension_deadband takes readings near zero as zero']
+        return []

@@ -110,6 +110,9 @@ TENDON_TENSIONS = TensionMessage(
 FLOAT64_ARRAY = TensionMessage(
     'std_msgs/msg/Float64MultiArray', {'layout': array_layout, 'data': float64}, tensions='data'
 )
+FLOAT32_ARRAY = TensionMessage(
+    'std_msgs/msg/Float32MultiArray', {'layout': array_layout, 'data': float32}, tensions='data'
+)
 JOINT_STATE = TensionMessage(
     'sensor_msgs/msg/JointState',
     {'header': header, 'name': strings, 'position': float64, 'velocity': float64,
@@ -122,6 +125,7 @@ JOINT_STATE = TensionMessage(
 TENSION_TOPICS: dict[str, TensionMessage] = {
     'tendon_tensions': TENDON_TENSIONS,
     'tendon_tensions/array': FLOAT64_ARRAY,
+    'tendon_tensions/float32_array': FLOAT32_ARRAY,
     'tendon_tensions/joint_state': JOINT_STATE,
 }
 

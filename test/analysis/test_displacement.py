@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+import strategies
+from differences import jacobian
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from octo_arm_model import Arm, Config, Loads, Solver, TensionError, solve_displacements
+from octo_arm_model import Arm, Config, Loads, Solver, TensionError, Wound, solve_displacements
+from octo_arm_model.analysis.displacement import displacements_of
+from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
@@ -18,9 +25,9 @@ def solver(table4: Config) -> Solver:
     return Solver(table4.arm, 'exact')
 
 
-def displacements_of(solver: Solver, tensions: np.ndarray) -> dict[str, float]:
+def reeled_in(solver: Solver, tensions: np.ndarray) -> dict[str, float]:
     """Displacement of every tendon [m], by name."""
-    whole = solver.rest_lengths - solver.tendon_lengths(solver.solve(tensions))
+    whole = displacements_of(solver, solver.solve(tensions))
     return dict(zip(solver.arm.tendon_names, whole.ravel().tolist(), strict=True))
 
 
@@ -55,8 +62,8 @@ def test_a_straight_unloaded_tendon_is_as_long_as_its_slope_makes_it(
 
 
 def test_the_tensions_come_back_from_the_displacements_they_made(solver: Solver) -> None:
-    wound = solve_displacements(solver, displacements_of(solver, TENSIONS))
-    np.testing.assert_allclose(wound.backbone.tensions, TENSIONS, atol=1e-6)
+    wound = solve_displacements(solver, reeled_in(solver, TENSIONS))
+    np.testing.assert_allclose(wound.backbone.tensions, TENSIONS, atol=1e-9 * TENSIONS.max())
     np.testing.assert_allclose(wound.backbone.tip, solver.solve(TENSIONS).tip, atol=1e-8)
 
 
@@ -134,3 +141,117 @@ def test_rest_lengths_do_not_depend_on_the_model(table4: Config) -> None:
     lengths = [Solver(arm, model).rest_lengths for model in ('renda2012', 'closed_form', 'exact')]
     np.testing.assert_allclose(lengths[0], lengths[2], rtol=1e-12)
     np.testing.assert_allclose(lengths[1], lengths[2], rtol=1e-12)
+
+
+# Tendons that stretch ---------------------------------------------------------------------------
+
+
+def stretching(arm: Arm, stiffness: float, free: float = 0.5) -> Arm:
+    """The same arm on tendons of an axial ``stiffness`` [N] and ``free`` length [m]."""
+    count = len(arm.tendons)
+    return dataclasses.replace(
+        arm, axial_stiffness=count * (stiffness,), free_length=count * (free,)
+    )
+
+
+def test_a_tendon_stretches_over_all_of_its_length(rod: Config) -> None:
+    """Hooke's law of a thread of its unloaded length, from anchorage to winch."""
+    elastic = Solver(stretching(rod.arm, 800.0), 'exact', material='linear')
+    stiff = Solver(rod.arm, 'exact', material='linear')
+    tensions = np.zeros(rod.arm.tension_shape)
+    tensions[0, 1] = 6.0
+    backbone = elastic.solve(tensions)
+    more = displacements_of(elastic, backbone) - displacements_of(stiff, stiff.solve(tensions))
+    assert more[0, 1] == pytest.approx(6.0 / 800.0 * (stiff.rest_lengths[0, 1] + 0.5), rel=1e-12)
+    assert np.count_nonzero(more) == 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(arm=strategies.loaded_arms(2), stiffness=st.floats(1.0, 1e5))
+def test_tensions_come_back_of_any_arm(arm: tuple[Arm, np.ndarray], stiffness: float) -> None:
+    described, tensions = arm
+    solver = Solver(stretching(described, stiffness), 'exact', 31)
+    asked = reeled_in(solver, tensions)
+    wound = solve_displacements(solver, asked)
+    reached = wound.displacement.ravel()
+    np.testing.assert_allclose(reached, list(asked.values()), atol=1e-9 * described.length)
+    np.testing.assert_allclose(
+        wound.backbone.tensions, tensions, atol=1e-9 * max(1e-6, float(tensions.max()))
+    )
+
+
+def test_stiffer_tendons_come_as_near_as_one_likes_to_those_that_do_not_stretch(
+    solver: Solver,
+) -> None:
+    asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    limit = solve_displacements(solver, asked).backbone
+    apart = []
+    for stiffness in (1e3, 1e4, 1e5):
+        elastic = Solver(stretching(solver.arm, stiffness), 'exact')
+        found = solve_displacements(elastic, asked).backbone
+        apart.append(float(np.linalg.norm(found.tip - limit.tip)))
+    np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.05)
+
+
+@pytest.mark.parametrize('stiffness', [0.0, 500.0])
+def test_one_slack_tendon_among_four_is_found(table2: Config, stiffness: float) -> None:
+    """Three hold the arm; the fourth is paid out by 3 mm more than it needs."""
+    solver = Solver(stretching(table2.arm, stiffness), 'exact')
+    tensions = np.zeros(table2.arm.tension_shape)
+    tensions.flat[:4] = 0.4, 0.3, 0.0, 0.1
+    asked = dict(list(reeled_in(solver, tensions).items())[:4])
+    name = solver.arm.tendon_names[2]
+    asked[name] -= 3e-3
+    wound = solve_displacements(solver, asked)
+    assert wound.slack == (name,)
+    np.testing.assert_allclose(wound.backbone.tensions, tensions, atol=1e-9)
+    assert wound.displacement.flat[2] - asked[name] == pytest.approx(3e-3, abs=1e-10)
+
+
+def test_a_solution_nearby_leads_to_the_same(solver: Solver) -> None:
+    elastic = Solver(stretching(solver.arm, 300.0), 'exact')
+    wound = solve_displacements(elastic, reeled_in(elastic, TENSIONS))
+    further = np.where(TENSIONS > 0.0, 1.03 * TENSIONS, 0.0)
+    further[1, 3] = 0.2  # slack before
+    warm = solve_displacements(elastic, reeled_in(elastic, further), start=wound)
+    np.testing.assert_allclose(warm.backbone.tensions, further, atol=1e-9 * further.max())
+
+
+@pytest.mark.parametrize('loads', [Loads(), Loads(gravity=(0, 0, -9.81), fluid_density=1000)])
+def test_derivatives_of_a_wound_arm_are_those_by_differences(table4: Config, loads: Loads) -> None:
+    arm = stretching(table4.arm.with_density(1080), 300.0)
+    wrench = np.array([0.002, 0.001, -0.001, 0.0, 0.0, 0.0])
+    driven = ['tendon_1_1', 'tendon_2_2', 'tendon_3_1']
+    at = np.array([0.02, 0.01, 0.004])
+
+    def solved(
+        displacements: np.ndarray = at, tension: float = 0.5, wrench: np.ndarray = wrench
+    ) -> tuple[Solver, Wound]:
+        solver = Solver(arm, 'exact', 41, loads=loads)
+        asked = dict(zip(driven, displacements.tolist(), strict=True))
+        return solver, solve_displacements(
+            solver, asked, {'tendon_3_4': tension}, tip_wrench=wrench
+        )
+
+    solver, wound = solved()
+    assert wound.backbone.tensions[2, 0] > 0.0
+    found = wound_sensitivity(solver, wound)
+    at_names = [arm.tendon_names.index(name) for name in driven]
+    for function, derivative in (
+        (lambda x: solved(x)[1].backbone.tip, found.by_displacement.tip[:3, at_names]),
+        (lambda x: solved(x)[1].backbone.tensions.ravel(), found.tension[:, at_names]),
+    ):
+        expected = jacobian(function, at, 2e-4)
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(derivative, expected, atol=2e-6 * size)
+    other = arm.tendon_names.index('tendon_3_4')
+    by_tension = jacobian(lambda x: solved(tension=x[0])[1].backbone.tip, [0.5], 1e-2)
+    np.testing.assert_allclose(
+        found.held.by_tension.tip[:3, [other]], by_tension, atol=2e-6 * np.abs(by_tension).max()
+    )
+    assert found.held.by_tip_wrench is not None
+    steps = 3 * [1e-4] + 3 * [2e-6]  # [N, N m]
+    by_wrench = jacobian(lambda x: solved(wrench=x)[1].backbone.tip, wrench, steps)
+    np.testing.assert_allclose(
+        found.held.by_tip_wrench.tip[:3], by_wrench, atol=2e-6 * np.abs(by_wrench).max()
+    )

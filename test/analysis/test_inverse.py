@@ -1,4 +1,4 @@
-"""Tensions for wanted shapes: reached, bounded and of least effort."""
+"""Tensions for targets: reached, bounded and of least effort."""
 
 from __future__ import annotations
 
@@ -86,6 +86,15 @@ def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:
     target = BackboneShape(known.s[::10], known.position[::10])
     found = find_tensions(solver, target, HIGHEST)
     np.testing.assert_allclose(found.backbone.position, known.position, atol=1e-5)
+
+
+def test_before_every_solve_a_caller_may_do_something_else(solver: Solver) -> None:
+    paused = []
+    target = TipPosition(solver.solve(TENSIONS).tip)
+    found = find_tensions(solver, target, HIGHEST, pause=lambda: paused.append(True))
+    assert len(paused) == found.iterations
+    same = find_tensions(solver, target, HIGHEST)
+    np.testing.assert_allclose(same.backbone.tensions, found.backbone.tensions, atol=1e-9)
 
 
 def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(solver: Solver) -> None:

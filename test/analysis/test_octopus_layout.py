@@ -1,4 +1,4 @@
-"""The arrangement of eight arms around a body."""
+"""Poses of the bases of eight arms around a body."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Shapes that pass through themselves, and shapes that only nearly do."""
+"""Self-intersection of shapes, and its threshold."""
 
 import numpy as np
 import pytest

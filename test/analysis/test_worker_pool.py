@@ -16,7 +16,7 @@ from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
 
 def test_two_processes_give_the_same(table4: Config) -> None:
-    # Some refused, and a last chunk that is not full.
+    # Some sets are refused, and the last chunk is not full.
     options = {'samples': 3 * CHUNK + 5, 'model': 'closed_form'}
     alone = sample_workspace(table4, TOO_HIGH, processes=1, **options)
     assert alone.refused
@@ -91,7 +91,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(
 ) -> None:
     pytest.importorskip('distributed')
     monkeypatch.setattr(worker_pool, '_CONNECT', 0.2)
-    with socket.socket() as taken:  # bound, but nobody listens
+    with socket.socket() as taken:  # bound, but not listening
         taken.bind(('127.0.0.1', 0))
         deaf = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
         for address in (deaf, 'nowhere', 'carrier-pigeon://loft:1', ''):

@@ -1,4 +1,4 @@
-"""Workspaces: the tensions drawn, the tips they lead to, and what is refused."""
+"""Workspaces: the sampled tensions, their tips, and invalid input."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_tensions_lie_in_the_box_and_fill_it(cloud: Workspace) -> None:
     assert cloud.tensions.shape == (4 * CHUNK, 3, 4)
     assert part.min() >= 0.0
     assert part.max() <= 1.0
-    # Evenly: of a power of two of Sobol points each eighth holds the same number.
+    # Of a power of two of Sobol points each eighth of the range holds the same number.
     eighths = np.floor(part.reshape(len(part), -1) * 8.0).astype(int)
     for tendon in eighths.T:
         np.testing.assert_array_equal(np.bincount(tendon), len(part) // 8)
@@ -95,7 +95,7 @@ def test_results_cannot_be_changed(cloud: Workspace) -> None:
 
 
 def test_refused_sets_are_counted_and_not_in_the_cloud(table4: Config) -> None:
-    # Divided by a power of two the same sets are drawn to the last bit, and all have an answer.
+    # Divided by a power of two the same sets are drawn without rounding, and all have a solution.
     options = {'samples': 2 * CHUNK, 'model': 'closed_form', 'processes': 1}
     drawn = sample_workspace(table4, TOO_HIGH / 1024.0, **options)
     assert drawn.refused == 0

@@ -108,3 +108,31 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
         assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2
         assert expected in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Path) -> None:
+    rough = dataclasses.replace(CLEAN, friction=0.2, clock_offset=0.0)
+    with BagWriter(tmp_path / 'bag', custom=custom_data(rough, 0)) as writer:
+        add_demo(writer, PROTOTYPE, rough, 0)
+    at: dict[float, list[np.ndarray]] = {}
+    with BagReader(tmp_path / 'bag') as reader:
+        config = Config.from_parameters(PROTOTYPE)
+        tensions = {
+            one.stamp_ns: float(np.max(one.tensions))
+            for one in read_tensions(reader, '/tendon_tensions', config)
+        }
+        for record in reader.messages(['/camera/midline']):
+            message = reader.decode(record)
+            tip = message.poses[-1].pose.position
+            pulled = tensions.get(stamp_of(message, 0).ns)
+            at.setdefault(pulled, []).append(np.array([tip.x, tip.y, tip.z]))
+    (level, *_, top) = sorted(level for level in PROTOTYPE_ERRORS)
+    assert max(tensions.values()) == top
+    # The same tension, on the way up and on the way down.
+    assert np.linalg.norm(at[level][0] - at[level][-1]) > 1e-3
+    np.testing.assert_array_equal(at[top][0], at[top][-1])
+
+
+def test_friction_is_a_coefficient(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '-0.1']) == 2
+    assert '--friction is -0.1, expected a finite coefficient >= 0' in capsys.readouterr().err

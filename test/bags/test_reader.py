@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from recordings import (
     TOPICS,
     TYPES,
     Sample,
+    bag_of_all,
     random_tensions,
     readings_of,
     samples,
@@ -36,15 +36,11 @@ from recordings import (
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
+from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.writer import STORAGES
 from octo_arm_model.core.errors import BagError
 
-# Hypothesis has no fixtures that last for all examples.
-FOLDER = tempfile.TemporaryDirectory()
-BAG_OF_ALL = write_bag(
-    Path(FOLDER.name) / 'all',
-    [one for topic, kind in TOPICS.items() for one in samples(ARM, np.ones((1, 12)), topic, kind)],
-)
+BAG_OF_ALL = bag_of_all()
 FLIPPED = next(BAG_OF_ALL.glob('*.mcap')).read_bytes()
 
 
@@ -201,7 +197,7 @@ def test_flipped_bytes_are_an_error_or_no_matter(seed: int) -> None:
     data = bytearray(FLIPPED)
     for place in rng.integers(0, len(data), 3):
         data[place] ^= 1 << int(rng.integers(8))
-    path = Path(FOLDER.name) / 'flipped.mcap'
+    path = BAG_OF_ALL.parent / 'flipped.mcap'
     path.write_bytes(data)
     try:
         found = readings_of(path)
@@ -223,7 +219,7 @@ def test_a_type_that_nothing_defines_is_an_error(tmp_path: Path) -> None:
     old_bag(tmp_path / 'bag', 5, 'robot_msgs/msg/Pull')
     with BagReader(tmp_path / 'bag') as reader:
         with pytest.raises(BagError, match=r'nothing defines the type robot_msgs/msg/Pull'):
-            reader.pick(None, ['robot_msgs/msg/Pull'], 'pulls')
+            pick_topic(reader, None, ['robot_msgs/msg/Pull'], 'pulls')
 
 
 def string_bag(path: Path, topics: dict[str, str]) -> Path:
@@ -256,7 +252,7 @@ def test_the_topic_is_picked(
     tmp_path: Path, topics: dict[str, str], wanted: str | None, expected: str
 ) -> None:
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
-        assert reader.pick(wanted, TENSION_TYPES, 'tensions') == expected
+        assert pick_topic(reader, wanted, TENSION_TYPES, 'tensions') == expected
 
 
 @pytest.mark.parametrize(
@@ -274,4 +270,4 @@ def test_what_cannot_be_picked_is_listed(
 ) -> None:
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         with pytest.raises(BagError, match=expected):
-            reader.pick(wanted, TENSION_TYPES, 'tensions')
+            pick_topic(reader, wanted, TENSION_TYPES, 'tensions')

@@ -487,6 +487,35 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
         assert '130 interrupted' in text
 
 
+def test_friction_remembers_the_tensions_before(tmp_path: Path) -> None:
+    rough = TABLE_4 | {'model': 'exact', 'tendons.friction': [0.2], 'friction_memory': 1.0}
+    pull = np.full((3, 4), 0.02)
+    pull[2, 0] = 1.0
+    # The last ones after a gap, which is forgotten.
+    first = samples(ARM, [pull, 0.6 * pull, 0.8 * pull])
+    later = [
+        Sample(
+            '/tendon_tensions', TENDON_TENSIONS, START + 10**10,
+            tensions_data(TENDON_TENSIONS, ARM.tendon_names, 0.6 * pull, START + 10**10),
+        )
+    ]  # fmt: skip
+    text = text_sample('/arm_description', parameters_as_yaml(rough))
+    bag = write_bag(tmp_path / 'in', [text, *first, *later])
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    config = Config.from_parameters(rough)
+    solver = config.solver(compiled=None)
+    last, expected = None, []
+    for tensions in (pull, 0.6 * pull, 0.8 * pull):
+        last = solver.follow(tensions, last)
+        expected.append(last)
+    expected.append(solver.solve(0.6 * pull))
+    assert np.linalg.norm(expected[1].tip - expected[3].tip) > 1e-3
+    found = content_of(tmp_path / 'out', '/tip_pose')
+    stamps = [*(START + i * STEP for i in range(3)), START + 10**10]
+    for (*_, data), backbone, stamp in zip(found, expected, stamps, strict=True):
+        assert data == expected_messages(config, backbone, stamp)[3]
+
+
 # Beside the node --------------------------------------------------------------------------------
 
 

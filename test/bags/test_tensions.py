@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from recordings import (
     TENDON_TENSIONS,
     TOPICS,
     TYPES,
+    bag_of_all,
     random_tensions,
     readings_of,
     samples,
@@ -35,14 +35,10 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import stamp_of
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.tensions import TensionTopic
+from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-# Hypothesis has no fixtures that last for all examples.
-FOLDER = tempfile.TemporaryDirectory()
-BAG_OF_ALL = write_bag(
-    Path(FOLDER.name) / 'all',
-    [one for topic, kind in TOPICS.items() for one in samples(ARM, np.ones((1, 12)), topic, kind)],
-)
+BAG_OF_ALL = bag_of_all()
 
 
 def test_a_stamp_is_that_of_the_header_or_of_receipt() -> None:
@@ -131,7 +127,7 @@ def test_every_topic_of_tensions_is_read(tmp_path: Path, topic: str) -> None:
     tensions = random_tensions(ARM, 300).astype(np.float32)  # which every type can hold
     path = write_bag(tmp_path / 'bag', samples(ARM, tensions, topic, TOPICS[topic]))
     with BagReader(path) as reader:
-        assert reader.pick(None, TENSION_TYPES, 'tensions') == topic
+        assert pick_topic(reader, None, TENSION_TYPES, 'tensions') == topic
     found = readings_of(path, topic)
     np.testing.assert_array_equal([one.tensions for one in found], tensions)
     late = 0 if TENSION_TOPICS[topic[1:]].has_stamp else 1000  # by receipt

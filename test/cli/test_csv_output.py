@@ -73,6 +73,23 @@ def test_the_fitted_arm_has_less_left_than_the_one_that_was_given(
     assert after < 0.7 * before
 
 
+def test_tables_of_a_fit_have_the_tensions_of_the_fitted_load_cells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, out = str(marker_bag(tmp_path / 'bag')), tmp_path / 'fitted'
+    fits = ['--model', 'exact', '--fit', 'youngs_modulus', 'tension_offset', '--loss', 'linear']
+    assert main(['identify', bag, *S, *fits, '--csv', str(out)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    offset = said['estimates']['tension_offset']['value']
+    assert abs(offset) > 0.01
+    tensions = read_profile(out / 'tensions.csv', ARM).tensions
+    assert tensions[::2, 0] == pytest.approx(np.array(TENSIONS) + offset, abs=2e-3)
+    # What is left is what the fit says is left.
+    axes = [f'residual_{axis} [m]' for axis in 'xyz']
+    squares = (numbers(rows(out / 'midlines.csv'), *axes) ** 2).sum(axis=1)
+    assert np.sqrt(squares.mean()) == pytest.approx(said['residuals']['after']['rms'], rel=1e-6)
+
+
 def test_a_replay_has_a_row_for_each_station_and_its_tensions_are_played(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,7 +99,9 @@ def test_a_replay_has_a_row_for_each_station_and_its_tensions_are_played(
     bag = str(write_bag(tmp_path / 'bag', content))
     out = tmp_path / 'tables'
     assert main(['replay', bag, str(tmp_path / 'new'), '--csv', str(out), '--json']) == 0
-    (report,) = json.loads(capsys.readouterr().out)['topics'].values()
+    said = json.loads(capsys.readouterr().out)
+    (report,) = said['topics'].values()
+    assert 'load cells: tension_deadband takes readings near zero as zero' in said['notes']
     (reason,) = report['reasons'].items()
     assert reason == ('tension of tendon_1_1 is -1.0 N, expected a finite number >= 0', 1)
     solver = Config.from_parameters(PARAMETERS).solver()

@@ -89,7 +89,7 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
 @pytest.mark.parametrize(
     'arguments',
     [
-        (), ('draw',), ('solve',), ('solve', 'renda2012_table4'), ('reproduce',),
+        (), ('draw',), ('solve',), ('reproduce',),
         (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
     ],
 )  # fmt: skip
@@ -99,7 +99,11 @@ def test_wrong_usage_is_status_2(
     with pytest.raises(SystemExit) as leave:
         main(arguments)
     assert leave.value.code == 2
-    assert 'error: ' in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert err.startswith('octo-arm')
+    assert 'error: ' in err
+    assert '--help\n' in err
+    assert err.count('\n') == 1
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,15 @@ def test_json_holds_the_whole_shape_in_si_units(
     shape = json.loads(out)
     solver = table4.solver(model, 41)
     expected = solver.solve(FETCHING_IN_SPACE)
-    names = 'model s section position quaternion tau xi k q tendon_length residual iterations'
+    names = (
+        'model s section position quaternion tau xi k q tension tendon_length displacement '
+        'residual iterations slack'
+    )
     assert list(shape) == names.split()
+    assert shape.pop('slack') == []
+    np.testing.assert_allclose(shape.pop('tension'), FETCHING_IN_SPACE)
+    reeled_in = solver.rest_lengths - solver.tendon_lengths(expected)
+    np.testing.assert_allclose(shape.pop('displacement'), reeled_in, atol=1e-12)
     assert shape.pop('model') == model
     lengths = solver.tendon_lengths(expected)
     np.testing.assert_allclose(shape.pop('tendon_length'), lengths, atol=1e-12)
@@ -76,3 +83,39 @@ def test_loads_and_material_may_be_said_on_the_command_line(
     # What is left is of the size of rounding, and that is the processor's.
     assert max(shape['residual'], float(expected.residual)) < 1e-10
     assert shape['iterations'] == int(expected.iterations) > 0
+
+
+def test_lengths_that_winches_reel_in_give_the_tensions(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One tendon by length, one by tension, and one that is paid out too far to be taut."""
+    asked = '{"tendon_1_1": 0.02, "tendon_2_1": -0.01}'
+    arguments = 'solve', 'renda2012_table4', '--model', 'exact', '--displacements', asked
+    arguments += '--tensions', '{"tendon_3_1": 1}'
+    status, out, _ = run(capsys, *arguments, '--json')
+    shape = json.loads(out)
+    assert status == 0 and shape['slack'] == ['tendon_2_1']
+    assert shape['displacement'][0][0] == pytest.approx(0.02, abs=1e-9)
+    assert shape['tension'][1:] == [[0, 0, 0, 0], [1, 0, 0, 0]]
+    again = json.dumps(shape['tension'])
+    _, out, _ = run(capsys, *arguments[:4], '--tensions', again, '--json')
+    np.testing.assert_allclose(json.loads(out)['position'], shape['position'], atol=1e-12)
+    _, out, _ = run(capsys, *arguments)
+    assert out.endswith('slack: tendon_2_1\n')
+
+
+@pytest.mark.parametrize(
+    ('given', 'problem'),
+    [
+        ([], 'neither --tensions nor --displacements is given'),
+        (['--displacements', '[0.01]'], '--displacements is [0.01], expected numbers by name'),
+        (['--displacements', '{"tendon_1_1": "x"}'], 'expected numbers by name'),
+        (['--displacements', '{"elbow": 0.01}'], 'unknown tendon elbow'),
+        (['--displacements', '{}', '--tensions', '[[1]]'], '--tensions is [[1]], expected'),
+    ],
+)
+def test_displacements_that_are_none_are_refused(
+    capsys: pytest.CaptureFixture[str], given: list[str], problem: str
+) -> None:
+    status, _, err = run(capsys, *SOLVE[:2], *given)
+    assert status == 2 and problem in err and err.count('\n') == 1

@@ -1,10 +1,11 @@
-"""Parameter files: which are read, and what is said about those that are not."""
+"""Parameter files: reading them, and the errors of invalid ones."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -22,6 +23,7 @@ from octo_arm_model import (
 from octo_arm_model.config.config import parameters_as_yaml, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
@@ -30,6 +32,7 @@ MINIMAL = {
     'body': {'length': 0.4, 'radius_base': 0.02, 'radius_tip': 0.01},
     'sections': {'anchorage': [0.4], 'offset_base': [0.008], 'offset_anchorage': [0.002]},
 }
+DOTTED = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
 
 
 def read(folder: Path, text: str) -> Config:
@@ -87,8 +90,7 @@ def test_any_node_name_or_wildcard_will_do(tmp_path: Path, node: str) -> None:
 
 
 def test_dotted_names_will_do(tmp_path: Path) -> None:
-    dotted = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
-    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': dotted}}))
+    config = read(tmp_path, yaml.safe_dump({'/**': {'ros__parameters': DOTTED}}))
     assert config.arm.sections == (Section(0.4, 0.008, 0.002),)
 
 
@@ -127,13 +129,28 @@ def test_a_solver_takes_model_stations_and_base_from_the_file(tmp_path: Path) ->
     assert config.solver('renda2012').model == 'renda2012'
 
 
+def test_a_solver_keeps_to_the_iterations_of_the_budget_and_a_node_to_the_time(
+    tmp_path: Path,
+) -> None:
+    heavy = changed('model: renda2012', 'model: exact') + '    loads.gravity: [0.0, 0.0, -9.81]\n'
+    heavy += '    material.density: 1080.0\n'
+    timed = read(tmp_path, heavy + '    solve_budget.seconds: 1.0e-9\n')
+    rest = np.zeros((3, 4))
+    assert timed.solver().solve(rest).residual < 1e-10
+    with pytest.raises(ContinuationError, match='budget of 1e-09 s'):
+        timed.solver(budget=timed.solve_budget).solve(rest)
+    counted = read(tmp_path, heavy + '    solve_budget.iterations: 1\n')
+    with pytest.raises(ContinuationError, match='budget of 1 iterations'):
+        counted.solver().solve(rest)
+
+
 # What is refused -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('name', [p.name for p in PARAMETERS if p.default is None])
 def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path: Path, name: str) -> None:
     line = next(row for row in GOOD.splitlines() if row.strip().startswith(name.split('.')[1]))
-    # Names are unique below their group but for length and the like: all presets hold them once.
+    # The last parts of these names occur once in the file.
     parameter = next(p for p in PARAMETERS if p.name == name)
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, changed(line + '\n', ''))
@@ -144,6 +161,14 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path: Path, 
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
+        (
+            'stations: 101', 'solve_budget.iterations: 0',
+            'solve budget: iterations is 0, expected a number > 0',
+        ),
+        (
+            'stations: 101', 'solve_budget.seconds: .nan',
+            'solve budget: seconds is nan, expected a number > 0',
+        ),
         (
             'youngs_modulus:', 'young_modulus:',
             'material.young_modulus is no parameter of the arm; did you mean '
@@ -344,7 +369,7 @@ def test_a_name_given_nested_and_dotted_is_refused(tmp_path: Path) -> None:
 
 
 def _doubling(kind: str) -> str:
-    """A YAML document of 40 lines that stands for 2^40 values."""
+    """A YAML document of 40 lines with 2^40 values when aliases are expanded."""
     lines = ['a0: &a0 {k: 1}']
     for i in range(1, 40):
         pair = f'{{b: *a{i - 1}, c: *a{i - 1}}}' if kind == 'maps' else f'[*a{i - 1}, *a{i - 1}]'
@@ -431,7 +456,7 @@ def test_texts_come_back_from_the_file_as_they_were() -> None:
     values = {'tendon_names': list(ODD_NAMES), 'base_frame': 'no', 'frame_prefix': '.inf'}
     text = parameters_as_yaml(values)
     assert parse_parameters(text, 'it') == values
-    # C reads these plain words as numbers, and ROS with it.
+    # As plain scalars C, and so ROS, reads these as numbers.
     for word in ('nan', 'inf', 'y', '08', '1e5'):
         assert f"- '{word}'\n" in text
 
@@ -473,17 +498,15 @@ def test_a_text_that_no_message_can_carry_is_refused(name: str, text: str) -> No
     ids=lambda value: str(value)[:30],
 )
 def test_sizes_have_bounds(changes: dict[str, object], message: str) -> None:
-    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
-    # Nothing that would be as large as asked for is built before.
-    values |= {'sections.offset_anchorage': [0.0]} | changes
+    # Sizes are checked before anything of that size is made.
+    values = {**DOTTED, 'sections.offset_anchorage': [0.0], **changes}
     with pytest.raises(OctoArmError, match=message) as refusal:
         Config.from_parameters(values).solver()
     assert len(str(refusal.value)) < 600
 
 
 def test_many_tendons_have_fewer_intervals() -> None:
-    values = {f'{group}.{k}': v for group, entries in MINIMAL.items() for k, v in entries.items()}
-    values |= {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
+    values = DOTTED | {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
     config = Config.from_parameters(values)
     assert config.solver().grid.s.size == 900
     with pytest.raises(ConfigError, match=r'more than 976 intervals .* with 256 tendons'):

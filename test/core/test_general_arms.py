@@ -119,7 +119,7 @@ def test_a_profile_with_a_corner_is_resolved_as_well_as_a_smooth_one() -> None:
     arm = Arm(SOFT, ProfiledBody(0.3, Function(stepped, 0.3)), (Section(0.3, 0.004, 0.004),))
     coarse, fine = (Solver(arm, 'exact', n).solve([[0.5, 0.2, 0.0, 0.0]]) for n in (101, 1601))
     assert coarse.residual < 1e-10
-    # The interval that holds the corner is integrated to second order only.
+    # The interval that contains the corner is integrated to second order only.
     np.testing.assert_allclose(coarse.tip, fine.tip, atol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""What holds for any arm and any tensions, in the paper's models."""
+"""Properties of the paper's models for any arm and any tensions."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LOADED = loaded_arms()
 
 
 def solve_finely(arm: Arm, tensions: np.ndarray, model: str) -> Backbone:
-    """Intervals an eighth as long, panels in several elements and sweeps almost to rounding."""
+    """Solve with intervals an eighth as long, more elements and sweeps almost to rounding."""
     with patch.object(renda2012, 'ELEMENTS', (8,)), patch.object(picard, 'TOLERANCE', 1e-12):
         return Solver(arm, model, 8 * (DEFAULT_STATIONS - 1) + 1).solve(tensions)
 
 
 def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
-    """What the model has no answer for is no example of what its answers have in common."""
+    """Solve, or reject the example where the model has no solution."""
     try:
         return solver.solve(tensions)
     except SolveError:
@@ -33,7 +33,7 @@ def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
 
 def assert_trustworthy(backbone: Backbone) -> None:
     for name, value in vars(backbone).items():
-        assert name in ('model', 'shape') or np.isfinite(value).all(), name
+        assert value is None or name in ('model', 'shape') or np.isfinite(value).all(), name
     norm = np.linalg.norm(backbone.quaternion, axis=-1)
     np.testing.assert_allclose(norm, 1.0, rtol=0.0, atol=1e-12)
     assert (backbone.q > -1.0).all()

@@ -1,4 +1,4 @@
-"""The packages as colcon and ROS see them."""
+"""The packages as found by colcon and ROS."""
 
 import re
 import shutil
@@ -93,5 +93,5 @@ def test_what_the_launch_files_start_is_a_dependency():
     text = ''.join(path.read_text() for path in (*(ROOT / 'launch').iterdir(), shared))
     started = set(re.findall(r"package='(\w+)'", text))
     assert started == {'rviz2'} and "['ros2', 'bag'" in text
-    # And what runs a launch file, and a bag.
+    # And the packages of the commands that run launch files and bags.
     assert depends >= started | {'ros2launch', 'ros2bag', 'launch', 'launch_ros'}

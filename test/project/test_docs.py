@@ -1,4 +1,4 @@
-"""The manual builds without a warning, and what it shows runs."""
+"""The manual builds without a warning, and its code blocks run."""
 
 import re
 import subprocess
@@ -13,7 +13,7 @@ from octo_arm_model.config.parameters import PARAMETERS
 pytestmark = pytest.mark.slow
 
 PAGES = sorted((ROOT / 'docs').glob('*.md'))
-# Plain text is what cannot run: pictures, and commands that never end or need an installed ROS.
+# Text blocks are not run: diagrams, and commands that do not end or need an installed ROS.
 LANGUAGES = {'python', 'sh', 'yaml', 'text'}
 
 

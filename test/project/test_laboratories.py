@@ -1,4 +1,4 @@
-"""Simulated laboratories: a few of those of `validation/laboratories.py`, which has the rest."""
+"""Simulated laboratories: a few of those of `validation/laboratories.py`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_a_laboratory_records_what_it_says() -> None:
     assert 0.85 * 1.1e5 <= young <= 1.2 * 1.1e5
     shapes = shapes_of(recording).shapes
     assert len(shapes) == 10
-    # A fifth of the frames is lost, and the deadband hides most of what slack tendons read.
+    # A fifth of the frames is lost, and most readings of slack tendons are within the deadband.
     assert 0.7 < len(recording.frames) / (10.0 * recording.tension_time[-1]) < 0.9
     assert all(0.0 <= shape.window.tensions[1] < 1e-3 for shape in shapes)
 

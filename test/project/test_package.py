@@ -1,4 +1,4 @@
-"""The package as a whole: what it exports, imports and documents."""
+"""The package as a whole: its exports, imports and documentation."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from checkout import ROOT
 
 import octo_arm_model
 
-# The rooms that need neither ROS nor any optional extra.
+# Folders that need neither ROS nor any optional extra.
 BASE = ('core', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
-    for room in BASE
+    for folder in BASE
     for module in pkgutil.walk_packages(
-        [f'{octo_arm_model.__path__[0]}/{room}'], f'octo_arm_model.{room}.'
+        [f'{octo_arm_model.__path__[0]}/{folder}'], f'octo_arm_model.{folder}.'
     )
     if not module.ispkg
 )

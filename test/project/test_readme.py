@@ -1,4 +1,4 @@
-"""The README says what is true."""
+"""The code in the README runs, and its links exist."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The node under abuse, for as long as a test may take; `benchmarks/soak.py` has the rest."""
+"""A short run of `benchmarks/soak.py`, the node under abuse."""
 
 import sys
 

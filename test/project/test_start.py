@@ -1,4 +1,4 @@
-"""How programs begin: interrupted while they are imported, and where ROS cannot start."""
+"""Start of programs: interrupted while they are imported, and where ROS cannot start."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
 
 
 def started(program: str, *arguments: str, before: str = '', **environment: str | None) -> tuple:
-    """Run a program to its end; returns status and what it complains of."""
+    """Run a program to its end; returns status and stderr."""
     code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
     variables = {**os.environ, **environment}
     done = subprocess.run(
@@ -95,7 +95,7 @@ def test_where_logs_cannot_be_written_that_is_said(program: str, tmp_path: Path)
     ):
         status, complaint = started(program, *OF_ROS[program], **environment)
         assert status in (1, 2)
-        # Before it rcutils reports errors of its own.
+        # rcutils reports errors of its own before it.
         last = complaint.splitlines()[-1]
         assert ': error: failed to initialize logging' in last
         assert last.endswith('set one to a folder that can be written')

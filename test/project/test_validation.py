@@ -1,4 +1,4 @@
-"""Elements by themselves, and models against them, coarsely; `validation/run.py` has the rest."""
+"""Finite elements, and the models against them on coarse meshes; see `validation/run.py`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ pytest.importorskip('skfem', reason='needs scikit-fem')
 VALIDATION = ROOT / 'validation'
 sys.path.insert(0, str(VALIDATION))
 
+import friction
 import run
 import verify
 from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
@@ -97,11 +98,11 @@ def tip_errors(case: Case, tension: float, contact: Contact) -> dict[str, float]
 
 
 def test_models_on_the_prototype() -> None:
-    """The sections of `exact` are right where the tendon keeps its place in them."""
+    """The sections of `exact` are accurate where the tendon keeps its place in them."""
     errors = tip_errors(PROTOTYPE, 1.5, Contact(disc=1e-3))
     assert errors['exact'] < 0.004
     assert 0.01 < errors['renda2012'] < 0.025
-    # Without the widening of the section the tendon's true path makes things worse.
+    # Without widening of the section the exact path of the tendon increases the error.
     assert errors['exact, linear'] > 2.0 * errors['renda2012']
 
 
@@ -157,3 +158,9 @@ def test_the_table_of_the_manual_is_that_of_the_results() -> None:
             place = kept['loads'].index(cases[name]['tensions_N'][found])
             assert numbers[4] == f'{kept["tip_error_percent"]["exact"][place]:.2f}'
     assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)
+
+
+def test_the_table_of_friction_is_that_of_the_model() -> None:
+    """Of the manual's page on effects."""
+    text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
+    assert '\n'.join(friction.rows()) in text

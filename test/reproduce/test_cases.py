@@ -1,4 +1,4 @@
-"""What is measured on the shapes of the paper's arms."""
+"""Quantities of the shapes of the paper's arms."""
 
 from __future__ import annotations
 

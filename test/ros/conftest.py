@@ -14,6 +14,7 @@ LOADED = """\
     sections: {anchorage: [0.27], offset_base: [0.005], offset_anchorage: [0.0025]}
     loads: {gravity: [0.0, 0.0, -9.81], fluid_density: 1000.0}
     tension_stddev: 0.02
+    solve_budget: {seconds: 60.0}
 """
 
 
@@ -32,9 +33,9 @@ def context():
 @pytest.fixture(scope='module')
 def client():
     """Client of a node with the arm of table 4 and the model renda2012."""
-    from live_nodes import running
+    from live_nodes import RELIABLE, running
 
-    with running('ros.node.main') as client:
+    with running('ros.node.main', *RELIABLE) as client:
         client.connect()
         yield client
 
@@ -42,19 +43,13 @@ def client():
 @pytest.fixture(scope='module')
 def loaded(tmp_path_factory):
     """Client of a node with a loaded arm of the model exact, its ``config`` and ``pull`` [N]."""
-    from live_nodes import running
+    from live_nodes import RELIABLE, running
 
     path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
     path.write_text(LOADED)
-    with running('ros.node.main', files=[path]) as client:
+    with running('ros.node.main', *RELIABLE, files=[path]) as client:
         client.config = load_config(path)
         client.names = list(client.config.arm.tendon_names)
         client.pull = np.array([[1.0, 0.3, 0.0, 0.0]])
-
-        def asked():
-            client.send('tendon_tensions', client.pull, client.names)
-            client.spin(0.1)
-            return all(client.answers.values())
-
-        client.wait(asked, 'an answer')
+        client.connect()
         yield client

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.slow
 
 def load(client, *arguments):
     """Run `octo-arm load`; returns its status and what it wrote to stdout and stderr."""
+    arguments = ('--wait', DEADLINE, *arguments)
     process = start('cli.main', 'load', *arguments, domain=client.domain)
     said, complaints = process.communicate(timeout=DEADLINE)
     return process.returncode, said, complaints

@@ -11,6 +11,10 @@ from typing import Any
 import pytest
 from checkout import ROOT
 
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.simulation.parameters import for_arm_node
+
+EXAMPLE = ROOT / 'config' / 'simulator.yaml'
 SHARED = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
 OF_ONE_ARM = {'params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'}
 ARGUMENTS = {
@@ -131,6 +135,14 @@ def test_two_simulated_arms_have_frames_of_their_own(tmp_path: Path) -> None:
         prefixes.append(nodes['octo_arm_node', '/arm/ground_truth']['frame_prefix'])
         assert nodes['octo_arm_node', '/arm'].get('frame_prefix') == given.get('frame_prefix')
     assert prefixes == ['left_ground_truth_', 'of_file_ground_truth_', 'ground_truth_']
+
+
+def test_the_node_knows_what_the_simulated_load_cells_read() -> None:
+    nodes = started('simulation', simulator_file=str(EXAMPLE))
+    (node,) = [given for (program, _), given in nodes.items() if program == 'octo_arm_node']
+    values = load_parameters(EXAMPLE)
+    assert {name: node[name] for name in for_arm_node(values)} == for_arm_node(values)
+    assert node['tension_deadband'] == 0.06
 
 
 def test_the_octopus_has_eight_arms_and_rviz_if_wanted() -> None:

@@ -141,7 +141,7 @@ def test_overrides_that_cannot_be_are_refused(
 def test_the_manual_names_every_topic(context: object) -> None:
     node = make('node', context)
     text = MANUAL.read_text().split('## Services')[0]
-    named = set(re.findall(r'^\| `([a-z_/]+)` \|', text, re.MULTILINE))
+    named = set(re.findall(r'^\| `([a-z0-9_/]+)` \|', text, re.MULTILINE))
     found = {key[1] for key in entities(node)}
     # Where tf2_msgs is not installed there are no frames.
     assert {'/' + name.lstrip('/') for name in named} - {'/tf'} == found - {'/tf'}

@@ -29,9 +29,10 @@ from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
 
+from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.parameters import PARAMETERS
+from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
 
 pytestmark = pytest.mark.slow
 
@@ -71,14 +72,27 @@ class Controller(RosClient):
         return np.array([message.tension for message in self.measured])
 
 
+def seconds(message):
+    """The stamp of a message [s]."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
 def simulating(*arguments, files=(CONFIG_FILE,)):
     return running('ros.simulator_node', *arguments, files=files, client=Controller,
                    node='octo_arm_sim')  # fmt: skip
 
 
+# No reading is replaced by a newer one before a busy reader takes it.
+EVERY_READING = [
+    word
+    for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
+    for word in ('-p', f'qos_overrides./{topic}.publisher.depth:=1000')
+]
+
+
 @pytest.fixture(scope='module')
 def shared():
-    with simulating() as controller:
+    with simulating(*EVERY_READING) as controller:
         for topic in COMMANDS:
             controller.reach(PLANE, topic)
             controller.reach(SLACK, topic)
@@ -98,7 +112,8 @@ def controller(shared):
 
 @pytest.mark.parametrize('topic', COMMANDS)
 def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic) -> None:
-    for tensions in (PLANE, SPACE, SLACK):
+    for given in (PLANE, SPACE, SLACK):
+        tensions = np.float64(np.float32(given))  # which every type can hold
         controller.reach(tensions, topic, tolerance=0.0)
     message = controller.measured[-1]
     assert message.name == NAMES
@@ -106,23 +121,12 @@ def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, 
     assert abs(message.header.stamp.sec - time.time()) < DEADLINE
 
 
-def test_readings_come_at_their_rate_by_their_own_stamps(controller) -> None:
-    for rate in (200.0, 50.0):
-        assert controller.change(rate=rate) == (True, '')
-        controller.reach(SLACK)
-        controller.measured.clear()
-        controller.wait(lambda: len(controller.measured) > 40, 'readings')
-        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
-        # The median: single readings are late on a busy machine.
-        assert np.median(np.diff(stamps)) == pytest.approx(1.0 / rate, rel=0.25)
-
-
 def test_lag_is_seen_and_is_the_exponential_between_stamps(controller) -> None:
     lag = 0.3
     assert controller.change(winches__lag=lag) == (True, '')
     controller.reach(PLANE, tolerance=0.01)
     seen = np.array([m.tension[10] for m in controller.measured])
-    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    at = list(map(seconds, controller.measured))
     rising = np.flatnonzero((seen[:-1] > 0.0) & (seen[:-1] < 12.0))
     assert rising.size > 5
     left = (13.0 - seen[rising + 1]) / (13.0 - seen[rising])
@@ -137,7 +141,7 @@ def test_limits_are_kept_and_the_rate_is_that_between_stamps(controller) -> None
     }
     assert controller.change(**limits) == (True, '')
     seen = controller.reach(np.clip(PLANE, 0.1, 5.0))
-    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    at = list(map(seconds, controller.measured))
     assert (np.abs(np.diff(seen, axis=0)) <= 10.0 * np.diff(at)[:, np.newaxis] + 1e-4).all()
     assert seen.max() == 5.0
     assert len(seen) > 10
@@ -146,11 +150,14 @@ def test_limits_are_kept_and_the_rate_is_that_between_stamps(controller) -> None
 def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -> None:
     noisy = {'load_cells__noise_stddev': 0.2, 'load_cells__resolution': 0.25}
     assert controller.change(**noisy) == (True, '')
-    controller.command(PLANE)
+
+    def is_pulled():
+        controller.command(PLANE)
+        return np.array_equal(controller.effective[-1].tension, PLANE)
+
+    controller.wait(is_pulled, 'the truth')
     controller.measured.clear()
-    controller.wait(
-        lambda: len(controller.measured) > 50 and len(controller.effective) > 50, 'readings'
-    )
+    controller.wait(lambda: len(controller.measured) > 50, 'readings')
     read = np.array([message.tension for message in controller.measured[10:]])
     assert (read < 0.0).any()
     assert len(np.unique(read[:, 10])) > 2
@@ -160,22 +167,33 @@ def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -
 
 def test_lost_readings_are_not_published_but_the_truth_is(controller) -> None:
     assert controller.change(load_cells__drop_probability=1.0) == (True, '')
-    controller.measured.clear()
     controller.effective.clear()
-    controller.wait(lambda: len(controller.effective) > 20, 'the truth')
-    # One may have been under way.
-    assert len(controller.measured) <= 2
+    controller.wait(lambda: len(controller.effective) > 1, 'the truth')
+    # Readings of before may still be under way.
+    since = seconds(controller.effective[-1])
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 20, 'more of it')
+    assert all(seconds(message) < since for message in controller.measured)
 
 
 def test_a_relaxing_arm_follows_later_than_its_tensions_are_measured(controller) -> None:
     assert controller.change(relaxation__ratio=0.5, relaxation__time=0.2) == (True, '')
-    controller.reach(PLANE)
-    stamp = next(m.header.stamp for m in controller.measured if m.tension[10] == 13.0)
-    controller.wait(
-        lambda: np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3), 'the creep'
-    )
-    at_once = next(m for m in controller.effective if m.header.stamp == stamp)
-    assert at_once.tension[10] == pytest.approx(13.0 / 1.5, rel=0.05)
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 1, 'the truth of a slack arm')
+
+    def has_crept():
+        controller.command(PLANE)
+        return np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3)
+
+    controller.wait(has_crept, 'the creep')
+    force = [message.tension[10] for message in controller.effective]
+    first = np.flatnonzero(force)[0]
+    at, before = seconds(controller.effective[first]), seconds(controller.effective[first - 1])
+    left = np.exp(-(at - before) / (1.5 * 0.2))
+    assert force[first] == pytest.approx(13.0 * (1.0 + 0.5 * (1.0 - left)) / 1.5, rel=1e-5)
+    controller.wait(lambda: seconds(controller.measured[-1]) > at, 'its reading')
+    (reading,) = [m for m in controller.measured if seconds(m) == at]
+    assert reading.tension[10] == 13.0
 
 
 BAD = {
@@ -245,26 +263,23 @@ def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) 
 
 def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None:
     expected = find_profile('fetching', CONFIG.arm)
-    controller.measured.clear()
-    assert controller.change(profile__name='fetching', profile__speed=20.0)[0]
-    peak = SLACK
-
-    def is_over():
-        nonlocal peak
-        if controller.measured:
-            peak = np.max([m.tension for m in controller.measured], axis=0)
-        return np.allclose(peak, expected.tensions.max(axis=0), rtol=0.05) and not any(
-            controller.measured[-1].tension
-        )
-
-    controller.wait(is_over, 'the end of the profile')
-    assert controller.change(profile__loop=True)[0]
-    assert controller.change(profile__name='fetching')[0]
+    looped = {'profile__name': 'fetching', 'profile__speed': 20.0, 'profile__loop': True}
+    assert controller.change(**looped) == (True, '')
     for _ in range(2):
+        # In a single round a busy machine may miss the peak.
         controller.measured.clear()
         controller.wait(
-            lambda: any(m.tension[9] > 6.0 for m in controller.measured), 'another round'
-        )
+            lambda: controller.measured
+            and np.allclose(
+                np.max([m.tension for m in controller.measured], axis=0),
+                expected.tensions.max(axis=0), rtol=0.05,
+            ),
+            'another round',
+        )  # fmt: skip
+    assert controller.change(profile__loop=False) == (True, '')
+    controller.wait(lambda: not any(controller.measured[-1].tension), 'the end of the profile')
+    assert controller.change(profile__name='fetching', profile__loop=True) == (True, '')
+    controller.wait(lambda: any(controller.measured[-1].tension), 'a new beginning')
     controller.reach(SPACE)
     controller.measured.clear()
     controller.wait(lambda: len(controller.measured) > 30, 'readings')
@@ -298,8 +313,9 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
 
 def test_a_profile_is_played_from_the_command_line(controller) -> None:
     process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--speed', '10', domain=controller.domain
-    )
+        'cli.main', 'play', 'fetching_in_plane', '--speed', '2', '--wait', DEADLINE,
+        domain=controller.domain,
+    )  # fmt: skip
     controller.measured.clear()
     controller.wait(lambda: process.poll() is not None, 'the end of the profile')
     assert (*process.communicate(), process.returncode) == ('', '', 0)
@@ -311,8 +327,9 @@ def test_a_profile_is_played_from_the_command_line(controller) -> None:
 def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -> None:
     heard = controller.hear(TendonTensions, 'tendon_commands')
     process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', domain=controller.domain
-    )
+        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', '--wait', DEADLINE,
+        domain=controller.domain,
+    )  # fmt: skip
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
     process.send_signal(signal.SIGINT)
     controller.wait(lambda: process.poll() is not None, 'the release')
@@ -321,7 +338,7 @@ def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -
     force = np.array([message.tension[10] for message in heard])
     release = force[np.argmax(force) :]
     assert (np.diff(release) <= 0.0).all()
-    assert len(np.unique(release)) > 10
+    assert len(np.unique(release)) > 3
 
 
 def test_nobody_to_play_to_is_an_error_that_says_what_to_start() -> None:
@@ -348,11 +365,37 @@ def test_under_simulated_time_winches_move_with_that_clock() -> None:
         # A bag that begins anew plays an earlier clock.
         for second in (5000, 5003, 4000, 4002):
             controller.wait(lambda second=second: advanced(second), f'a reading at {second} s')
-    at = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in controller.measured]
+    at = list(map(seconds, controller.measured))
     force = np.array([message.tension[10] for message in controller.measured])
     assert force[-1] > 4.0
     moved = np.minimum(force[:-1] + np.maximum(np.diff(at), 0.0), 13.0)
     np.testing.assert_allclose(force[1:], moved, atol=1e-5)
+
+
+def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> None:
+    period = 20_000_000  # [ns]
+    arguments = ('-p', 'use_sim_time:=true', '-p', 'rate:=50.0')
+    with simulating(*arguments, *EVERY_READING) as controller:
+        clock = controller.node.create_publisher(Clock, '/clock', 10)
+
+        def is_read_at(nanoseconds):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
+            clock.publish(message)
+            return any(m.header.stamp == message.clock for m in controller.measured)
+
+        start = 5000 * 10**9
+        controller.wait(lambda: is_read_at(start), 'the first reading')
+        controller.measured.clear()
+        for half in range(1, 11):
+            now = start + half * period // 2
+            if half % 2:
+                is_read_at(now)
+                controller.spin(0.02)
+            else:
+                controller.wait(lambda now=now: is_read_at(now), 'a reading')
+    at = [seconds(message) for message in controller.measured]
+    np.testing.assert_allclose(np.diff(at), 1e-9 * period, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -373,6 +416,29 @@ def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameter
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
         controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
         assert heard[-1].tension[0] <= 0.03
+
+
+def test_readings_around_zero_are_no_refusals_for_a_node_that_knows_of_them() -> None:
+    shared = for_arm_node(load_parameters(EXAMPLE))
+    assert shared == {'tension_deadband': 0.06}
+    # As simulation.launch.py starts the two.
+    given = [word for name, value in shared.items() for word in ('-p', f'{name}:={value}')]
+    played = ('-p', 'profile.name:=fetching', '-p', 'profile.speed:=20.0', '-p',
+              'profile.loop:=true')  # fmt: skip
+    with (
+        simulating(*played, files=(CONFIG_FILE, EXAMPLE)) as simulator,
+        running('ros.node.main', *given, domain=simulator.domain) as node,
+    ):
+
+        def is_enough():
+            node.spin()
+            low = sum(min(message.tension) < 0.0 for message in simulator.measured)
+            return low > 20 and len(node.answers['backbone/path']) > 100
+
+        simulator.wait(is_enough, 'answers to readings below zero')
+        status, values = node.status('input')
+        assert values['refused'] == '0', values['refused by reason']
+        assert 'refused' not in status.message
 
 
 def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> None:

@@ -1,4 +1,4 @@
-"""How far tendons may be pulled."""
+"""Limits of commanded tensions."""
 
 import re
 from pathlib import Path

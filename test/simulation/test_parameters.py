@@ -10,7 +10,7 @@ from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig, for_arm_node
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
@@ -68,3 +68,17 @@ def test_everything_is_off_by_default_and_every_parameter_arrives() -> None:
     expected = Hardware(Winches(lag=0.1), LoadCells(seed=3), Relaxation(ratio=0.2))
     assert (config.hardware, config.rate) == (expected, 20.0)
     assert config.profile is not None and config.profile.duration > 0.0
+
+
+def test_the_node_of_the_arm_is_told_of_load_cells_alone() -> None:
+    values = {
+        'winches.lag': 0.1,
+        'tension_deadband': 1,
+        'tension_offset': [0.1, 0, -0.2, 0],
+        'tension_scale': [],
+    }
+    assert for_arm_node(values) == {
+        'tension_deadband': 1.0,
+        'tension_offset': (0.1, 0.0, -0.2, 0.0),
+    }
+    assert for_arm_node({'rate': 10.0}) == {}

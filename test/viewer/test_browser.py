@@ -185,7 +185,7 @@ def test_the_first_view_is_brought_back_by_its_button(setup, browser):
     browser.leave()
     first = still()
     browser.turn(-250)
-    assert (first & ~still()).sum() > 0.2 * first.sum()
+    browser.until(lambda: (first & ~still()).sum() > 0.2 * first.sum(), 'another view')
     browser.press('Show the whole arm')
     browser.leave()
     browser.until(lambda: (first ^ still()).sum() < 0.1 * first.sum(), 'the first view')

@@ -1,5 +1,6 @@
 """The viewer against pages that mean harm: real connections to the real thing."""
 
+import contextlib
 import http.client
 import math
 import re
@@ -241,7 +242,8 @@ def test_what_is_no_request_is_survived(viewer):
         b'POST / HTTP/1.1\r\n\r\n',
     ):
         with socket.create_connection(('127.0.0.1', viewer.number), timeout=DEADLINE) as raw:
-            raw.sendall(data)
+            with contextlib.suppress(ConnectionError):  # may end before all is sent
+                raw.sendall(data)
     assert viewer.still_obeys() == []
 
 
@@ -387,7 +389,8 @@ def test_what_no_page_here_asks_for_is_passed_over(viewer, message):
 
 def test_a_message_of_any_size_is_not_taken_in(viewer):
     with viewer.page() as page:
-        page.send(10_000_000 * b'x')
+        with contextlib.suppress(ConnectionClosed):
+            page.send(10_000_000 * b'x')
         page.wait_until_closed()
     assert viewer.still_obeys() == []
 

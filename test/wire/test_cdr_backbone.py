@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from backbone_messages import assert_hold
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     PoseArray,
@@ -253,16 +254,7 @@ def test_a_solved_arm_arrives_as_it_was_solved():
     )
     for message in (path, poses, strains, *path.poses):
         assert message.header == Header(stamp=Time(sec=-3, nanosec=4), frame_id='here')
-    assert poses.poses == [pose.pose for pose in path.poses]
-    position = [[p.position.x, p.position.y, p.position.z] for p in poses.poses]
-    orientation = [
-        [p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w] for p in poses.poses
-    ]
-    np.testing.assert_array_equal(position, backbone.position)
-    np.testing.assert_array_equal(orientation, backbone.quaternion)
-    assert strains.model == 'closed_form'
-    for name in ('s', 'section', 'tau', 'xi', 'k', 'q'):
-        np.testing.assert_array_equal(getattr(strains, name), getattr(backbone, name))
+    assert_hold(path, poses, strains, backbone)
     lengths = SOLVER.tendon_lengths(backbone)
     ours = writer.tendon_lengths(lengths, backbone.tensions, -3, 4)
     joints = deserialize_message(ours, JointState)

@@ -20,9 +20,6 @@ from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import (
     TENDON_TENSIONS,
     TENSION_TOPICS,
-    TensionMessage,
-    array_layout,
-    float32,
 )
 
 ARM = load_config(preset_path('renda2012_table4')).arm
@@ -106,11 +103,6 @@ def test_nothing_is_like_an_example_of_another_encoding():
     assert TensionLayout(TENDON_TENSIONS, example, full, ARM).read(example) is None
 
 
-FLOAT32_ARRAY = TensionMessage(
-    'std_msgs/msg/Float32MultiArray', {'layout': array_layout, 'data': float32}, tensions='data'
-)
-
-
 def made(kind, random, stamp, is_shaped):
     """A message of any type of tensions, and what the full reader makes of it."""
     package, _, name = kind.type_name.split('/')
@@ -135,9 +127,7 @@ def made(kind, random, stamp, is_shaped):
 
 
 @pytest.mark.parametrize('is_shaped', [False, True])
-@pytest.mark.parametrize(
-    'kind', [*TENSION_TOPICS.values(), FLOAT32_ARRAY], ids=lambda kind: kind.type_name
-)
+@pytest.mark.parametrize('kind', TENSION_TOPICS.values(), ids=lambda kind: kind.type_name)
 def test_messages_of_every_type_are_read_alone_and_together(kind, is_shaped):
     random = np.random.default_rng(0)
     stamps = [(number - 2, 7 * number) for number in range(5)]

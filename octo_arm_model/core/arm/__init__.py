@@ -1,1 +1,1 @@
-"""What is described: material, body, tendons and loads of an arm. Imports numerics."""
+"""Description of an arm: material, body, tendons and loads. Imports numerics."""

@@ -18,14 +18,14 @@ from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.profile import as_profile
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import is_text
+from octo_arm_model.core.arm.validation import is_text, per_tendon
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 
-# Profiles are checked at so many places, and at their knots.
+# Number of arc coordinates at which profiles are checked, besides their knots.
 _CHECKED = 257
-# Part of the radius of the base that a tendon on the surface may be outside of it by rounding.
+# Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
 _ROUNDING = 1e-12
 
 
@@ -53,20 +53,31 @@ class Arm:
         sections: anchorages **from the tip to the base**, at least one and at most
             `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
+        axial_stiffness: E A of each tendon itself [N], 0 for one that does not stretch. This, as
+            the next three, is one number for all or one per tendon; kept as the latter, or empty
+            where all are zero.
+        free_length: length of each tendon between the base and its winch [m].
+        sheath_stiffness: k of `core.section.sheath` [Pa], 0 for a tendon that keeps its place in
+            the cross section.
+        friction: Coulomb's coefficient mu of each tendon in its guides [-].
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
-            the body and its discs, a profile leaves its range, or the names are not one per
-            tendon and distinct.
+            the body and its discs, a profile leaves its range, the names are not one per
+            tendon and distinct, or a property of tendons is negative or not one per tendon.
     """
 
     material: Material
     body: Body | ProfiledBody
     sections: tuple[Section | RoutedSection, ...]
     tendon_names: tuple[str, ...] = field(default=())
+    axial_stiffness: tuple[float, ...] = ()
+    free_length: tuple[float, ...] = ()
+    sheath_stiffness: tuple[float, ...] = ()
+    friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate what concerns several parts at once."""
+        """Validate what depends on several parts."""
         object.__setattr__(self, 'sections', tuple(self.sections))
         if not self.sections:
             raise ArmDefinitionError('sections', self.sections, 'at least one section')
@@ -77,6 +88,15 @@ class Arm:
             self._check_section(number, section, previous)
             previous = section.anchorage
         self._set_names(self.tendon_names)
+        for name, what, unit in (
+            ('axial_stiffness', 'stiffness', 'N'),
+            ('free_length', 'length', 'm'),
+            ('sheath_stiffness', 'stiffness', 'Pa'),
+            ('friction', 'coefficient', '-'),
+        ):
+            values, count = getattr(self, name), len(self.tendons)
+            checked = per_tendon(f'tendons.{name}', values, count, what, unit)
+            object.__setattr__(self, name, checked)
 
     def _check_profiles(self) -> None:
         material = self.material
@@ -121,7 +141,7 @@ class Arm:
                 'sections are listed from the tip to the base',
             )
         if isinstance(section, Section):
-            # Both ends first: they are what was given, and bound a straight tendon in a cone.
+            # Both ends first, by the names they were given by; they bound a straight tendon.
             self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
             end = np.array([section.anchorage])
             self._check_inside(f'{where}.offset_anchorage', section.tendons[0], end)
@@ -231,7 +251,7 @@ class Arm:
         for row, (tendon, section) in enumerate(
             zip(self.tendons, self.tendon_section, strict=True)
         ):
-            # Beyond its anchorage a tendon is not there, and its path may have no value.
+            # Beyond its anchorage the path of a tendon need not have values.
             inside = np.minimum(s, ends[section - 1])
             along_n[row], along_b[row] = what(tendon, inside)
         return along_n, along_b

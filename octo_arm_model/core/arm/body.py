@@ -19,8 +19,8 @@ class Body:
         length: L [m], > 0.
         radius_base: R_max [m], > 0.
         radius_tip: R_min [m], > 0.
-        disc_radius: radius of thin discs on the body that lead tendons outside of it [m], >= 0;
-            0 where there are none.
+        disc_radius: radius of thin discs that guide tendons outside the body [m], >= 0; 0 for
+            none.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -67,7 +67,7 @@ class ProfiledBody:
     disc_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate what does not take the whole arm."""
+        """Validate what does not depend on the rest of the arm."""
         object.__setattr__(self, 'length', positive('body.length', self.length, 'm'))
         discs = not_negative('body.disc_radius', self.disc_radius, 'radius', 'm')
         object.__setattr__(self, 'disc_radius', discs)

@@ -1,7 +1,7 @@
 """Loads on the arm besides its tendons.
 
-Weight, the wrench on the tip, point loads and distributed loads are dead: fixed in base_frame,
-whatever the shape. A `Load` of another kind states its resultants and how they change.
+Weight, the wrench on the tip, point loads and distributed loads are dead loads: fixed in
+base_frame. A `Load` of another kind states its resultants and their derivatives by the shape.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _AT_MOST_POINTS = f'at most {MAX_TABLE_POINTS}'
 
 
 class Resultants(NamedTuple):
-    """What acts beyond each point of a rod, in base_frame.
+    """Resultants of a load on the part of a rod between each point and the tip, in base_frame.
 
     Attributes:
         force: (3, points) [N].
-        moment: sum of free moments, without those of the forces, (3, points) [N m].
+        moment: sum of the free moments, without the moments of the forces, (3, points) [N m].
     """
 
     force: FloatArray
@@ -34,14 +34,14 @@ class Resultants(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """How the resultants of a load change with the rotation of one cross section.
+    """Derivative of the resultants of a load by the rotation vector of one cross section.
 
-    By its rotation vector in base_frame.
+    The rotation vector is in base_frame.
 
     Attributes:
         s: arc coordinate of the cross section [m].
-        force: change of the force beyond each point, (3, 3, points) [N].
-        moment: change of the free moments, (3, 3, points) [N m].
+        force: derivative of the force, (3, 3, points) [N].
+        moment: derivative of the free moments, (3, 3, points) [N m].
     """
 
     s: float
@@ -50,11 +50,11 @@ class Tangent(NamedTuple):
 
 
 class DeformedRod(Protocol):
-    """What a `Load` may ask of the rod it acts on."""
+    """The deformed rod as it is given to a `Load`."""
 
     @property
     def s(self) -> FloatArray:
-        """Arc coordinates of the points [m], (points,); none lies at a break of a load."""
+        """Arc coordinates of the points [m], (points,); none coincides with a break of a load."""
 
     def rotation_at(self, s: float) -> FloatArray:
         """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
@@ -64,27 +64,27 @@ class DeformedRod(Protocol):
 
 
 class Load(Protocol):
-    """A load of a kind of its own, given as ``Loads(others=...)``."""
+    """A load of another kind, given as ``Loads(others=...)``."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Where it begins, ends or sits [m]."""
+        """Arc coordinates at which the resultants jump, or the load begins or ends [m]."""
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where it is less than smooth in between [m]."""
+        """Other arc coordinates at which it is not smooth [m]."""
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """What it puts on every cross section of ``rod``.
+        """Resultants on every cross section of ``rod``.
 
         The moments of forces follow from m' = n x u'. At most `LoadLimits` on a straight rod.
         """
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
-        """How the resultants change with the shape: () where they are fixed in base_frame.
+        """Derivatives of the resultants by the shape: () where they are fixed in base_frame.
 
-        None if that is not known: then there are shapes under small loads, found by plain
-        iteration, but no derivatives and no stability.
+        None if they are not known: shapes under small loads are then found by fixed-point
+        iteration, and there are no derivatives and no stability check.
         """
 
 
@@ -115,14 +115,14 @@ class PointLoad:
 
 @dataclass(frozen=True)
 class DistributedLoad:
-    """A force per reference length, linear between given points and nothing beyond them.
+    """A force per reference length, linear between given points and zero outside them.
 
     Attributes:
         s: arc coordinates [m], at least two, increasing.
         force: force per reference length at each, in base_frame [N/m].
 
     Raises:
-        ArmDefinitionError: if they are not such.
+        ArmDefinitionError: if a value is outside its range, or the numbers of values differ.
     """
 
     s: tuple[float, ...]
@@ -150,12 +150,12 @@ class DistributedLoad:
 
 @dataclass(frozen=True)
 class Loads:
-    """Everything that loads the arm but its tendons.
+    """All loads on the arm besides its tendons.
 
     Attributes:
         gravity: acceleration of gravity in base_frame [m/s^2].
-        fluid_density: density of what the arm is immersed in [kg/m^3], >= 0; it carries the
-            weight of the fluid displaced.
+        fluid_density: density of the surrounding fluid [kg/m^3], >= 0; its buoyancy is the weight
+            of the displaced fluid.
         tip_force: force on the tip, in base_frame [N].
         tip_moment: moment on the tip, in base_frame [N m].
         points: loads on cross sections.
@@ -189,7 +189,7 @@ class Loads:
 
     @property
     def any(self) -> bool:
-        """Whether there is anything that could load an arm."""
+        """Whether any load may differ from zero."""
         vectors = (self.gravity, self.tip_force, self.tip_moment)
         return bool(np.any(vectors) or self.points or self.distributed or self.others)
 
@@ -211,7 +211,7 @@ class Loads:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Where a load begins, ends or sits [m]."""
+        """Arc coordinates at which a load begins or ends, or is concentrated [m]."""
         found = [load.s for load in self.points]
         for load in self.distributed:
             found += [load.s[0], load.s[-1]]
@@ -221,6 +221,6 @@ class Loads:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where a load is less than smooth [m]."""
+        """Other arc coordinates at which a load is not smooth [m]."""
         found = [s for load in self.distributed for s in load.s[1:-1]]
         return (*found, *(s for other in self.others for s in other.knots))

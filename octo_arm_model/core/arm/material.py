@@ -1,4 +1,4 @@
-"""What the arm is made of."""
+"""The material of the arm."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from octo_arm_model.core.hints import FloatArray
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic, elastic material (eq. 3), the same across every cross section.
+    """Isotropic, elastic material (eq. 3), constant over every cross section.
 
     Attributes:
         youngs_modulus: E [Pa], > 0, or its `Profile` along s.
         poisson_ratio: nu [-], in (-1, 0.5], or its `Profile`; 0.5 is incompressible.
-        density: mass per volume [kg/m^3], >= 0; it matters under gravity only.
+        density: mass per volume [kg/m^3], >= 0; used under gravity only.
 
     Raises:
-        ArmDefinitionError: if a value is outside its range; that of a profile is checked where
-            the arm is put together.
+        ArmDefinitionError: if a value is outside its range; profiles are checked by `Arm`.
     """
 
     youngs_modulus: float | Profile
@@ -51,13 +50,13 @@ class Material:
         """Material of given E and G [Pa].
 
         Raises:
-            ArmDefinitionError: if no isotropic material has these.
+            ArmDefinitionError: if no isotropic material has these moduli.
         """
         young = positive('material.youngs_modulus', youngs_modulus, 'Pa')
         shear = positive('material.shear_modulus', shear_modulus, 'Pa')
         ratio = young / (2.0 * shear) - 1.0
         if ratio > 0.5:
-            # Incompressible from rounded numbers is not worth an error.
+            # Rounded moduli of an incompressible material are accepted.
             if ratio > 0.5 + 1e-9:
                 expected = f'at least E / 3 = {young / 3.0:.6g} [Pa]'
                 raise ArmDefinitionError('material.shear_modulus', shear_modulus, expected)
@@ -83,5 +82,5 @@ class Material:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where E or nu is less than smooth [m]."""
+        """Arc coordinates at which E or nu is not smooth [m]."""
         return as_profile(self.youngs_modulus).knots + as_profile(self.poisson_ratio).knots

@@ -1,4 +1,4 @@
-"""How a quantity varies along the arm: a radius, a modulus, a tendon's distance or angle."""
+"""Profiles of a quantity along the arm: a radius, a modulus, a tendon's offset or angle."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_TABLE_POINTS
 
-# Distance of the five points that differentiate a function, as a part of its range: the error of
-# the formula, of fourth order, and that of rounding are both about 1e-12 there.
+# Spacing of the five points of the difference formula, over the length of the profile: its
+# truncation error, of fourth order, and rounding are both about 1e-12.
 _FUNCTION_STEP = 1e-3
 
 
@@ -35,19 +35,19 @@ class Profile(ABC):
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where the profile is less than smooth [m]: integration must not step across."""
+        """Arc coordinates at which the profile is not smooth [m]; intervals end there."""
         return ()
 
     @property
     def reach(self) -> float:
-        """Arc coordinate up to which it has values [m]."""
+        """Largest arc coordinate at which it has a value [m]."""
         return math.inf
 
     def cover(self, name: str, stop: float) -> None:
         """Check that the profile has a value from the base to s = ``stop`` [m].
 
         Raises:
-            ArmDefinitionError: if it ends before; ``name`` is what it is called.
+            ArmDefinitionError: if it ends before; the message has its ``name``.
         """
         if self.reach < stop:
             expected = f'at least {stop} [m], as far as it is needed'
@@ -102,18 +102,18 @@ class Constant(Profile):
 
 @dataclass(frozen=True)
 class Table(Profile):
-    """Smooth through given points, without overshoot (PCHIP, Fritsch and Butland 1984).
+    """Monotone cubic interpolation of given points (PCHIP, Fritsch and Butland 1984).
 
-    Two points are a straight line.
+    Linear for two points.
 
     Attributes:
         s: arc coordinates [m], at least two and at most `MAX_TABLE_POINTS`, the first 0,
             increasing.
         values: the value at each.
-        name: what it is called in errors.
+        name: its name in errors.
 
     Raises:
-        ArmDefinitionError: if the points are not such.
+        ArmDefinitionError: if the points are not as described.
     """
 
     s: tuple[float, ...]
@@ -148,7 +148,7 @@ class Table(Profile):
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
-        # Between its points it never leaves their range, but for rounding.
+        # Values exceed those of the points by rounding only.
         return np.clip(self._interpolant(s), min(self.values), max(self.values))
 
     def slope(self, s: ArrayLike) -> FloatArray:
@@ -173,7 +173,7 @@ class Function(Profile):
     Attributes:
         of_s: takes an array of arc coordinates [m] within [0, ``length``], returns the values.
         length: arc coordinate up to which it can be called [m].
-        slope_of_s: its derivative, likewise; by differences where it is not given.
+        slope_of_s: its derivative, likewise; by finite differences where it is not given.
 
     Raises:
         ArmDefinitionError: if the length is not positive.
@@ -197,7 +197,7 @@ class Function(Profile):
         s = np.asarray(s, dtype=np.float64)
         if self.slope_of_s is not None:
             return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
-        # The quartic through five neighbouring points, which near the ends lie to one side.
+        # Derivative of the quartic through five points, one-sided near the ends.
         h = _FUNCTION_STEP * self.length
         centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
         offsets = np.arange(-2.0, 3.0)

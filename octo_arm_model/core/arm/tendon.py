@@ -1,4 +1,4 @@
-"""Tendons and the anchorages where they end."""
+"""Tendons and the anchorage cross sections at which they end."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Tendon:
         return out * cosine - offset * turn * sine, out * sine + offset * turn * cosine
 
     def outward(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Direction (n, b) away from the midline: derivative of `place` with the distance."""
+        """Direction (n, b) away from the midline: derivative of `place` by the offset."""
         angle = self.angle.value(s)
         return _cos(angle), _sin(angle)
 
@@ -52,12 +52,12 @@ class Tendon:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Where the path is less than smooth [m]."""
+        """Arc coordinates at which the path is not smooth [m]."""
         return self.offset.knots + self.angle.knots
 
 
 def _sin(angle: FloatArray) -> FloatArray:
-    """Sine, exactly 0 and +-1 at the quarters of the circle, where the paper's tendons are."""
+    """Sine, exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons."""
     quarter = np.round(angle / QUARTERS[1])
     is_quarter = angle == quarter * QUARTERS[1]
     return np.where(is_quarter, np.array([0.0, 1.0, 0.0, -1.0])[quarter.astype(int) % 4],
@@ -65,7 +65,7 @@ def _sin(angle: FloatArray) -> FloatArray:
 
 
 def _cos(angle: FloatArray) -> FloatArray:
-    """Cosine, exact at the quarters likewise."""
+    """Cosine, exact at multiples of pi / 2 likewise."""
     quarter = np.round(angle / QUARTERS[1])
     is_quarter = angle == quarter * QUARTERS[1]
     return np.where(is_quarter, np.array([1.0, 0.0, -1.0, 0.0])[quarter.astype(int) % 4],
@@ -76,15 +76,15 @@ def _cos(angle: FloatArray) -> FloatArray:
 class Section:
     """One anchorage cross section and the tendons fastened at it (eq. 5).
 
-    The paper's are four and straight: along n, b, -n and -b. Others may be given by their angles,
-    and twisted into helices.
+    The paper's four tendons are straight, along n, b, -n and -b. Others are given by their angles
+    and may wind about the midline as helices.
 
     Attributes:
         anchorage: arc coordinate l_i of the anchorage [m], > 0.
         offset_base: distance a_i of the tendons from the midline at the base [m], >= 0.
         offset_anchorage: distance b_i at the anchorage [m], >= 0.
         angles: direction of each tendon at the base [rad], from n towards b.
-        twist: how far each has turned about the midline at the anchorage [rad].
+        twist: angle by which each has wound about the midline at the anchorage [rad].
 
     Raises:
         ArmDefinitionError: if a value is outside its range.

@@ -1,8 +1,11 @@
-"""What is given, checked: every refusal names the field, its value and the range."""
+"""Validation of input: every error names the field, its value and the allowed range."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
 _DEEPEST = 32  # axes of an array, at least, that NumPy can make
+_NUMBERS, _LISTS = {float, int}, {list, tuple}
 
 
 def finite(name: str, value: object, expected: str = 'a finite number') -> float:
@@ -56,6 +60,27 @@ def not_negative(name: str, value: object, what: str, unit: str) -> float:
     return number
 
 
+def per_tendon(
+    name: str, values: Sequence[object], count: int, what: str, unit: str
+) -> tuple[float, ...]:
+    """Return ``values``, one for all or for each of ``count`` tendons, as so many floats >= 0.
+
+    None where all are zero.
+
+    Raises:
+        ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit``.
+    """
+    expected = f'one number for all tendons or {count}, one for each'
+    if isinstance(values, str) or not isinstance(values, Sequence):
+        raise ArmDefinitionError(name, values, expected)
+    numbers = tuple(not_negative(name, value, what, unit) for value in values)
+    if len(numbers) not in (0, 1, count):
+        raise ArmDefinitionError(name, list(numbers), expected)
+    if len(numbers) == 1:
+        numbers = count * numbers
+    return numbers if any(numbers) else ()
+
+
 def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
     """Return ``value`` as three floats.
 
@@ -70,11 +95,11 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
 
 
 def real_numbers(value: object) -> FloatArray | None:
-    """Return ``value``, an array or nested lists, as floats; None where it is none of numbers.
+    """Return ``value``, an array or nested lists, as floats; None where it is no array of numbers.
 
-    Booleans, which Python and NumPy take for 0 and 1 beside numbers, are none; nor are texts.
+    Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts.
     """
-    if _holds_bool(value, _DEEPEST):
+    if isinstance(value, (list, tuple)) and _holds_bool(value):
         return None
     try:
         array = np.asarray(value)
@@ -85,19 +110,29 @@ def real_numbers(value: object) -> FloatArray | None:
     return array.astype(np.float64, copy=False)
 
 
-def _holds_bool(value: object, depth: int) -> bool:
-    if isinstance(value, (list, tuple)):
-        return depth > 0 and any(_holds_bool(element, depth - 1) for element in value)
-    return isinstance(value, (bool, np.bool_)) or (
-        isinstance(value, np.ndarray) and value.dtype.kind == 'b'
-    )
+def _holds_bool(value: list[object] | tuple[object, ...]) -> bool:
+    """Whether nested lists contain a boolean; level by level, which is fast for plain numbers."""
+    level: Iterable[Any] = value
+    for _ in range(_DEEPEST):
+        kinds = set(map(type, level))
+        if kinds <= _NUMBERS:
+            return False
+        if not kinds <= _LISTS:
+            for element in level:
+                if isinstance(element, (bool, np.bool_)) or (
+                    isinstance(element, np.ndarray) and element.dtype.kind == 'b'
+                ):
+                    return True
+            level = [element for element in level if isinstance(element, (list, tuple))]
+        level = list(itertools.chain.from_iterable(level))
+    return False
 
 
 def is_text(value: object) -> bool:
-    """Whether ``value`` is a text that a message can carry.
+    """Whether ``value`` is a text that fits into a ROS message.
 
-    No more than `MAX_NAME` characters, without the NUL that ends a text in a message and without
-    halves of characters, which have no bytes in UTF-8.
+    At most `MAX_NAME` characters, without NUL, which ends a string there, and without surrogates,
+    which UTF-8 cannot encode.
     """
     return (
         isinstance(value, str)

@@ -88,9 +88,14 @@ class Compiled:
 
         Of the paper's models they do where tendons make neither mixed second moment nor routing
         torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
+        None covers tendons with friction.
         """
         if isinstance(statics, Exact):
-            return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
+            return (
+                not statics.slides
+                and statics.strains == 4
+                and type(statics.law) in (LinearElastic, NeoHookean)
+            )
         if not isinstance(statics, PapersModel):
             return False
         equations = statics.equations

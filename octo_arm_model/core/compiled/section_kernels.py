@@ -18,6 +18,9 @@ from octo_arm_model.core.section.formulas import (
     bending_terms,
     planar_start,
     planar_step,
+    sheath_inverse,
+    sheath_mixed,
+    sheath_pull,
     tendon_direction,
     tendon_gradient,
     tendon_hessian,
@@ -25,6 +28,8 @@ from octo_arm_model.core.section.formulas import (
     unscaled_hessian,
 )
 from octo_arm_model.core.section.newton import FIRST_STEPS, OVERSHOOT, ROUNDING, TOLERANCE
+from octo_arm_model.core.section.sheath import MOST_STEPS as STANDING_STEPS
+from octo_arm_model.core.section.sheath import STANDING
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
 MOST_STEPS = 30  # of Newton's method; NumPy goes on where these are not enough
@@ -44,6 +49,56 @@ def density(
     if tables.widens:
         return neo_hookean_density(stretch, bend)
     return linear_density(stretch, bend)
+
+
+def stand(
+    t: float, n: float, b: float, stretch: float, width: float,
+    x: float, y: float, dx: float, dy: float, gives: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Where a tendon on the path (x, y) stands, as `SheathedSections` has it; NaN if nowhere.
+
+    ``gives`` is its tension over the stiffness of its sheath [m^2].
+    """
+    off_n, off_b = 0.0, 0.0
+    for _ in range(STANDING_STEPS):
+        u_t, u_n, u_b, length = tendon_direction(
+            t, n, b, stretch, width, x + off_n, y + off_b, dx, dy
+        )
+        over = 1.0 / length
+        p_n, p_b = sheath_pull(t, n, b, u_t * over, u_n * over, u_b * over)
+        left_n, left_b = off_n + gives * p_n, off_b + gives * p_b
+        if not abs(left_n) + abs(left_b) > STANDING * (abs(x) + abs(y) + abs(off_n) + abs(off_b)):
+            return x + off_n, y + off_b
+        k_nn, k_nb, k_bb = sheath_inverse(t, n, b, p_n, p_b, gives * over)
+        off_n -= k_nn * left_n + k_nb * left_b
+        off_b -= k_nb * left_n + k_bb * left_b
+    return np.nan, np.nan
+
+
+def is_held(
+    tables: SectionTables, i: int, tensions: FloatArray, pulled: IntArray, strain: FloatArray,
+    hessian: FloatArray,
+) -> bool:  # fmt: skip
+    """Whether tendons of section ``i`` stay in the body, at a minimum of the energy.
+
+    As `check_tendons` and `check_stable` ask; ``hessian`` (4, 4) is that of the balance and lost.
+    """
+    if tables.give.size == 0:
+        return True
+    width = widening(tables, strain[3])[0]
+    for tendon in pulled:
+        gives = tables.transmission[i, tendon] * tensions[tendon] * tables.give[i, tendon]
+        x, y = stand(
+            strain[0], strain[1], strain[2], strain[3], width, tables.x[i, tendon],
+            tables.y[i, tendon], tables.dx[i, tendon], tables.dy[i, tendon], gives,
+        )  # fmt: skip
+        if not x * x + y * y <= tables.farthest[i, tendon] ** 2:
+            return False
+    solve_symmetric(hessian, np.zeros(4))
+    for k in range(4):
+        if not hessian[k, k] > 0.0:
+            return False
+    return True
 
 
 def balance(
@@ -69,6 +124,9 @@ def balance(
         tension = part * tensions[tendon]
         x, y = tables.x[i, tendon], tables.y[i, tendon]
         dx, dy = tables.dx[i, tendon], tables.dy[i, tendon]
+        give = tables.give[i, tendon] if tables.give.size else 0.0
+        if give > 0.0:
+            x, y = stand(t, n, b, stretch, width, x, y, dx, dy, give * tension)
         u_t, u_n, u_b, length = tendon_direction(t, n, b, stretch, width, x, y, dx, dy)
         over = 1.0 / length
         l_t, l_n, l_b, l_s = tendon_gradient(
@@ -82,6 +140,25 @@ def balance(
         bt, bn, bb = bt + weight * h[3], bn + weight * h[4], bb + weight * h[5]
         st, sn = st + weight * h[6], sn + weight * h[7]
         sb, ss = sb + weight * h[8], ss + weight * h[9]
+        if give > 0.0:
+            # What the tendon gives way to the strain, condensed as in `SheathedSections`.
+            e_t, e_n, e_b = u_t * over, u_n * over, u_b * over
+            p_n, p_b = sheath_pull(t, n, b, e_t, e_n, e_b)
+            k_nn, k_nb, k_bb = sheath_inverse(t, n, b, p_n, p_b, give * weight)
+            m_t, m_n, m_b, m_s, c_t, c_n, c_b, c_s = sheath_mixed(
+                t, n, b, slope, x, y, dx, dy, e_t, e_n, e_b, p_n, p_b, l_t, l_n, l_b, l_s,
+                tension, weight,
+            )  # fmt: skip
+            k_nn, k_nb, k_bb = give * k_nn, give * k_nb, give * k_bb
+            o_t, q_t = k_nn * m_t + k_nb * c_t, k_nb * m_t + k_bb * c_t
+            o_n, q_n = k_nn * m_n + k_nb * c_n, k_nb * m_n + k_bb * c_n
+            o_b, q_b = k_nn * m_b + k_nb * c_b, k_nb * m_b + k_bb * c_b
+            o_s, q_s = k_nn * m_s + k_nb * c_s, k_nb * m_s + k_bb * c_s
+            tt, nt = tt - m_t * o_t - c_t * q_t, nt - m_n * o_t - c_n * q_t
+            nn, bt = nn - m_n * o_n - c_n * q_n, bt - m_b * o_t - c_b * q_t
+            bn, bb = bn - m_b * o_n - c_b * q_n, bb - m_b * o_b - c_b * q_b
+            st, sn = st - m_s * o_t - c_s * q_t, sn - m_s * o_n - c_s * q_n
+            sb, ss = sb - m_s * o_b - c_s * q_b, ss - m_s * o_s - c_s * q_s
     gradient[0], gradient[1], gradient[2], gradient[3] = g_t, g_n, g_b, g_s
     hessian[0, 0], hessian[1, 0], hessian[1, 1] = tt, nt, nn
     hessian[2, 0], hessian[2, 1], hessian[2, 2] = bt, bn, bb
@@ -211,6 +288,8 @@ def find_minima(
         )
         if count < 0:
             return left, -1
+        if not is_held(tables, i, tensions, pulled, strain, hessian):
+            return np.inf, -1
         residual, steps = max(residual, left), max(steps, count)
         if tables.widens:
             bend = np.sqrt((strain[1] * strain[1] + strain[2] * strain[2]) * tables.squared[i])

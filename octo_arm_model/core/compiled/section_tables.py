@@ -9,6 +9,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.sheath import SheathedSections
 
 
 class SectionTables(NamedTuple):
@@ -24,6 +25,9 @@ class SectionTables(NamedTuple):
         dx: slope of ``x``.
         dy: slope of ``y``.
         transmission: part of its tension that each tendon has there.
+        give: 1 / k of each tendon's sheath [1/Pa], see `SheathedSections`; of no tendon where all
+            keep their places.
+        farthest: how far from the midline a tendon may stand there [m], likewise.
         widens: whether the law is neo_hookean; else it is linear.
         planar: whether tendons cannot twist the arm.
     """
@@ -37,6 +41,8 @@ class SectionTables(NamedTuple):
     dx: FloatArray
     dy: FloatArray
     transmission: FloatArray
+    give: FloatArray
+    farthest: FloatArray
     widens: bool
     planar: bool
 
@@ -64,6 +70,9 @@ def section_tables(energy: SectionEnergy) -> SectionTables:
     x, y, dx, dy, transmission = (
         table[:, 0].T for table in (energy.x, energy.y, energy.dx, energy.dy, energy.transmission)
     )
+    give = farthest = np.zeros((0, 0))
+    if isinstance(energy, SheathedSections):
+        give, farthest = energy.give[:, 0].T, energy.farthest[:, 0].T
     return SectionTables(
         axial=energy.stiffness.axial,
         torsion=energy.stiffness.torsion,
@@ -74,6 +83,8 @@ def section_tables(energy: SectionEnergy) -> SectionTables:
         dx=dx,
         dy=dy,
         transmission=transmission,
+        give=give,
+        farthest=farthest,
         widens=energy.law.widens,
         planar=energy.planar,
     )
@@ -100,6 +111,6 @@ def no_exact() -> ExactTables:
     """Of another model."""
     none, table = np.zeros(0), np.zeros((0, 0))
     sections = SectionTables(
-        none, none, none, none, table, table, table, table, table, False, False
+        none, none, none, none, table, table, table, table, table, table, table, False, False
     )
     return ExactTables(sections, sections, np.zeros((0, 2)), np.zeros((0, 3), np.int64), none)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.newton import Newton
+from octo_arm_model.core.loaded.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
@@ -132,7 +131,7 @@ def _levenberg_marquardt(
             break
         heavier = max(_HEAVY * damping, _LIGHT)
         try:
-            step = problem.linearised(state, damping).solve(state.imbalance[:, np.newaxis])
+            step = newton_step(problem, problem.linearised(state, damping), state)
         except ConvergenceError:
             damping = heavier
             continue

@@ -17,6 +17,7 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
@@ -45,7 +46,13 @@ def evaluate(
     energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """`Evaluate` for the cross sections ``energy``."""
-    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    return evaluate_local(energy, energy.local_tensions(tensions[np.newaxis]), twist)
+
+
+def evaluate_local(
+    energy: SectionEnergy, local_tensions: FloatArray, twist: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`Evaluate` for tensions at the points, (tendons, 1, points)."""
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     gradient, hessian = energy.material(strain)
     pulled, across = energy.tendon_derivatives(strain, local_tensions)
@@ -65,13 +72,16 @@ class Equilibrium:
         collocation: the points.
         loads: at the points.
         base: orientation of the base.
+        friction: of the tendons, if any.
         unloaded_sign: sign of the determinant of the equations without loads.
     """
 
     def __init__(
-        self, energy: SectionEnergy, collocation: Collocation, loads: LoadTable, base: Quaternions
-    ) -> None:
+        self, energy: SectionEnergy, collocation: Collocation, loads: LoadTable, base: Quaternions,
+        friction: Friction | None = None,
+    ) -> None:  # fmt: skip
         """Prepare for the cross sections ``energy`` at the points of ``collocation``."""
+        self.friction = friction
         self.energy, self.collocation = energy, collocation
         self.loads, self.base = loads, base
         self.evaluate: Evaluate = functools.partial(evaluate, energy)
@@ -105,7 +115,12 @@ class Equilibrium:
         """Evaluate the balance of ``shape``."""
         twist, orientation = shape
         count = twist.shape[1]
-        gradient, hessian, scale = self.evaluate(condition.tensions, twist)
+        sliding = None
+        if self.friction is None:
+            gradient, hessian, scale = self.evaluate(condition.tensions, twist)
+        else:
+            sliding = self._slide(self.friction, condition, twist)
+            gradient, hessian, scale = evaluate_local(self.energy, sliding.tensions, twist)
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
         loads = self.loads.resultants(RodPoints(self.collocation, orientation))
@@ -120,8 +135,13 @@ class Equilibrium:
         residual = float((np.abs(imbalance) / (scale + outside)).max())
         return State(
             condition, shape, rotation, tangent, moment, force, imbalance,
-            hessian, residual,
+            hessian, residual, sliding,
         )  # fmt: skip
+
+    @staticmethod
+    def _slide(friction: Friction, condition: Condition, twist: FloatArray) -> Sliding:
+        turning = friction.turning(twist[:, np.newaxis])
+        return friction.slide(condition.tensions[np.newaxis], condition.before, turning)
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""

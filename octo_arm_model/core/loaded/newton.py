@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import System, TipAnswer
+from octo_arm_model.core.loaded.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
@@ -63,7 +62,10 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
                 system, turned = problem.linearised(state), 0.0
             except ConvergenceError:
                 return Iterate(state, iteration, strayed, None)
-        step = system.solve(state.imbalance[:, np.newaxis])
+        try:
+            step = newton_step(problem, system, state)
+        except ConvergenceError:
+            return Iterate(state, iteration, strayed, None)
         new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN.
         if not new.residual <= (progress if iteration else UPHILL) * state.residual:

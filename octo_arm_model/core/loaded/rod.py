@@ -14,24 +14,28 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.newton import Newton, newton
+from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import product
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
 # of its values. Positions, which are integrals of it, are far more exact.
 RESOLVED = 3e-5
+# Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
+_RESOLVED_TENSIONS = 1e-6
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
@@ -67,11 +71,12 @@ class LoadedRod:
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
         self.points = own.s.size
-        energy = SectionEnergy(arm, own.s, own.section, law, shear)
+        energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
         LoadLimits(SectionStiffness.at(arm, grid.nodes)).check_loads(loads, table.straight)
-        self.equilibrium = Equilibrium(energy, own, table, base.rotation)
+        friction = Friction(arm, energy, own) if arm.friction else None
+        self.equilibrium = Equilibrium(energy, own, table, base.rotation, friction)
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
@@ -92,13 +97,20 @@ class LoadedRod:
         """What the balance at the points changes by with parameters of the arm."""
         return ParameterDerivatives(self.equilibrium.energy, self._arm)
 
-    def unloaded(self, tensions: FloatArray) -> Shape:
+    def unloaded(self, tensions: FloatArray, before: FloatArray | None = None) -> Shape:
         """The shape under ``tensions`` (tendons,) [N] alone.
+
+        With friction, after tensions ``before`` (tendons, points) [N] along the tendons.
 
         Raises:
             SolveError: if there is none.
         """
-        return self.equilibrium.shape(self.minimum(tensions))
+        friction = self.equilibrium.friction
+        if friction is None:
+            return self.equilibrium.shape(self.minimum(tensions))
+        sections = ExactSections(self.equilibrium.energy)
+        twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
+        return self.equilibrium.shape(twist[:, 0])
 
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
@@ -111,9 +123,11 @@ class LoadedRod:
 
     def from_coarser(self, other: LoadedRod, shape: Shape) -> Shape:
         """The ``shape`` of an ``other`` rod at the points of this one."""
-        own = self._own
-        readout = other._own.readout(own.s, own.s)
-        return self.equilibrium.shape(readout.interpolate(shape.twist))
+        return self.equilibrium.shape(self.read_from(other).interpolate(shape.twist))
+
+    def read_from(self, other: LoadedRod) -> Readout:
+        """What values at the points of an ``other`` rod are at the points of this one."""
+        return other._own.readout(self._own.s, self._own.s)
 
     def _read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of this rod."""
@@ -128,10 +142,24 @@ class LoadedRod:
         turn /= np.sqrt(np.add.reduce(turn * turn, axis=1, keepdims=True))
         return self.nodes.interpolate(state.shape.twist), position, turn
 
-    def resolves(self, shape: Shape) -> bool:
-        """Whether elements are fine enough for ``shape``."""
-        twist = shape.twist
-        tail = np.abs(self._own.by_element(twist) @ self._own.rule.tail.T).max(axis=(1, 2))
-        size = np.abs(twist).max(axis=1)
+    def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
+        """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""
+        return self.resolves_twist(shape.twist[:, np.newaxis], sliding)
+
+    def resolves_twist(self, twist: FloatArray, sliding: Sliding | None) -> bool:
+        """Whether they are for ``twist`` (n, batch, points), and tendons ``sliding``."""
+        if sliding is not None:
+            if sliding.sticks:
+                # Where a tendon begins to stick strains have a kink, which no cuts resolve.
+                return True
+            tensions = sliding.tensions
+            if self._tail(tensions).max() > _RESOLVED_TENSIONS * tensions.max():
+                return False
+        size = np.abs(twist).max(axis=(1, 2))
         size[:3] = size[:3].max()
-        return bool((tail <= RESOLVED * size).all())
+        return bool((self._tail(twist) <= RESOLVED * size).all())
+
+    def _tail(self, values: FloatArray) -> FloatArray:
+        """Largest of the last Legendre coefficients of ``values`` (n, batch, points), (n,)."""
+        tail = self._own.by_element(values) @ self._own.rule.tail.T
+        return np.asarray(np.abs(tail).max(axis=(1, 2, 3)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.rod.solution import Shape
 
@@ -16,11 +17,14 @@ class Condition(NamedTuple):
         tensions: (tendons,) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
         factor: part of all other loads.
+        before: where tendons have friction, their tensions at the points before, (tendons,
+            points) [N]; None for slack ones.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float
+    before: FloatArray | None = None
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
@@ -28,6 +32,7 @@ class Condition(NamedTuple):
             self.tensions + part * (other.tensions - self.tensions),
             self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             self.factor + part * (other.factor - self.factor),
+            other.before,
         )
 
 
@@ -45,6 +50,7 @@ class State(NamedTuple):
             (n, points).
         hessian: of the energy by the twist, (n, n, points).
         residual: largest imbalance over its scale.
+        sliding: where tendons have friction, what is left of their tension.
     """
 
     condition: Condition
@@ -56,6 +62,7 @@ class State(NamedTuple):
     imbalance: FloatArray
     hessian: FloatArray
     residual: float
+    sliding: Sliding | None = None
 
 
 class Stability(NamedTuple):

@@ -12,7 +12,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.paper_balance import SectionStiffness, curvatures, twist_of
-from octo_arm_model.core.section.tendon_sums import TendonWeights
+from octo_arm_model.core.section.tendon_sums import TendonSums, TendonWeights
 
 
 class ClosedForm:
@@ -30,7 +30,13 @@ class ClosedForm:
 
     def solve(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
-        sums = self.weights.sums(tensions)
+        return Solution(self._twist(self.weights.sums(tensions)), 0.0, 0)
+
+    def local_twist(self, local_tensions: FloatArray) -> FloatArray:
+        """Twist (4, batch, nodes) under tensions (tendons, batch, nodes) [N] at the nodes."""
+        return self._twist(self.weights.local_sums(local_tensions))
+
+    def _twist(self, sums: TendonSums) -> FloatArray:
         _, torsion, bending = self.stiffness
         _, n, b, nn, bb, mixed, routing_torque = sums
         tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)
@@ -41,4 +47,4 @@ class ClosedForm:
             k = (about_n * n - mixed * b) / determinant
         if routing_torque is not None:
             tau = -routing_torque / (torsion + (nn + bb))
-        return Solution(twist_of(tau, xi, k, sums, self.stiffness), 0.0, 0)
+        return twist_of(tau, xi, k, sums, self.stiffness)

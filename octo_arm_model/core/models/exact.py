@@ -19,7 +19,9 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
     barycentric_matrix,
@@ -28,9 +30,10 @@ from octo_arm_model.core.numerics.chebyshev import (
 )
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
+from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity
@@ -38,8 +41,6 @@ from octo_arm_model.core.sensitivity.results import Sensitivity
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
-# Elements that the panels of a loaded arm are cut into, the next where strains are not resolved.
-CUTS: tuple[int, ...] = (1, 2, 4, 8)
 COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
@@ -50,6 +51,7 @@ class Exact:
         takes_loads: always.
         law: elastic law.
         strains: 4, or 6 with shear.
+        slides: whether tendons have friction.
         at_points: cross sections at the Chebyshev points of all panels.
         panels: nodes in each panel, and the matrix from its points to these.
         tail: matrix to the last two Chebyshev coefficients, (points of a panel, 2).
@@ -75,6 +77,8 @@ class Exact:
             return rod
 
         self._rod = functools.lru_cache(rod)
+        self._rods = Rods(self._rod)
+        self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         nodes, section = setup.grid.nodes, setup.grid.node_section
         points, _ = chebyshev_integration(POINTS)
@@ -90,7 +94,7 @@ class Exact:
                 self.panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
                 s.append(panel.start + panel.length * points)
                 numbers += [panel.section] * POINTS
-        self.at_points = SectionEnergy(
+        self.at_points = sections_of(
             setup.arm, np.concatenate(s), np.array(numbers), setup.law, setup.shear
         )
         self.tail = tail_matrix(POINTS)
@@ -109,71 +113,88 @@ class Exact:
         return self._sections_at(grid.nodes, grid.node_section)
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
-        return SectionEnergy(self._setup.arm, s, section, self.law, self._setup.shear)
+        return sections_of(self._setup.arm, s, section, self.law, self._setup.shear)
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
         return self._is_loaded or bool(tip_wrench.any())
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
     ) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6).
 
-        A loaded arm is followed from ``start``, or from the unloaded shape.
+        A loaded arm is followed from ``start``, or from the unloaded shape. Tendons with friction
+        have tensions ``before`` (tendons, points) [N], or are slack.
 
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
         is_loaded = self.is_loaded(tip_wrench)
         if is_loaded and tensions.ndim == 1:
-            return self._solve_loaded(tensions, tip_wrench, start)
+            return self._solve_loaded(tensions, tip_wrench, start, before)
         rows = np.atleast_2d(tensions)
         if not is_loaded:
-            solution = self._solve_unloaded(rows)
+            solution = (
+                self._rods.slide(_sections, rows, before)
+                if self.slides
+                else self._solve_unloaded(rows)
+            )
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
             found = []
             for number, (row, wrench) in enumerate(zip(rows, wrenches)):
                 try:
-                    found.append(self._solve_loaded(row, wrench, start))
+                    found.append(self._solve_loaded(row, wrench, start, before))
                 except SolveError as error:
                     error.number = number
                     raise
-            twist, residual, iterations, shapes, frames = zip(*found)
-            position, quaternion = zip(*frames)
-            solution = Solution(
-                np.stack(twist, axis=1), np.array(residual), np.array(iterations), shapes[-1],
-                (np.stack(position), np.stack(quaternion)),
-            )  # fmt: skip
+            solution = stacked(found)
         return solution if tensions.ndim > 1 else solution.one()
 
     def _solve_loaded(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None,
     ) -> Solution:
         """`solve` for one arm."""
-        level, wanted = 0, Condition(tensions, tip_wrench, 1.0)
+        level = 0
+        if start is not None and start.shape is not None:
+            level = self._rods.level_of(start.shape.twist)
+        wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
         spending = Spending(self._setup.budget)
         if start is None:
             known, shape = self._nearly(wanted, spending)
         else:
-            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0)
-            if start.shape is None:
-                shape = self._rod(0).unloaded(known.tensions)
-            else:
-                shape, level = start.shape, self._level_of(start.shape)
+            known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
+            shape = start.shape or self._rod(0).unloaded(known.tensions, known.before)
         rod = self._rod(level)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
-        while not rod.resolves(state.shape) and level + 1 < len(CUTS):
+        while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)
+            wanted = wanted._replace(before=self._rods.at_level(before, level))
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
-        check_fibres(energy, to_scaled(energy.law, state.shape.twist[:, np.newaxis]))
+        strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
+        check_fibres(energy, strain)
+        energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
         twist, position, quaternion = rod.read_out(state)
-        frames = position, quaternion
-        return Solution(twist, state.residual, spending.iterations, state.shape, frames)
+        tendons = None
+        if state.sliding is not None:
+            along = state.sliding.tensions[:, 0]
+            tendons = TendonTensions(along, rod.stations.interpolate(along))
+        return Solution(
+            twist, state.residual, spending.iterations, state.shape, (position, quaternion),
+            tendons,
+        )  # fmt: skip
 
     def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
         """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
@@ -182,9 +203,10 @@ class Exact:
         unloaded arm.
         """
         fine, coarse = self._rod(0), self._rod(0, COARSE)
-        known = Condition(wanted.tensions, np.zeros(6), 0.0)
-        unloaded = fine.unloaded(wanted.tensions)
-        if fine.equilibrium.loads.without_tangent or not coarse.points < fine.points:
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        unloaded = fine.unloaded(wanted.tensions, wanted.before)
+        is_plain = not (self.slides or fine.equilibrium.loads.without_tangent)
+        if not (is_plain and coarse.points < fine.points):
             return known, unloaded
         found = fine.newton(wanted, unloaded, TOLERANCE)
         state = found.state
@@ -204,11 +226,6 @@ class Exact:
             return known, unloaded  # Too few points, perhaps.
         return wanted, fine.from_coarser(coarse, state.shape)
 
-    def _level_of(self, shape: Shape) -> int:
-        """Number of the rod that a ``shape`` is one of."""
-        points = shape.twist.shape[1]
-        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
-
     def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].
 
@@ -219,6 +236,8 @@ class Exact:
         local_tensions = energy.local_tensions(tensions)
         found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
         check_fibres(energy, found.strain)
+        energy.check_tendons(found.strain, local_tensions)
+        energy.check_stable(found.strain, local_tensions)
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
@@ -254,7 +273,7 @@ class Exact:
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
         tensions = backbone.tensions.ravel()
-        condition = Condition(tensions, backbone.tip_wrench, 1.0)
+        condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0
         if shape is None:
             shape = self._rod(0).unloaded(tensions)
@@ -262,6 +281,10 @@ class Exact:
                 level += 1
                 shape = self._rod(level).unloaded(tensions)
         else:
-            level = self._level_of(shape)
+            level = self._rods.level_of(shape.twist)
         rod = self._rod(level)
         return derivatives(rod, rod.equilibrium.state(condition, shape))
+
+
+def _sections(rod: LoadedRod) -> ExactSections:
+    return ExactSections(rod.equilibrium.energy)

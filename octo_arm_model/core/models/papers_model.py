@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.rod.backbone import Backbone
@@ -59,6 +60,11 @@ class PapersModel:
         Raises:
             ConfigError: if they do not cover the arm.
         """
+        if setup.arm.sheath_stiffness:
+            raise ConfigError(
+                "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
+                'in their places'
+            )
         grid = setup.grid
         self._setup = setup
         self.equations = equations(setup.arm, grid.nodes, grid.node_section)
@@ -74,7 +80,11 @@ class PapersModel:
         return False
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
     ) -> Solution:
         """Solve for ``tensions`` (..., tendons) [N]; the others are not used.
 

@@ -73,6 +73,8 @@ def papers_sections(arm: Arm) -> tuple[Section, ...]:
             sections.append(section)
         else:
             problem = f'section {number}, whose tendons are not straight along n, b, -n, -b (5)'
+    if arm.friction:
+        problem = 'friction of the tendons'
     if problem:
         raise ConfigError(
             f"model is 'renda2012', which does not cover {problem}: choose exact or closed_form"

@@ -80,11 +80,17 @@ class Statics(Protocol):
         """
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
     ) -> Solution:
         """Solve for ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6) [N, N m].
 
-        ``start`` is a single solution to follow the equilibrium from, if the model does.
+        ``start`` is a single solution to follow the equilibrium from, if the model does, and
+        ``before`` the `Backbone.point_tensions` that tendons with friction slide from; None for
+        slack ones.
 
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.

@@ -1,1 +1,1 @@
-"""Mathematics that knows of no arm. Imports nothing of this package but array types and errors."""
+"""Mathematics without an arm. Imports nothing of this package but array types and errors."""

@@ -1,7 +1,7 @@
-"""Small symmetric systems, one for each cross section, all solved at once.
+"""Batches of small symmetric linear systems, one for each cross section.
 
-Matrices are arrays (n, n, ...) and right sides (n, ...) or (n, columns, ...), so that every step
-of the elimination is one operation on all of them; LAPACK would be called once for each.
+Matrices are arrays (n, n, ...) and right sides (n, ...) or (n, columns, ...): every step of the
+elimination is one operation on the whole batch, where LAPACK takes one call for each system.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
     weights[[0, -1]] *= 0.5
     distance = targets[:, np.newaxis] - points
     row, column = np.nonzero(np.abs(distance) < 1e-14)
-    distance[row, :] = np.arange(1.0, points.size + 1.0)  # Anything that cannot divide by zero.
+    distance[row, :] = np.arange(1.0, points.size + 1.0)  # replaced below; must not be zero
     matrix = weights / distance
     matrix /= matrix.sum(axis=1, keepdims=True)
     matrix[row] = 0.0

@@ -36,6 +36,14 @@ class GaussRule(NamedTuple):
         at = _legendre.legvander(2.0 * targets - 1.0, count - 1)
         return np.asarray(np.linalg.solve(values.T, at.T).T)
 
+    @property
+    def differentiation(self) -> FloatArray:
+        """Matrix (n, n) from values at the points to derivatives there."""
+        x, count = 2.0 * self.points - 1.0, self.points.size
+        values = _legendre.legvander(x, count - 1)
+        slopes = _legendre.legvander(x, count - 2) @ _legendre.legder(2.0 * np.eye(count))
+        return np.asarray(np.linalg.solve(values.T, slopes.T).T)
+
     def integrate(self, targets: FloatArray) -> FloatArray:
         """Matrix (targets, n) from values at the points to integrals from 0 to ``targets``."""
         return _integrals(self.points, targets)

@@ -1,4 +1,4 @@
-"""What the C library does with memory that is freed."""
+"""A setting of the C library's allocator."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 @functools.cache
 def keep_freed_memory() -> None:
-    """Let the C library keep what is freed, once and for all.
+    """Make glibc keep freed memory of up to 24 MB for the process instead of unmapping it.
 
-    Arrays of a batch are just large enough that glibc gives each of them back to the system, and
-    to get the next one page by page costs as much as the arithmetic. Having seen one larger
-    array freed, it keeps what is smaller.
+    It maps and unmaps each array above a threshold, and mapping an array of a batch page by page
+    takes as long as its arithmetic. Freeing one larger array raises the threshold to its size.
     """
     np.empty(24 * 2**20, np.uint8)

@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions, written as pairs of complex numbers so that NumPy is quick.
+"""Rotations as unit quaternions, written as pairs of complex numbers, which take few NumPy calls.
 
 The quaternion w + x i + y j + z k is a + b j with a = w + x i and b = y + z i. As j c = conj(c) j
 for complex c, a product takes four complex multiplications. A vector (x, y, z) is the quaternion
@@ -24,7 +24,7 @@ class Quaternions(NamedTuple):
 
     @classmethod
     def empty(cls, *shape: int) -> Quaternions:
-        """Room for quaternions of ``shape``."""
+        """Uninitialised quaternions of ``shape``."""
         return cls(np.empty(shape, np.complex128), np.empty(shape, np.complex128))
 
     @classmethod
@@ -33,14 +33,6 @@ class Quaternions(NamedTuple):
         x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
         return cls(w + 1j * x, y + 1j * z)
 
-    @classmethod
-    def from_vector(cls, x: FloatArray, y: FloatArray, z: FloatArray) -> Quaternions:
-        """Vectors as quaternions without real part."""
-        vector = cls.empty(*x.shape)
-        vector.a.real, vector.a.imag = 0.0, x
-        vector.b.real, vector.b.imag = y, z
-        return vector
-
     def part(self, index: slice | IntArray) -> Quaternions:
         """Those at ``index`` of the last axis."""
         return Quaternions(self.a[..., index], self.b[..., index])
@@ -48,10 +40,6 @@ class Quaternions(NamedTuple):
     def times(self, other: tuple[ComplexArray, ComplexArray]) -> Quaternions:
         """Product; as rotations, ``other`` first, then ``self``, both about fixed axes."""
         return Quaternions(*product(*self, *other))
-
-    def rotate(self, vector: Quaternions) -> Quaternions:
-        """Vectors turned by these unit quaternions."""
-        return self.times(vector).times(Quaternions(self.a.conj(), -self.b))
 
     def matrix(self) -> FloatArray:
         """Rotation matrices (3, 3, ...)."""
@@ -82,11 +70,11 @@ def cumulative_product(factors: Quaternions) -> Quaternions:
     """Product of all ``factors`` (..., n) up to and including each along the last axis.
 
     Multiplying (a, b) by (c, d) from the right gives (a c - b conj(d), a d + b conj(c)), which is
-    linear in a and b. So all products are the solution of one triangular system, a band around
-    its diagonal, which BLAS solves row by row in less time than NumPy takes for a few calls.
+    linear in a and b. So all products solve one banded triangular system, which BLAS does row by
+    row in less time than a few NumPy calls take.
     """
     *lead, count = factors.a.shape
-    # Below the ones of the diagonal, column by column: what each product adds to the next.
+    # The band below the unit diagonal, column by column: the factor from each product to the next.
     band = np.zeros((*lead, count, 2, 4), np.complex128)
     to_next, c, d = band[..., :-1, :, :], factors.a[..., 1:], factors.b[..., 1:]
     np.negative(c, out=to_next[..., 0, 2])

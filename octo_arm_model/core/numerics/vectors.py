@@ -1,4 +1,4 @@
-"""Vectors (3, ...), one at each node, and products with rows of numbers, one for each arm."""
+"""Vectors (3, ...), one at each node, rotation vectors, and products of batches."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from octo_arm_model.core.hints import FloatArray
 
 
 def cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Cross product along the first axis (np.cross is slow)."""
+    """Cross product along the first axis ; np.cross takes several times as long."""
     return np.stack([
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],
@@ -25,17 +25,32 @@ def skew(v: FloatArray) -> FloatArray:
     return matrix
 
 
+def left_jacobian(turn: FloatArray) -> FloatArray:
+    """Derivative of a rotation by its rotation vector ``turn`` (3,), (3, 3).
+
+    It takes a small change of ``turn`` to the small rotation, about fixed axes, that follows the
+    rotation. Singular at a whole turn. Barfoot 2017, 7.1.3.
+    """
+    angle = float(np.linalg.norm(turn))
+    matrix = skew(turn[:, np.newaxis])[:, :, 0]
+    first, second = 0.5, 1.0 / 6.0
+    if angle >= 1e-4:
+        first = (1.0 - np.cos(angle)) / angle**2
+        second = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + first * matrix + second * matrix @ matrix
+
+
 def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
 
-    BLAS gets one row at a time, as it rounds several together differently: replay, which solves
-    batches, must write the bytes of the node, which solves one arm at a time.
+    BLAS multiplies one row at a time, since it rounds several rows together differently: replay,
+    which solves batches, must write the same bytes as the node, which solves single arms.
     """
     product: FloatArray = rows[..., np.newaxis, :] @ matrix
     return product[..., 0, :]
 
 
 def runs_of(inside: NDArray[np.bool_]) -> list[slice]:
-    """Where ``inside`` is true, as runs without gaps."""
+    """Slices of consecutive true elements of ``inside``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
     return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

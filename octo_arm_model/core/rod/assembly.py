@@ -1,4 +1,4 @@
-"""From strains at the nodes of a grid to the `Backbone` that users see."""
+"""From strains at the nodes of a grid to a `Backbone`."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from octo_arm_model.core.numerics.memory import keep_freed_memory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 
 # Fills in strains (4, stations), position and quaternion for a twist (4, nodes) of one arm.
 ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 
 
 class Results:
-    """Room for the shapes of a batch, filled part by part.
+    """Arrays of the shapes of a batch, filled part by part.
 
     Attributes:
         position: of the stations [m], (..., stations, 3).
         quaternion: their orientation x, y, z, w, (..., stations, 4).
         strains: torsion and curvatures [1/m] and longitudinal strain [-], (4, ..., stations).
-        residual: what is left of the model's equations, relative, (...).
-        iterations: steps it took, (...).
-        twist: of the last arms added or, where compiled, looked at, (4 or 6, ..., nodes).
+        residual: relative residual of the model's equations, (...).
+        iterations: number of iterations, (...).
+        twist: of the arms added or, where compiled, solved last, (4 or 6, ..., nodes).
     """
 
     def __init__(
@@ -38,9 +38,9 @@ class Results:
         base: Frame,
         read_out: ReadOut | None = None,
     ) -> None:
-        """Make room for arms at the stations of ``grid``, standing on ``base``.
+        """Allocate arrays for arms at the stations of ``grid``, their base in the pose ``base``.
 
-        ``lead`` is (batch,), or () for one arm, which NumPy is quicker with than with (1,).
+        ``lead`` is (batch,), or () for one arm, which takes NumPy less time than (1,).
         ``read_out`` integrates twists instead of NumPy.
         """
         self._read_out = read_out
@@ -54,6 +54,8 @@ class Results:
         self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
         self.twist = np.empty((4, grid.nodes.size))
         self._shape: Shape | None = None
+        self._points: FloatArray | None = None
+        self._slid: FloatArray | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray | IntArray, ...]:
@@ -66,15 +68,17 @@ class Results:
         return self.residual.ndim == 0
 
     def add(self, part: slice | tuple[()], solution: Solution) -> None:
-        """Take the arms ``part`` of the batch, or the one arm, ().
+        """Fill in the arms ``part`` of the batch, or the one arm, ().
 
         Raises:
-            SolveError: if a cross section is turned inside out.
+            SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
         twist = solution.twist
         self._check(twist[3])
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
+        if solution.tendons is not None:
+            self._add_tendons(part, solution.tendons)
         if solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
         elif self._read_out is not None:
@@ -90,8 +94,16 @@ class Results:
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
 
+    def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
+        """Take the tensions along the tendons of the arms ``part``."""
+        at_stations = np.moveaxis(tendons.stations, 0, -1)
+        if self._slid is None:
+            self._slid = np.empty((*self.residual.shape, *at_stations.shape[-2:]))
+        self._slid[part] = at_stations
+        self._points = tendons.points
+
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
-        """Have ``read_out`` fill in the arms ``part``, each as if it were alone."""
+        """Call ``read_out`` for each of the arms ``part``."""
         strains = np.empty((4, self._grid.s.size))
         if isinstance(part, tuple):
             read_out(twist, self.strains, self.position, self.quaternion)
@@ -101,7 +113,7 @@ class Results:
             self.strains[:, arm] = strains
 
     def _check(self, stretch: FloatArray) -> None:
-        # NaN fails too.
+        # NaN is refused too.
         if not stretch.min(initial=1.0) > 0.0:
             lowest = np.atleast_2d(stretch).min(axis=-1)
             arm = int(np.argmin(lowest > 0.0))
@@ -113,12 +125,18 @@ class Results:
             )
 
     def backbone(
-        self, model: str, tensions: FloatArray, tip_wrench: FloatArray, lead: tuple[int, ...]
+        self,
+        model: str,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        lead: tuple[int, ...],
+        reach: FloatArray,
     ) -> Backbone:
-        """All of it, read-only, in the shape of the leading axes ``lead``."""
+        """The `Backbone` of these read-only arrays, with the leading axes ``lead``."""
+        slid = self._slid
         position, quaternion, strains = self.position, self.quaternion, self.strains
         residual, iterations = self.residual, self.iterations
-        # Of a large batch the nodes would be most of the memory.
+        # Not of a batch, whose nodes would take most of the memory.
         twist = self.twist.reshape(len(self.twist), -1) if lead == () else None
         if residual.shape != lead:
             count = self._grid.s.size
@@ -126,8 +144,11 @@ class Results:
             quaternion = quaternion.reshape(*lead, count, 4)
             strains = strains.reshape(4, *lead, count)
             residual, iterations = residual.reshape(lead), iterations.reshape(lead)
+            if slid is not None:
+                slid = slid.reshape(*lead, *slid.shape[-2:])
         for array in (
-            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist
+            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist, slid,
+            self._points,
         ):  # fmt: skip
             if array is not None:
                 array.setflags(write=False)
@@ -152,4 +173,7 @@ class Results:
             iterations=iterations,
             twist=twist,
             shape=self._shape if lead == () else None,
+            reach=reach,
+            slid_tensions=slid,
+            point_tensions=self._points if lead == () else None,
         )

@@ -1,4 +1,4 @@
-"""The shape of an arm: what every solution is given as."""
+"""The shape of an arm: the result of every solve."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from octo_arm_model.core.rod.solution import Shape
 class Backbone:
     """Shape of the arm at every station, from base to tip. Its arrays are read-only.
 
-    For a batch of tensions the results keep its leading axes; ``s`` and ``section`` are common to
-    all.
+    The leading axes are those of the tensions; ``s`` and ``section`` are common to a batch.
 
     Attributes:
-        model: name of the model that made it.
+        model: name of the model.
         s: arc coordinate along the reference configuration [m], (stations,).
         section: section a station belongs to, numbered from the tip; 0 beyond the last
             anchorage, (stations,). At an anchorage everything holds on the side of the base.
@@ -29,11 +28,17 @@ class Backbone:
         q: longitudinal strain [-], (..., stations).
         tensions: tensions of the tendons [N], ``(..., *Arm.tension_shape)``.
         tip_wrench: force and moment on the tip in base_frame [N, N m], (..., 6).
-        residual: what is left of the model's equations, relative [-], (...).
-        iterations: steps of the solver, (...).
+        residual: relative residual of the model's equations [-], (...).
+        iterations: iterations of the solver, (...).
         twist: motion of the frame per reference length at every node of the solver's grid,
             (4 or 6, nodes), see `solution.Solution`; None for a batch.
-        shape: of one loaded arm, what `Solver.solve` follows it from.
+        shape: of one loaded arm, from which `Solver.solve` continues as ``start``.
+        reach: part of its tension that each tendon without friction has at each station, 1 up to
+            its anchorage and 0 beyond, (stations, tendons).
+        slid_tensions: tensions of tendons with friction at the stations [N], (..., stations,
+            tendons); None without friction.
+        point_tensions: of one arm whose tendons have friction, their tensions at the points of
+            the model [N], (tendons, points): what `Solver.follow` goes on from.
     """
 
     model: str
@@ -51,6 +56,21 @@ class Backbone:
     iterations: IntArray
     twist: FloatArray | None
     shape: Shape | None = None
+    reach: FloatArray | None = None
+    slid_tensions: FloatArray | None = None
+    point_tensions: FloatArray | None = None
+
+    @property
+    def tendon_tensions(self) -> FloatArray:
+        """Tension of every tendon at every station [N], (..., stations, tendons).
+
+        That at the base times what friction leaves of it, and 0 beyond the anchorage.
+        """
+        if self.slid_tensions is not None:
+            return self.slid_tensions
+        assert self.reach is not None
+        lead = self.position.shape[:-2]
+        return self.tensions.reshape(*lead, 1, -1) * self.reach
 
     @property
     def tip(self) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Where the model is evaluated: stations a user sees and nodes the quadrature needs.
+"""The grid along the arm: stations of the results and nodes of the quadrature.
 
-Anchorages and loads split the arm into *panels*. Inside a panel every quantity is smooth; between
-two, the strains jump. Integration intervals are evaluated at both ends and in the middle. The
-border of two panels is the end of two intervals, one for each side, with one of no length between.
+Anchorages and loads split the arm into *panels*. Strains are smooth inside a panel and may jump
+between panels. The nodes of an integration interval are its ends and its middle. Between two
+panels there is an interval of zero length, so that its two ends hold the values of both sides.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.limits import MAX_INTERVALS, MAX_STATIONS, MAX_TENDON_NODES
 
 DEFAULT_STATIONS = 101
-# Lengths that differ by a smaller part are equal but for rounding.
+# Lengths with a smaller relative difference are equal up to rounding.
 _SAME = 1e-9
-# Integration intervals are never longer than L / MIN_INTERVALS nor than STEP_PER_RADIUS times
-# the smallest radius they could span, that of the body or of the tendons around it, whichever is
-# larger: curvature grows like its inverse, and with it the error of a step.
+# Integration intervals are at most L / MIN_INTERVALS and at most STEP_PER_RADIUS times the
+# smallest radius at their ends, that of the body or of the outermost tendon, whichever is larger:
+# curvature, and with it the error of an interval, grows like its inverse.
 MIN_INTERVALS = 100
 STEP_PER_RADIUS = 1.0
 
 
 @dataclass(frozen=True)
 class Panel:
-    """The stretch between two neighbouring anchorages or loads (or an end of the arm).
+    """The part of the arm between two neighbouring anchorages, loads or ends of the arm.
 
     Attributes:
         start: arc coordinate of the end towards the base [m].
@@ -93,14 +93,14 @@ class StationGrid:
         breaks: tuple[float, ...] = (),
         knots: tuple[float, ...] = (),
     ) -> StationGrid:
-        """Spread ``stations`` stations over ``arm``, its anchorages and ``breaks`` among them.
+        """Distribute ``stations`` stations over ``arm``, among them anchorages and ``breaks``.
 
-        No interval spans one of ``knots`` or of the arm's own.
+        No interval contains one of ``knots`` or of `Arm.knots` in its interior.
 
         Raises:
-            ConfigError: if ``stations`` is too few to hold both ends and every anchorage and
-                break, or more than `MAX_STATIONS`, or the arm is so thin for its length that it
-                takes more than `MAX_INTERVALS` intervals, or they and its tendons are too many.
+            ConfigError: if ``stations`` is less than both ends, anchorages and breaks take, or
+                more than `MAX_STATIONS`, or the arm is so thin for its length that it takes more
+                than `MAX_INTERVALS` intervals, or intervals times tendons are too many.
         """
         panels = panels_of(arm, breaks)
         if isinstance(stations, bool) or not isinstance(stations, (int, np.integer)):
@@ -121,9 +121,9 @@ class StationGrid:
         stations_s, station_section, station_node = [], [], []
         for number, (panel, count) in enumerate(zip(panels, counts, strict=True)):
             panel_s = np.linspace(panel.start, panel.stop, count + 1)
-            room = most - len(end_panel)
-            panel_ends = _with_knots(_subdivide(arm, panel_s, room), panel, all_knots)
-            # The first panel brings the base, every panel the stations after its start.
+            left = most - len(end_panel)
+            panel_ends = _with_knots(_subdivide(arm, panel_s, left), panel, all_knots)
+            # The base is a station of the first panel; other panels begin after their start.
             skip = 1 if ends else 0
             stations_s.append(panel_s[skip:])
             station_section += [panel.section] * (count + 1 - skip)
@@ -152,12 +152,12 @@ class StationGrid:
 
 
 def _share_intervals(lengths: list[float], total: int) -> list[int]:
-    """Share ``total`` intervals in proportion to ``lengths``, at least one each.
+    """Distribute ``total`` intervals in proportion to ``lengths``, at least one each.
 
-    Each interval goes to whichever panel has the longest intervals so far, of several equally
-    long ones to the first, so that arms of one shape have the same stations whatever their size.
+    Each interval is added to the panel with the longest intervals, to the first of equally long
+    ones, so that the stations of similar arms are the same fractions of their lengths.
     """
-    # All panels get at least their share of those beyond one each, rounded down.
+    # Lower bounds: the proportional part of the intervals beyond one each, rounded down.
     unit = sum(lengths) / max(total - len(lengths), 1)
     counts = [max(1, int(length / unit * (1.0 - _SAME))) for length in lengths]
     for _ in range(total - sum(counts)):
@@ -179,22 +179,22 @@ def _most_intervals(arm: Arm) -> int:
     return min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
 
 
-def _subdivide(arm: Arm, stations: FloatArray, room: int) -> FloatArray:
+def _subdivide(arm: Arm, stations: FloatArray, most: int) -> FloatArray:
     """Ends of the integration intervals between ``stations``, those among them.
 
     Raises:
-        ConfigError: if there are more than ``room``.
+        ConfigError: if there are more than ``most``.
     """
     active = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
     lever = np.hypot(*arm.tendon_offsets(stations)) * (active[:, np.newaxis] >= stations)
     radius = np.maximum(arm.body.radius(stations), lever.max(axis=0))
     smallest_radius = np.minimum(radius[:-1], radius[1:])
-    # A little slack, so that the default stations need no cut where the arm is thick.
+    # 2 % more, so that intervals between default stations are not split where the arm is thick.
     longest = np.minimum(1.02 * arm.length / MIN_INTERVALS, STEP_PER_RADIUS * smallest_radius)
     with np.errstate(over='ignore'):
         pieces = np.maximum(np.ceil(np.diff(stations) / longest * (1.0 - _SAME)), 1.0)
-    # Before there is an array of that size.
-    if not pieces.sum() <= room:
+    # Checked before an array of that size is made.
+    if not pieces.sum() <= most:
         raise _too_many_intervals(arm)
     numbers = np.cumsum([0, *pieces.astype(np.int64)])
     return np.interp(np.arange(numbers[-1] + 1), numbers, stations)
@@ -205,7 +205,7 @@ def _with_knots(ends: FloatArray, panel: Panel, knots: FloatArray) -> FloatArray
     knots = knots[(knots > panel.start) & (knots < panel.stop)]
     if not knots.size:
         return ends
-    # Not those that are an end already, but for rounding.
+    # Except those that are an end already, up to rounding.
     after = np.searchsorted(ends, knots)
     near = np.minimum(np.abs(ends[after] - knots), np.abs(knots - ends[after - 1]))
     apart = near > _SAME * panel.length

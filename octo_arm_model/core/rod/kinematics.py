@@ -59,7 +59,7 @@ class Pose:
 
 
 class Frame(NamedTuple):
-    """A pose ready for arithmetic."""
+    """A pose as arrays."""
 
     position: FloatArray
     rotation: Quaternions
@@ -167,12 +167,12 @@ def _add_commutator(
 
 
 def mean_twist(first: Number, middle: Number, last: Number, step: Number) -> Number:
-    """The expansion to second order, of any component of the twist."""
+    """The first term of the expansion, of any component of the twist."""
     return (4.0 * middle + first + last) * (step / 6.0)
 
 
 def commutator_weight(step: Number) -> Number:
-    """What the `commutator` of both ends counts in the fourth order of the expansion."""
+    """Factor of the `commutator` of the twists at both ends, in the fourth-order expansion."""
     return step * step / 12.0
 
 
@@ -194,7 +194,7 @@ def commutator(
 
 
 def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
-    """Fill in the ``rotation`` of screws (6, ...); returns what moves."""
+    """Fill in the ``rotation`` of screws (6, ...); returns the dual part of the quaternions."""
     move = Quaternions.empty(*screw.shape[1:])
     (a, b), (c, d) = rotation, move
     (
@@ -206,17 +206,17 @@ def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
 def exponential(
     x: Number, y: Number, z: Number, p: Number, q: Number, r: Number
 ) -> tuple[Number, Number, Number, Number, Number, Number, Number, Number]:
-    """Exponential of a screw: rotation and what moves, each a quaternion w, x, y, z.
+    """Exponential of a screw: the two parts of a dual quaternion, each w, x, y, z.
 
-    The motion is the dual quaternion rotation + epsilon/2 move, of which the translation is the
-    vector move rotation^-1. Written like this no term loses digits for small angles, so that no
-    series is needed; the tiny number only avoids 0 / 0.
+    The motion is rotation + epsilon/2 move, and its translation is the vector move rotation^-1.
+    In this form no term cancels for small angles, so that no series is needed; the small number
+    only avoids 0 / 0.
     """
     squared = x * x + y * y + z * z + 1e-300
     along = x * p + y * q + z * r
     angle = np.sqrt(squared)
-    # Sine and cosine of half the angle from the tangent of a quarter: one function instead of
-    # two, one that NumPy vectorises, and their squares sum to one whatever it rounds.
+    # Sine and cosine of half the angle from the tangent of a quarter: one function that NumPy
+    # vectorises instead of two, and their squares sum to one whatever its rounding.
     tangent = np.tan(0.25 * angle)
     square = tangent * tangent
     secant = 1.0 + square

@@ -1,4 +1,4 @@
-"""Integrals along the arm of what is known at the nodes of a grid."""
+"""Integrals along the arm of values at the nodes of a grid."""
 
 from __future__ import annotations
 

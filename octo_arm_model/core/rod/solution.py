@@ -1,7 +1,8 @@
-"""What every model of the statics gives."""
+"""Results of the statics: strains of a batch of arms."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 
 
 class Shape(NamedTuple):
-    """What a loaded rod is followed from: strains and orientations at the points of the model.
+    """State of a loaded rod for continuation: strains and orientations at the points of the model.
 
     Attributes:
         twist: see `Solution`, (4 or 6, points).
@@ -22,6 +23,19 @@ class Shape(NamedTuple):
     orientation: Quaternions
 
 
+class TendonTensions(NamedTuple):
+    """Tensions of tendons with friction along them.
+
+    Attributes:
+        points: at the points of the model, (tendons, batch, points), or (tendons, points) of one
+            arm [N].
+        stations: at the stations, likewise.
+    """
+
+    points: FloatArray
+    stations: FloatArray
+
+
 class Solution(NamedTuple):
     """Solved statics of a batch of arms.
 
@@ -29,11 +43,12 @@ class Solution(NamedTuple):
         twist: motion of the frame per reference length, in its own axes: angular (1 + q) (tau,
             xi, k) [1/m], then linear 1 + q [-] along t (and shear along n and b, if any),
             (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
-        residual: what is left of the model's equations, relative, (batch,), or one for all.
-        iterations: steps it took, likewise.
-        shape: of one loaded arm, what to follow it from.
+        residual: relative residual of the model's equations, (batch,), or one for all.
+        iterations: number of iterations, likewise.
+        shape: of one loaded arm, for continuation.
         frames: position (..., stations, 3) [m] and orientation x, y, z, w (..., stations, 4) of
             the stations, where they are known better than from the twist at the nodes.
+        tendons: along the tendons, where they have friction.
     """
 
     twist: FloatArray
@@ -41,9 +56,10 @@ class Solution(NamedTuple):
     iterations: IntArray | int
     shape: Shape | None = None
     frames: tuple[FloatArray, FloatArray] | None = None
+    tendons: TendonTensions | None = None
 
     def one(self) -> Solution:
-        """The only arm of a batch, without its axis."""
+        """The only arm of a batch, without the axis of the batch."""
         if self.twist.ndim == 2:
             return self
         return Solution(
@@ -51,4 +67,21 @@ class Solution(NamedTuple):
             float(np.max(self.residual)),
             int(np.max(self.iterations)),
             self.shape,
+            self.frames and (self.frames[0][0], self.frames[1][0]),
+            self.tendons and TendonTensions(*(part[:, 0] for part in self.tendons)),
         )
+
+
+def stacked(found: Sequence[Solution]) -> Solution:
+    """Solutions of one loaded arm each as that of a batch."""
+    frames = [one.frames for one in found if one.frames is not None]
+    tendons = [one.tendons for one in found if one.tendons is not None]
+    position, quaternion = zip(*frames, strict=True)
+    return Solution(
+        np.stack([one.twist for one in found], axis=1),
+        np.array([one.residual for one in found]),
+        np.array([one.iterations for one in found]),
+        found[-1].shape,
+        (np.stack(position), np.stack(quaternion)),
+        TendonTensions(*(np.stack(part, axis=1) for part in zip(*tendons))) if tendons else None,
+    )

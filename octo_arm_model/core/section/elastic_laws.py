@@ -5,7 +5,7 @@ stretched by lambda + c y. All laws are written in lambda and z = (c R)^2, where
 per reference length times the `widening` of the section, and give the energy per reference length
 divided by E A. Torsion adds 1/2 G I (widening x torsion)^2 to each of them.
 
-Another law is another class with these two methods and an entry in `LAWS`.
+Another law is another `Law` and an entry in `LAWS`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from octo_arm_model.core.hints import FloatArray, Number
 class Density(NamedTuple):
     """First and second derivatives, in lambda and z, of the energy over E A.
 
-    Each has the shape of lambda and z, and is NaN where the section cannot be: with a fibre
+    Each has the shape of lambda and z, and is NaN where the state is impossible: a fibre
     compressed to nothing.
     """
 
@@ -36,11 +36,11 @@ class Law(Protocol):
 
     @property
     def widens(self) -> bool:
-        """Whether a compressed section gets wider; if not, `widening` is not asked."""
+        """Whether a compressed section gets wider; if not, `widening` is not called."""
 
     @property
     def meant_for(self) -> str:
-        """The arms it is meant for, in a word or two."""
+        """The kind of arm it is for, in a word or two."""
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
@@ -60,7 +60,7 @@ def neo_hookean_density(
 ) -> tuple[Number, Number, Number, Number, Number]:
     """`Density` of the law neo_hookean, of numbers or arrays."""
     fibre = np.sqrt(bend)
-    # The root of lambda^2 - z; NaN where a fibre is turned inside out.
+    # The root of lambda^2 - z; NaN where a fibre has no length left.
     w = np.sqrt(stretch - fibre) * np.sqrt(stretch + fibre)
     total = stretch + w
     over, over_w = 1.0 / total, 1.0 / w
@@ -86,7 +86,7 @@ def incompressible_widening(stretch: Number) -> tuple[Number, Number, Number]:
 
 
 class LinearElastic:
-    """Linear elasticity, the paper's (3): 1/2 E A q^2 + 1/2 E J kappa^2, nothing widens."""
+    """Linear elasticity, the paper's (3): 1/2 E A q^2 + 1/2 E J kappa^2, without widening."""
 
     widens, meant_for = False, 'stiff'
 
@@ -95,7 +95,7 @@ class LinearElastic:
         return Density(*linear_density(stretch, bend))
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One, whatever the stretch."""
+        """One for every stretch."""
         zero = np.zeros_like(stretch)
         return np.ones_like(stretch), zero, zero
 

@@ -1,23 +1,24 @@
-"""The energy of a cross section with its tendons: the model beyond the paper.
+"""The energy of a cross section with its tendons, on which the model `exact` is built.
 
 Per reference length a cross section stores
 
     psi = psi_material + sum T |u|    u = (lambda, v_n, v_b) + kappa x r + r'
 
-as a frictionless tendon of tension T is stretched by |u|. kappa is the rotation of the frame per
+with the deformed length |u| of a tendon of tension T. kappa is the rotation of the frame per
 reference length, r the offset of the tendon, both in the axes t, n, b; psi_material comes from
-`elastic_laws`. A section that widens by w(lambda) carries its tendons along, so that their offset
-is w r. In terms of the *scaled* strain
+`elastic_laws`. Where a section widens by w(lambda), the offsets of its tendons become w r. In
+terms of the *scaled* strain
 
     (w kappa_t, w kappa_n, w kappa_b, lambda[, v_n, v_b])
 
-u is affine but for the small w r', so that psi is convex for all practical purposes, for straight
-tendons in planes through the midline exactly.
+u is affine except for the small term w r', so that psi is convex in practice, and exactly so for
+straight tendons in planes through the midline.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,12 +34,15 @@ from octo_arm_model.core.section.formulas import (
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import transmission
 
+if TYPE_CHECKING:
+    from octo_arm_model.core.section.sheath import Condensed
+
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
 
 
 class SectionEnergy:
-    """The cross sections of an arm at given nodes, each by itself.
+    """The energies of the cross sections of an arm at given nodes, independent of each other.
 
     Arrays of strain are (n, batch, nodes) for n strains, those of tendons (tendons, batch, nodes).
 
@@ -49,11 +53,10 @@ class SectionEnergy:
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
         stiffness: of the undeformed cross sections.
         radius: reference radius at each node [m].
-        lever_max: that, or the distance of the outermost tendon from the midline if it is larger
-            [m].
-        active: 1 where a tendon passes and 0 beyond its anchorage, (tendons, 1, nodes).
-        transmission: part of its tension that each tendon has there, likewise.
-        x: offset of each tendon along n where it passes, else zero [m], likewise.
+        lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
+        active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
+        transmission: local over given tension of each tendon, likewise.
+        x: offset of each tendon along n where it acts, else zero [m], likewise.
         y: along b.
         dx: slope of ``x`` [-].
         dy: slope of ``y`` [-].
@@ -80,7 +83,7 @@ class SectionEnergy:
             np.ascontiguousarray(table[:, np.newaxis]) * self.active
             for table in (*arm.tendon_offsets(nodes), *arm.tendon_slopes(nodes))
         )
-        # From curvatures and stretch to the part of u along t, and back to moments and force.
+        # Maps curvatures and stretch to u_t; its transpose, forces along t to moments and force.
         self._levers = np.stack([self.y, -self.x, np.ones_like(self.x)])
         lever = np.hypot(self.x, self.y)
         self.lever_max = np.maximum(self.radius, np.max(lever, axis=(0, 1), initial=0.0))
@@ -114,7 +117,7 @@ class SectionEnergy:
         slope = None
         if self.law.widens:
             width, slope, _ = self.law.widening(strain[-1] if flat else strain[3])
-            strain = strain / width  # u points where u / w does, in which r' does not widen
+            strain = strain / width  # u / w has the direction of u, and r' in it no factor w
         u_t = self._along(strain[bending])
         square = u_t * u_t
         if flat:
@@ -166,19 +169,35 @@ class SectionEnergy:
         """The widening of the sections and its two derivatives; numbers where there is none."""
         return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
-    def stretches(self, strain: FloatArray) -> FloatArray:
+    def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon, (tendons, batch, nodes)."""
         return self.stretching(strain, self.widening(strain[3])[0])[3]
 
-    def lengthening(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def lengthening(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
         width, slope, _ = self.widening(strain[3])
         *u, length = self.stretching(strain, width)
         gradient = self._gradient(u, length, slope)
         return length, gradient * self.active
 
+    def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
+        """Where tendons stand off their paths; None of those that are held in their places."""
+        return None
+
+    def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
+        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        return 0.0
+
+    def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse what tendons cannot do; see `sheath`, these are held in their places."""
+
+    def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Likewise a balance without loads that is none of least energy; here all are."""
+
     def _gradient(self, u: Sequence[FloatArray], length: FloatArray, slope: Number) -> FloatArray:
-        """Gradient of |u| by the strain, also of tendons that do not pass."""
+        """Gradient of |u| by the strain, also of tendons that do not act."""
         over = 1.0 / length
         u_t, u_n, u_b = (part * over for part in u)
         gradient = np.empty((self.strains, *length.shape))
@@ -219,7 +238,7 @@ class SectionEnergy:
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
 
-        Both are NaN where a section cannot be.
+        Both are NaN where the state is impossible, see `Density`.
         """
         first = 0 if len(strain) == 3 else 1
         n, b, stretch = strain[first : first + 3]

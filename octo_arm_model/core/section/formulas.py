@@ -46,6 +46,48 @@ def tendon_hessian(
     )  # fmt: skip
 
 
+def sheath_pull(
+    t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number
+) -> tuple[Number, Number]:
+    """Derivatives of |u| by where a tendon stands off its path, see `sheath`; from u / |u|."""
+    return t * e_b - b * e_t, n * e_t - t * e_n
+
+
+def sheath_inverse(
+    t: Number, n: Number, b: Number, p_n: Number, p_b: Number, stiff: Number
+) -> tuple[Number, Number, Number]:
+    """Inverse (nn, nb, bb) of their second derivatives over k, from the first ones.
+
+    For ``stiff``, the tension over k |u|.
+    """
+    nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
+    nb = -stiff * (b * n + p_n * p_b)
+    bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
+    over = 1.0 / (nn * bb - nb * nb)
+    return bb * over, -nb * over, nn * over
+
+
+def sheath_mixed(
+    t: Number, n: Number, b: Number, slope: Number, x: Number, y: Number, dx: Number, dy: Number,
+    e_t: Number, e_n: Number, e_b: Number, p_n: Number, p_b: Number,
+    g_t: Number, g_n: Number, g_b: Number, g_s: Number, tension: Number, weight: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """Second derivatives of tension |u| by that place, along n and b, and t, n, b, stretch.
+
+    ``weight`` is the tension over |u|; (x, y) is where the tendon stands.
+    """
+    return (
+        tension * e_b + weight * (t * x - p_n * g_t),
+        weight * (-b * y - p_n * g_n),
+        weight * (b * x - p_n * g_b) - tension * e_t,
+        weight * (slope * t * dy - b - p_n * g_s),
+        weight * (t * y - p_b * g_t) - tension * e_n,
+        tension * e_t + weight * (n * y - p_b * g_n),
+        weight * (-n * x - p_b * g_b),
+        weight * (n - slope * t * dx - p_b * g_s),
+    )  # fmt: skip
+
+
 def bending_terms(
     n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
     stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,
@@ -99,13 +141,14 @@ def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
     """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
 
     For ``load``, the moment over E A and the radius, and ``force`` of compression over E A. The
-    bend is the curvature times the radius. Right to first order for every law, never inside out.
+    bend is the curvature times the radius. Correct to first order for every law, and a possible
+    state for any load.
     """
     straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
     slope = 4.0 * load
     ratio = slope / straight
     bend = slope / np.sqrt(1.0 + ratio * ratio)
-    # Rubber gets longer as it bends, about so much.
+    # Bending lengthens rubber by this to leading order.
     return straight, straight + 0.5 * bend * bend, bend
 
 
@@ -114,7 +157,7 @@ def planar_step(
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Newton's step of stretch and bend from there, with the `Density` of the law at bend^2."""
+    """Newton's step of stretch and bend, with the `Density` of the law at bend^2."""
     twice = bend + bend
     left, moved = by_stretch + force, twice * by_bend - load
     cross = twice * stretch_bend

@@ -1,4 +1,4 @@
-"""The least energy of every cross section by itself: Newton's method with a line search."""
+"""Minimum of the energy of each cross section: Newton's method with a line search."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.formulas import planar_start, planar_step
 
-# Balance is reached when what is left of a force or moment is below this part of its `scale`.
+# Converged when the residual forces and moments are below this fraction of their `force_scale`.
 TOLERANCE = 1e-11
 MAX_ITERATIONS = 200
-# A step is too long where the energy rises more steeply at its end than this part of how steeply
-# it fell at its start.
+# A step is too long where the slope of the energy at its end exceeds this fraction of the negative
+# slope at its start.
 OVERSHOOT = 0.9
-# The Hessian of the tendons is worth its cost while a step leaves more than this of the residual.
+# The Hessian of the tendons is included while a step leaves more than this of the residual.
 _SLOW = 1e-2
-# Where tendons cannot twist the arm it is next to nothing, and asked for after so many steps.
+# Where tendons cannot twist the arm it is small, and included after this many steps only.
 _PATIENCE = 6
-# Below this the slopes that tell a step too long are rounding.
+# Relative residual below which the slopes of the line search are rounding.
 ROUNDING = 1e-6
-FIRST_STEPS = 2  # for two unknowns instead of all
-_SHORTEST_TENDON = 0.05  # of its reference length, where no balance is found
+FIRST_STEPS = 2  # Newton steps for the two unknowns of `initial_strain`
+_SHORTEST_TENDON = 0.05  # over its reference length: the cause reported where nothing converges
 
 
 class Minimum(NamedTuple):
@@ -35,7 +35,7 @@ class Minimum(NamedTuple):
     Attributes:
         strain: scaled strain, (n, batch, nodes).
         residual: largest imbalance over its scale in each arm, (batch,).
-        iterations: steps made.
+        iterations: number of Newton steps.
     """
 
     strain: FloatArray
@@ -44,10 +44,10 @@ class Minimum(NamedTuple):
 
 
 def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
-    """Nearly the strain of least energy: the one under tendons parallel to the midline.
+    """Approximation of the strain of least energy: that under tendons parallel to the midline.
 
-    Their force and moment depend on no strain, and a section bends in one plane. That leaves two
-    unknowns, its stretch and its curvature times its radius, to a few cheap steps of Newton's.
+    Their force and moment do not depend on the strain, and the section bends in one plane. The two
+    unknowns, stretch and curvature times radius, take a few inexpensive Newton steps.
     """
     moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
@@ -57,7 +57,7 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
         f = energy.law.density(stretch, bend * bend)
         stretch, bend = planar_step(stretch, bend, load, force, *f)
     curvature = bend / energy.radius
-    # Not where that turns something inside out after all, or is no number.
+    # The straight state where that is impossible or NaN.
     fails = ~can_be(energy, stretch, np.abs(curvature))
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
@@ -70,18 +70,18 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
 
 
 def can_be(energy: SectionEnergy, stretch: FloatArray, curvature: FloatArray) -> NDArray[np.bool_]:
-    """Where neither fibres nor tendons are turned inside out; nowhere by what is NaN.
+    """Whether all fibres and tendons have positive length; False for NaN.
 
-    By scaled strain: ``stretch`` and the whole ``curvature`` >= 0, each (batch, nodes).
+    By scaled strain: ``stretch`` and the norm of the ``curvature``, each (batch, nodes).
     """
     return stretch > curvature * energy.lever_max
 
 
 def force_scale(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
-    """What an imbalance is measured by: (n, batch, nodes) [N m and N].
+    """Scale of residual forces and moments: (n, batch, nodes) [N m and N].
 
-    The sum of tensions, and of tensions times lever arms, with a little of the stiffness of the
-    section so that rounding counts as balance where nothing pulls.
+    The sum of tensions, and of tensions times lever arms, plus a small fraction of the stiffness
+    of the section so that rounding is below tolerance without tensions.
     """
     force = np.add.reduce(local_tensions) + 1e-4 * energy.stiffness.axial
     scale = np.empty((energy.strains, *force.shape))
@@ -130,7 +130,7 @@ def _descend(energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArr
             if np.count_nonzero(fine) < fine.size:
                 fine |= left.max(axis=0) <= ROUNDING
             if np.count_nonzero(fine) < fine.size:
-                # Halve the steps that are too long, and look again.
+                # Halve the steps that are too long.
                 strain = strain - np.where(fine, 0.0, 0.5) * step
                 step = np.where(fine, step, 0.5 * step)
                 slope = np.where(fine, slope, 0.5 * slope)
@@ -154,12 +154,12 @@ def _descend(energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArr
 def _refuse_short_tendons(
     energy: SectionEnergy, strain: FloatArray, local_tensions: FloatArray
 ) -> None:
-    """Say so where a tendon is shortened to nothing, which its energy does not resist smoothly.
+    """Raise the cause where a tendon is shortened to nothing, at which |u| is not smooth.
 
     Raises:
         SolveError: if one is.
     """
-    length = np.where(local_tensions > 0.0, energy.lengthening(strain)[0], np.inf)
+    length = np.where(local_tensions > 0.0, energy.lengthening(strain, local_tensions)[0], np.inf)
     if length.min(initial=np.inf) < _SHORTEST_TENDON:
         _, number, node = np.unravel_index(np.argmin(length), length.shape)
         raise SolveError(

@@ -1,4 +1,4 @@
-"""How stiff a cross section is, and how it bends and compresses in the paper's models."""
+"""Stiffness of a cross section, and its balance in the paper's models."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def imbalance_of(
     tau: Number, xi: Number, k: Number, first_n: Number, first_b: Number,
     second_n: Number, second_b: Number, torsion: Number, bending: Number,
 ) -> tuple[Number, Number, Number]:  # fmt: skip
-    """The imbalance p [N m] that strains (tau, xi, k) [1/m] leave: `curvatures` turned around."""
+    """The imbalance p [N m] of strains (tau, xi, k) [1/m]: the inverse of `curvatures`."""
     return (
         tau * (torsion + (second_n + second_b)),
         xi * (bending + second_b) + first_b,
@@ -60,7 +60,7 @@ def imbalance_of(
 
 
 def added_curvature(first: Number, second: Number, bending: Number) -> Number:
-    """What (11) adds to a curvature at an anchorage [1/m], of the new tendons' moments."""
+    """Jump (11) of a curvature at an anchorage [1/m], by moments of the tendons ending there."""
     return first / (second + bending)
 
 

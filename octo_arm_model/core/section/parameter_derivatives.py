@@ -1,4 +1,4 @@
-"""What a cross section's balance and its tendons' lengths change by with parameters of the arm."""
+"""Derivatives of the balance of cross sections and of tendon lengths by parameters of the arm."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from octo_arm_model.core.section.energy import SectionEnergy
 
 
 class ParameterDerivatives:
-    """Derivatives of ``energy`` at fixed strain, by what describes the arm."""
+    """Derivatives of a `SectionEnergy` at fixed strain, by Poisson's ratio and tendon offsets."""
 
     def __init__(self, energy: SectionEnergy, arm: Arm) -> None:
-        """Tabulate how the tendons of ``arm`` move where each runs farther out."""
+        """Tabulate the directions of increasing offset of the tendons of ``arm``."""
         self._energy = energy
         self._out = tuple(
             np.ascontiguousarray(table[:, np.newaxis]) * energy.active
@@ -38,15 +38,15 @@ class ParameterDerivatives:
         Returns:
             (n, tendons, batch, nodes).
         """
-        energy = self._energy
-        torsion, about_n, about_b, stretch = strain[:4]
-        width, slope, _ = energy.widening(stretch)
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
+        width, slope, _ = energy.widening(strain[3])
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
         x, y, dx, dy = self._out
-        c_t = about_n * y - about_b * x
-        c_n, c_b = width * dx - torsion * y, width * dy + torsion * x
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
         along = u_t * c_t + u_n * c_n + u_b * c_b
         # The change of the direction of u.
         c_t, c_n, c_b = (
@@ -60,19 +60,57 @@ class ParameterDerivatives:
         change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
         if energy.strains == 6:
             change[4], change[5] = c_n, c_b
-        return change * local_tensions
+        change *= local_tensions
+        if condensed is not None:
+            change -= condensed.answer(condensed.by_path(moved))
+        return change
 
-    def length_by_offset(self, strain: FloatArray) -> FloatArray:
+    def direction_by_offset(self, strain: FloatArray) -> FloatArray:
+        """Derivative of every tendon's u with its own distance from the midline.
+
+        Returns:
+            Components along t, n and b, (3, tendons, batch, nodes) [1/m].
+        """
+        torsion, about_n, about_b, stretch = strain[:4]
+        width = self._energy.widening(stretch)[0]
+        x, y, dx, dy = self._out
+        return np.stack([
+            about_n * y - about_b * x,
+            width * dx - torsion * y,
+            width * dy + torsion * x,
+        ])  # fmt: skip
+
+    def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of the gradient with the stiffness of each tendon's sheath.
+
+        Returns:
+            (n, tendons, batch, nodes), zero where a tendon keeps its place; where all do, of no
+            tendon.
+        """
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((len(strain), 0, *strain.shape[1:]))
+        return -condensed.answer(condensed.offset)
+
+    def length_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of every tendon's stretch with that of its sheath, (tendons, nodes)."""
+        condensed = self._energy.condensed(strain, local_tensions)
+        if condensed is None:
+            return np.zeros((0, strain.shape[2]))
+        return -condensed.shortening(condensed.offset)[:, 0]
+
+    def length_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of every tendon's stretch with its distance from the midline, of one arm.
 
         Returns:
             (tendons, nodes).
         """
-        energy = self._energy
-        torsion, about_n, about_b, stretch = strain[:4]
-        width = energy.widening(stretch)[0]
-        u_t, u_n, u_b, length = energy.stretching(strain, width)
-        x, y, dx, dy = self._out
-        along = u_t * (about_n * y - about_b * x)
-        along += u_n * (width * dx - torsion * y) + u_b * (width * dy + torsion * x)
-        return (along / length)[:, 0]
+        condensed = self._energy.condensed(strain, local_tensions)
+        energy = self._energy if condensed is None else condensed.sections
+        u_t, u_n, u_b, length = energy.stretching(strain, energy.widening(strain[3])[0])
+        moved = self.direction_by_offset(strain)
+        c_t, c_n, c_b = moved
+        change = (u_t * c_t + u_n * c_n + u_b * c_b) / length
+        if condensed is not None:
+            change -= condensed.shortening(condensed.by_path(moved))
+        return np.asarray(change[:, 0])

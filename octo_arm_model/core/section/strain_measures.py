@@ -1,4 +1,4 @@
-"""The twist of the frame and the scaled strain of the `energy`: one from the other."""
+"""Conversion between the twist of the frame and the scaled strain of the `energy`."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
 
 
 def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
-    """Refuse scaled ``strain`` that compresses a fibre to (next to) nothing.
+    """Refuse scaled ``strain`` that compresses a fibre to nearly no length.
 
-    The elastic laws that widen resist that without end, which no material does.
+    The stress of the elastic laws that widen is unbounded there, which no material has.
 
     Raises:
-        SolveError: if it does; the message says where.
+        SolveError: if it does; the message has the arc coordinate.
     """
     if not energy.law.widens:
         return

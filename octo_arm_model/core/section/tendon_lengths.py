@@ -21,10 +21,15 @@ class TendonLengths:
         self._sections = sections
         self._weights = sections.active[:, 0] * integration_weights(grid)
 
-    def under(self, twist: FloatArray) -> FloatArray:
-        """Length of every tendon [m], (tendons,), under ``twist`` (4 or 6, nodes)."""
+    def under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
+        """Length of every tendon [m], (tendons,), under ``twist`` (4 or 6, nodes).
+
+        And ``tensions`` (tendons,) [N].
+        """
         sections = self._sections
-        stretches = sections.stretches(to_scaled(sections.law, twist[:, np.newaxis]))[:, 0]
+        strain = to_scaled(sections.law, twist[:, np.newaxis])
+        local_tensions = sections.local_tensions(tensions[np.newaxis])
+        stretches = sections.stretches(strain, local_tensions)[:, 0]
         lengths: FloatArray = np.einsum('jn,jn->j', stretches, self._weights)
         return lengths
 
@@ -33,4 +38,4 @@ class TendonLengths:
         """Those of the unloaded arm."""
         twist = np.zeros((self._sections.strains, self._weights.shape[1]))
         twist[3] = 1.0
-        return self.under(twist)
+        return self.under(twist, np.zeros(len(self._weights)))

@@ -1,4 +1,4 @@
-"""What the tendons sum to at every node, linear in the tensions.
+"""Sums over the tendons at every node, linear in the tensions.
 
 With tendon j at offset (r_n, r_b) in the axes of the cross section, the paper's models need
 
@@ -25,7 +25,7 @@ from octo_arm_model.core.errors import TensionError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.vectors import times
 
-_FEW = 64  # numbers that Python is quicker with than NumPy
+_FEW = 64  # up to so many numbers Python takes less time than NumPy
 
 
 class TendonSums(NamedTuple):
@@ -37,7 +37,7 @@ class TendonSums(NamedTuple):
         first_b: first moment along b [N m].
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
-        mixed: mixed second moment [N m^2]; None where it vanishes whatever the tensions.
+        mixed: mixed second moment [N m^2]; None where it vanishes for all tensions.
         routing_torque: moment about t of the tendons' slopes [N m]; None likewise.
     """
 
@@ -69,7 +69,7 @@ class TendonWeights:
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         """Tabulate the tendons of ``arm`` at ``nodes`` (n,), each in its ``section`` (n,).
 
-        A section numbered i from the tip is passed by the tendons of sections 1 to i.
+        In the section numbered i from the tip the tendons of sections 1 to i act.
         """
         n, b = arm.tendon_offsets(nodes)
         slope_n, slope_b = arm.tendon_slopes(nodes)
@@ -77,7 +77,7 @@ class TendonWeights:
         sums = [part, part * n, part * b, part * n**2, part * b**2]
         scale = max(float(np.max(np.hypot(n, b))), 1e-300)
         mixed, routing_torque = part * n * b, part * (n * slope_b - b * slope_n)
-        # The paper's tendons have neither: then they cost nothing.
+        # Both vanish for the paper's tendons and are left out then.
         self._is_mixed = bool(np.any(np.abs(mixed) > 1e-14 * scale**2))
         self._has_routing_torque = bool(np.any(np.abs(routing_torque) > 1e-14 * scale))
         if self._is_mixed:
@@ -94,7 +94,13 @@ class TendonWeights:
     def sums(self, tensions: FloatArray) -> TendonSums:
         """Sum ``tensions`` (batch, tendons) [N] at every node."""
         matrices = self.matrices if tensions.ndim == 1 else self.matrices[:, np.newaxis]
-        sums = list(times(tensions, matrices))
+        return self._named(list(times(tensions, matrices)))
+
+    def local_sums(self, local_tensions: FloatArray) -> TendonSums:
+        """Sum tensions (tendons, batch, nodes) [N] that differ from node to node."""
+        return self._named(list(np.einsum('jbn,ijn->ibn', local_tensions, self.matrices)))
+
+    def _named(self, sums: list[FloatArray]) -> TendonSums:
         routing_torque = sums.pop() if self._has_routing_torque else None
         mixed = sums.pop() if self._is_mixed else None
         axial, first_n, first_b, second_n, second_b = sums
@@ -168,9 +174,9 @@ def largest_of(tensions: FloatArray) -> float:
 
 
 def _is_fine(array: FloatArray) -> bool:
-    """Whether there is nothing but finite numbers >= 0."""
+    """Whether all are finite and >= 0."""
     if 0 < array.size <= _FEW:
-        # What their sum does not tell is left to NumPy.
+        # NaN or an overflow of the sum is left to NumPy.
         values = array.ravel().tolist()
         if min(values) >= 0.0 and math.isfinite(sum(values)):
             return True

@@ -8,13 +8,15 @@ change of twist (`Equilibrium.respond`), which turns and moves everything beyond
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_response import respond
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
@@ -36,39 +38,83 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
-    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    local_tensions, direct = energy.local_tensions(tensions[np.newaxis]), None
     count, tendons = len(twist), tensions.size
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     # What each change of a parameter leaves unbalanced, in the axes of each cross section.
-    columns = np.zeros((6, 2 * tendons + 8, twist.shape[1]))
+    by_sheath = parameters.gradient_by_sheath(strain, local_tensions)
     elastic, _ = energy.material(strain)
-    lengthening = energy.lengthening(strain)[1]
+    lengthening = energy.lengthening(strain, local_tensions)[1]
+    pulls, more = lengthening * energy.transmission, by_sheath.shape[1]
+    if state.sliding is not None:
+        # What tendons pull with changes along them, and their friction adds columns.
+        more, local_tensions = tendons, state.sliding.tensions
+        pulls, direct = np.zeros_like(pulls), _direct(rod, state, state.sliding, strain)
+    columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
     for part, gradient in (
-        (slice(0, tendons), lengthening * energy.transmission),
+        (slice(0, tendons), pulls),
         (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
         (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
         (
-            slice(tendons + 8, None),
+            slice(tendons + 8, 2 * tendons + 8),
             parameters.gradient_by_offset(strain, local_tensions),
         ),
+        (slice(2 * tendons + 8, 2 * tendons + 8 + by_sheath.shape[1]), by_sheath),
     ):
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
-    response = problem.linearised(state).solve(columns[:count])
+    response = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = _read_out(rod, state, response)
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
     length = _lengths(by_twist * weights, response.twist)
-    direct = parameters.length_by_offset(strain) @ weights
-    length[:, tendons + 8 :] += np.diag(direct)
-    edges = np.cumsum([tendons, 6, 1, 1])
-    tension, wrench, young, poisson, offset = (
-        Change(*part)
-        for part in zip(
-            *(np.split(part, edges, axis=-1) for part in (pose, strains, length)), strict=True
-        )
+    # What changes the length of a tendon at a given twist.
+    at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
+    tendon = np.arange(tendons)
+    length[tendon, tendon] += at_place[:, 0] @ weights
+    own = parameters.length_by_offset(strain, local_tensions) @ weights
+    length[tendon, tendons + 8 + tendon] += own
+    if by_sheath.size:
+        own = parameters.length_by_sheath(strain, local_tensions) @ weights
+        length[tendon, 2 * tendons + 8 + tendon] += own
+    tension, wrench, young, poisson, offset, rest = _split(
+        pose, strains, length, [tendons, 6, 1, 1, tendons]
     )
-    return Sensitivity(tension, young, wrench, poisson, offset)
+    return Sensitivity(
+        tension, young, wrench, poisson, offset,
+        rest if by_sheath.size else None,
+        rest if state.sliding is not None else None,
+    )  # fmt: skip
+
+
+def _split(
+    pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int]
+) -> list[Change]:
+    """Changes of so many columns each, and of the rest."""
+    edges = np.cumsum(counts)
+    parts = (np.split(part, edges, axis=-1) for part in (pose, strains, length))
+    return [Change(*part) for part in zip(*parts, strict=True)]
+
+
+def _direct(rod: LoadedRod, state: State, sliding: Sliding, strain: FloatArray) -> FloatArray:
+    """Change of tensions along tendons with friction while the shape stays, as `derivatives`.
+
+    Raises:
+        SolveError: if there is none.
+    """
+    friction, tendons = rod.equilibrium.friction, len(sliding.tensions)
+    assert friction is not None
+    tensions, twist = state.condition.tensions, state.shape.twist[:, np.newaxis]
+    friction.require_derivatives(tensions, sliding)
+    # Directions of tendons of which each moves by itself.
+    outwards = rod.parameters.direction_by_offset(strain)
+    angle = friction.angle_by_direction(sliding.turning, twist, outwards, 0.0)
+    direct = np.zeros((tendons, 3 * tendons + 8, twist.shape[2]))
+    own = np.arange(tendons)
+    direct[own, own] = friction.by_base_tension(sliding)
+    direct[own, tendons + 8 + own] = friction.by_angle(sliding, angle)[:, 0]
+    direct[own, 2 * tendons + 8 + own] = friction.by_coefficient(sliding)
+    return direct
 
 
 def _read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
@@ -117,13 +163,26 @@ def papers_derivatives(
     changes = np.zeros((4, tensions.size + 1, twist.shape[1]))
     changes[:, :-1] = by_tension
     changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
+    return Sensitivity(*from_twist_changes(energy, grid, twist, frames, changes, [tensions.size]))
+
+
+def from_twist_changes(
+    energy: SectionEnergy,
+    grid: StationGrid,
+    twist: FloatArray,
+    frames: Quaternions,
+    changes: FloatArray,
+    counts: Sequence[int],
+) -> list[Change]:
+    """Changes of so many columns each, and of the rest, from those of the twist at the nodes.
+
+    ``changes`` is (4, columns, nodes) and ``twist``, of the linear law, (4, nodes).
+    """
     pose, strains = _integrate(twist, frames, grid, changes)
-    by_twist = energy.lengthening(twist[:, np.newaxis])[1][:, :, 0]
+    # The paper's models keep tendons in their places, whatever the tensions.
+    by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = _lengths(by_twist * integration_weights(grid), changes)
-    return Sensitivity(
-        Change(pose[..., :-1], strains[..., :-1], length[:, :-1]),
-        Change(pose[..., -1:], strains[..., -1:], length[:, -1:]),
-    )
+    return _split(pose, strains, length, counts)
 
 
 def _lengths(weighted: FloatArray, changes: FloatArray) -> FloatArray:

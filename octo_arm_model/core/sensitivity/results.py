@@ -70,6 +70,9 @@ class Sensitivity:
         by_youngs_modulus: per relative change of E (of 1 for twice the stiffness), one column.
         by_poisson_ratio: per unit of nu, one column.
         by_offset: per metre of each tendon's distance from the midline.
+        by_sheath_stiffness: per pascal of each tendon's sheath, zero of rigid ones; None where
+            all are.
+        by_friction: per unit of each tendon's mu, where tendons have friction.
     """
 
     by_tension: Change
@@ -77,6 +80,8 @@ class Sensitivity:
     by_tip_wrench: Change | None = None
     by_poisson_ratio: Change | None = None
     by_offset: Change | None = None
+    by_sheath_stiffness: Change | None = None
+    by_friction: Change | None = None
 
     @property
     def compliance(self) -> FloatArray:

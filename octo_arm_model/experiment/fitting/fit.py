@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ class Problem:
         self._at: FloatArray | None = None
         self._solver: Solver | None = None
         self._backbones: dict[int, Backbone] = {}
+        self._displacements: FloatArray | None = None
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:
         """Solution for a ``step`` at ``x``.
@@ -60,11 +61,39 @@ class Problem:
         """
         if self._solver is None or self._at is None or (x != self._at).any():
             self._solver, self._at, self._backbones = self.unknowns.solver(x), x.copy(), {}
+            self._displacements = None
         if step not in self._backbones:
-            tensions = self.unknowns.tensions(x, self._read[step])
-            shape = self._solver.arm.tension_shape
-            self._backbones[step] = self._solver.solve(tensions.reshape(shape))
+            if self.unknowns.slides:
+                # Tendons slide on from the step before.
+                self._backbones = dict(enumerate(self._sequence(x, self._solver)))
+            else:
+                tensions = self.unknowns.tensions(x, self._read[step])
+                shape = self._solver.arm.tension_shape
+                self._backbones[step] = self._solver.solve(tensions.reshape(shape))
         return self._backbones[step]
+
+    def _sequence(self, x: FloatArray, solver: Solver) -> list[Backbone]:
+        """Solutions for all steps at ``x``, one after the other."""
+        return followed(solver, [self.unknowns.tensions(x, read) for read in self._read])
+
+    def _displacement(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of the stations of a ``step`` by x, (n, 3, unknowns)."""
+        backbone, unknowns = self.backbone(x, step), self.unknowns
+        assert self._solver is not None
+        if not unknowns.slides:
+            return unknowns.displacement(x, self._read[step], backbone, self._solver)
+        if self._displacements is None:
+            # Where a tendon sticks there are no others: differences of whole sequences.
+            here = np.array([self.backbone(x, n).position for n in range(len(self.shapes))])
+            self._displacements = np.zeros((*here.shape, x.size))
+            for number in range(x.size):
+                if number in unknowns.alignment_columns:
+                    continue
+                moved, by = x.copy(), unknowns.difference(x, number)
+                moved[number] += by
+                there = [b.position for b in self._sequence(moved, unknowns.solver(moved))]
+                self._displacements[..., number] = (np.array(there) - here) / by
+        return np.asarray(self._displacements[step])
 
     def residuals(self, x: FloatArray, step: int) -> FloatArray:
         """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
@@ -74,13 +103,12 @@ class Problem:
     def change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `residuals` by x, (m, 3, unknowns)."""
         points, backbone = self.shapes[step].points, self.backbone(x, step)
-        assert self._solver is not None
         alignment, columns = self.unknowns.alignment(x), self.unknowns.alignment_columns
         by_measured = np.zeros((*points.shape, x.size))
         if columns:
             parts = alignment.by_parameters(points)[..., self.unknowns.alignment_parts]
             by_measured[..., columns] = parts
-        by_model = self.unknowns.displacement(x, self._read[step], backbone, self._solver)
+        by_model = self._displacement(x, step)
         measured = alignment.to_base(points)
         return shape_residuals_change(self.shapes[step], measured, by_measured, backbone, by_model)
 
@@ -163,6 +191,22 @@ class Problem:
         return x, found
 
 
+def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
+    """Shapes under sets of ``tensions`` (tendons,) [N], in their order.
+
+    Each tendon with friction slides on from the set before.
+
+    Raises:
+        SolveError: if the model has no answer for one.
+    """
+    found: list[Backbone] = []
+    for pulled in tensions:
+        shaped = pulled.reshape(solver.arm.tension_shape)
+        last = found[-1] if found and solver.arm.friction else None
+        found.append(solver.follow(shaped, last))
+    return found
+
+
 def fit_alignment(
     shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
 ) -> Alignment:
@@ -175,8 +219,8 @@ def fit_alignment(
     tensions = np.array([shape.window.tensions for shape in shapes])
     unknowns = Unknowns(parameters, model, ['alignment'], tensions, Alignment.none())
     solver = unknowns.solver(unknowns.start)
-    backbone = solver.solve(tensions.reshape(-1, *solver.arm.tension_shape))
-    begin = first_alignment(shapes, list(backbone.position), backbone.s)
+    backbones = followed(solver, tensions)
+    begin = first_alignment(shapes, [backbone.position for backbone in backbones], backbones[0].s)
     unknowns = Unknowns(parameters, model, ['alignment'], tensions, begin)
     x, _ = Problem(shapes, unknowns).solve()
     return unknowns.alignment(x)

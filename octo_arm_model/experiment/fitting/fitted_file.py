@@ -28,11 +28,11 @@ def as_config(fitted: Identification, source: str) -> str:
     Config.from_parameters(values)  # It must load where it goes.
     lines = [f'# Fitted to {source} by octo-arm identify.']
     for name, estimate in estimates.items():
-        lines.append(f'# {name}: {told(estimate)}')
+        lines.append(f'# {name}: {in_words(estimate)}')
     return '\n'.join(lines) + '\n' + parameters_as_yaml(values)
 
 
-def told(estimate: Estimate) -> str:
+def in_words(estimate: Estimate) -> str:
     """An estimate in words."""
     if estimate.value is None:
         return 'not determined'

@@ -49,7 +49,7 @@ class HeldBackFit:
         """Mean over the steps of the root mean square distance where they are held back [m].
 
         A mean of distances, not of their squares: a midline that was tracked wrongly is equally
-        far from every fit, and its square would hide what the fits make of the others.
+        far from every fit, and its square would outweigh the differences at all others.
         """
         return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.away]))
 

@@ -6,6 +6,7 @@ their intervals and correlations.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,6 +78,13 @@ class Identification:
         own = [name for name in self.estimates if name not in ALIGNMENT] or list(self.estimates)
         return any(self.estimates[name].value is not None for name in own)
 
+    def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
+        """The ``shapes`` it was fitted to, with the tensions of the fitted load cells."""
+        return [
+            dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
+            for shape, row in zip(shapes, self.tensions, strict=True)
+        ]
+
 
 def identify(
     shapes: Sequence[MeasuredShape],
@@ -138,10 +146,10 @@ def identify(
         )  # fmt: skip
     loose = _needed(problem, next(iter(fitted.values()))[0], folds, loads, tensions)
     used = [] if loose else folds
-    done = iter(range(1, total))
+    begun = iter(range(total))
 
     def tick() -> None:
-        progress(next(done, total), total)
+        progress(next(begun), total)
 
     tried = []
     for name, (x, scale) in fitted.items():
@@ -160,11 +168,11 @@ def _identification(
     best: HeldBackFit,
     folds: Sequence[Sequence[int]],
     left_out: Mapping[str, str],
-    told: Mapping[str, Any],
+    for_notes: Mapping[str, Any],
     estimates: Mapping[str, Estimate],
     before: Misfit,
 ) -> Identification:
-    """What the ``best`` fit of a ``problem`` says; ``told`` is for the notes on it."""
+    """Results of the ``best`` fit of a ``problem``; ``for_notes`` are arguments of `notes_on`."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
     after, cross_validation = misfit_of(_residuals(problem, x), length), None
@@ -187,7 +195,7 @@ def _identification(
         estimates={**estimates, **found},
         correlations=correlations,
         undetermined=tuple(left_out.values()),
-        notes=tuple(notes_on(problem, best, correlations, after, floor, **told)),
+        notes=tuple(notes_on(problem, best, correlations, after, floor, **for_notes)),
         before=before,
         after=after,
         cross_validation=cross_validation,

@@ -1,4 +1,4 @@
-"""Which of several fitted models to take, and where the data do not tell them apart."""
+"""Which of several fitted models to take, and where near-equal misfits leave an estimate open."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def envelope_of(fitted: Sequence[Identification], name: str) -> tuple[float, flo
 
 
 def disagreements(fitted: Sequence[Identification]) -> list[str]:
-    """What models with a misfit near that of the best say otherwise, in words."""
+    """Estimates that differ between the best model and those with a misfit near its, in words."""
     best = best_of(fitted)
     notes = []
     for other in near_best(fitted):

@@ -40,7 +40,7 @@ def notes_on(
 ) -> list[str]:
     """All remarks on the ``best`` of the fits ``tried`` of ``fits``.
 
-    ``loose`` says why no load can be left out; '' where each can.
+    ``loose`` is the reason why no load can be left out; '' where each can.
     """
     notes = [
         *_of_misfit(problem, after, floor),

@@ -22,7 +22,7 @@ class OpenDirection(NamedTuple):
     """A direction that the data leave open.
 
     Attributes:
-        name: the unknown to leave out, so that the others can be told.
+        name: the unknown to leave out, so that the others are determined.
         reason: the direction in words.
     """
 
@@ -48,7 +48,7 @@ def open_direction(jacobian: FloatArray, unknowns: Unknowns) -> OpenDirection | 
     move = directions[-1] / norms
     share = np.abs(directions[-1])
     last = int(np.flatnonzero(share >= _PART * share.max())[-1])
-    return OpenDirection(unknowns.names[last], _told(unknowns.unknowns, move, scales))
+    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, move, scales))
 
 
 def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -58,7 +58,7 @@ def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     return flat / norms, norms
 
 
-def _told(unknowns: Sequence[Unknown], move: FloatArray, scales: FloatArray) -> str:
+def _in_words(unknowns: Sequence[Unknown], move: FloatArray, scales: FloatArray) -> str:
     """A direction of x in words, without its small components."""
     share = np.abs(move / scales)
     largest = np.abs(move[share > 0.01 * share.max()]).max()

@@ -22,8 +22,8 @@ from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
 from octo_arm_model.experiment.recording.alignment import Alignment
 
 FITS = (
-    'youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'tension_scale', 'tension_offset',
-    'alignment',
+    'youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'friction', 'tension_scale',
+    'tension_offset', 'alignment',
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 _OFFSET = 'tendon_offset.'
@@ -32,6 +32,9 @@ _EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
 # Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
 _FARTHEST = 10.0  # bound of logarithms
+_ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
+_ROUGH = 0.1  # where the search begins without one in the config [-]
+_DIFFERENCE = 1e-4  # step of differences, of the scale of an unknown
 _PULLED = 1e-2  # of the highest tension: tendons below it count as slack
 
 
@@ -101,6 +104,8 @@ class Unknowns:
                 raise ConfigError(
                     f'the model {model} has no derivative by {name}: choose --model exact'
                 )
+            if name == 'friction' and model == 'renda2012':
+                raise ConfigError('the model renda2012 has no friction: choose another --model')
         self.model = model
         self._alignment = alignment
         self._parameters = {**parameters, 'model': model}
@@ -138,6 +143,10 @@ class Unknowns:
                 raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
             ratio = float(material.poisson_ratio_at(0.0))
             return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
+        if name == 'friction':
+            # Not from zero, the end of its range, which a minimisation hardly leaves.
+            given = float(np.mean(self.arm.friction or (_ROUGH,)))
+            return [Unknown(name, '-', given, 0.1, 0.0, _ROUGHEST)]
         if name == 'tension_scale':
             return [Unknown(name, '-', 0.0, 1.0, -_FARTHEST, _FARTHEST, 1.0)]
         if name == 'tension_offset':
@@ -199,6 +208,8 @@ class Unknowns:
         ratio = self._get(x, 'poisson_ratio', math.nan)
         if math.isfinite(ratio):
             values['material.poisson_ratio'] = ratio
+        if 'friction' in self.names:
+            values['tendons.friction'] = [self._get(x, 'friction', 0.0)]
         moved = {
             tendon: self._get(x, f'{_OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
         }
@@ -212,6 +223,17 @@ class Unknowns:
         """
         config = Config.from_parameters(self.parameters(x))
         return config.solver(stations=max(config.stations, FINE_STATIONS))
+
+    @property
+    def slides(self) -> bool:
+        """Whether tendons have friction, so that shapes depend on those before."""
+        return 'friction' in self.names or bool(self.arm.friction)
+
+    def difference(self, x: FloatArray, number: int) -> float:
+        """Step of component ``number`` of ``x`` by which derivatives are differences."""
+        unknown = self.unknowns[number]
+        step = _DIFFERENCE * unknown.scale
+        return step if x[number] + step <= unknown.high else -step
 
     def displacement(
         self, x: FloatArray, read: FloatArray, backbone: Backbone, solver: Solver

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.core.numerics.vectors import left_jacobian, skew
 from octo_arm_model.core.rod.kinematics import Pose
 
 # Points within so many times their noise of a line or plane, or within this part of their extent,
@@ -76,17 +76,6 @@ class Alignment:
         return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
 
 
-def left_jacobian(turn: FloatArray) -> FloatArray:
-    """Small rotation after it per change of a rotation vector (Barfoot 2017, 7.1.3), (3, 3)."""
-    angle = float(np.linalg.norm(turn))
-    cross = skew(turn[:, np.newaxis])[:, :, 0]
-    if angle < 1e-4:
-        return np.eye(3) + 0.5 * cross + cross @ cross / 6.0
-    first = (1.0 - np.cos(angle)) / angle**2
-    second = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * cross + second * cross @ cross
-
-
 def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
     """The rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
@@ -109,7 +98,7 @@ def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
     """What ``points`` (n, 3) do not determine of a fitted alignment, in words.
 
     ``noise`` is the root mean square distance that the fit leaves [m]: what is within it of a line
-    or a plane cannot be told from one.
+    or a plane cannot be distinguished from one.
     """
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0.0:

@@ -77,7 +77,7 @@ def remarks(
     noise: float,
     length: float,
 ) -> list[str]:
-    """What the branches say of friction, of an arm of ``length`` [m]; see `difference`."""
+    """Remarks on friction, of an arm of ``length`` [m]; see `difference`."""
     if UNLOADING not in direction:
         return [
             'no step was reached by unloading: friction or a load cell that reads wrong in '

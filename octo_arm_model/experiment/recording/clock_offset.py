@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
@@ -17,6 +19,7 @@ _STATIONS = 31
 _SAMPLES = 5000
 # Residual of the best offset over the median of all: above this no offset is clear.
 _CLEAR = 0.5
+_EQUAL = 0.01  # residuals that differ by less than this part count as equal
 _KEPT = 0.9  # fraction of the frames: the worst may be outliers
 
 
@@ -26,13 +29,16 @@ def clock_offset(
     tensions: FloatArray,
     frame_time: FloatArray,
     tips: FloatArray,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> float | None:
     """Seconds to add to ``frame_time`` (f,) so that ``tips`` (f, 3) agree with the tensions.
 
     For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
     ``tensions`` (n, tendons) at ``tension_time`` (n,), is fitted to the tips; the offset of least
-    residual is taken. The affine function absorbs the pose of the camera and most of the model's
-    error. The lag of the arm behind its tensions counts as an offset of the clock.
+    residual is taken, or the one nearest to zero of those that do as well. The affine function
+    absorbs the pose of the camera and most of the model's error. The lag of the arm behind its
+    tensions counts as an offset of the clock. ``progress`` is called with the numbers of
+    offsets tried and of all.
 
     Returns:
         The offset; None where no minimum is clear, as for an arm at rest.
@@ -46,13 +52,16 @@ def clock_offset(
     seen = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
     times, tips = frame_time[seen], tips[seen]
     offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
-    left = np.array([
-        _residual(times + offset, tips, tension_time[some], expected) for offset in offsets
-    ])  # fmt: skip
+    left = np.empty(len(offsets))
+    for number, offset in enumerate(offsets):
+        left[number] = _residual(times + offset, tips, tension_time[some], expected)
+        progress(number + 1, len(offsets))
     best = int(left.argmin())
     if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
         return None
-    return round(float(offsets[best]), 3)
+    # Where frames show the arm at rest alone a range of offsets does equally well.
+    equal = np.flatnonzero(left <= (1.0 + _EQUAL) * left[best])
+    return round(float(offsets[equal[np.abs(offsets[equal]).argmin()]]), 3)
 
 
 def _residual(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 
@@ -11,17 +10,17 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.csv_table import FORCE, LENGTH, CsvTable
-from octo_arm_model.experiment.recording.measured_topics import Frame, Measured, MeasuredPoints
+from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
+from octo_arm_model.experiment.recording.measured_topics import Skip
 from octo_arm_model.wire.tension_fields import NONE
 
 _POINT = re.compile(r'^x_?([0-9]{1,6})$')
-Skip = Callable[[str, int, str], None]
 
 
 def csv_tensions(
     table: CsvTable, config: Config, skip: Skip
 ) -> tuple[list[int], list[FloatArray]]:
-    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is told of those left out.
+    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is called with those left out.
 
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
@@ -39,7 +38,9 @@ def csv_tensions(
         pass
     kept: list[int] = []
     tensions: list[FloatArray] = []
+    table.count.expect(len(stamps))
     for stamp, row in zip(stamps, rows):
+        table.count.add()
         try:
             tensions.append(config.load_cells.tensions(arm, row).ravel())
             kept.append(stamp)
@@ -73,7 +74,9 @@ def csv_frames(
         grouped = [(stamps[part[0]], flat[part]) for part in parts]
     is_midline = max(len(one) for _, one in grouped) > 1
     frames = []
+    table.count.expect(len(grouped))
     for stamp, place in grouped:
+        table.count.add()
         try:
             frames.append(Frame(stamp, points.check(place, is_midline)))
         except MeasurementError as error:

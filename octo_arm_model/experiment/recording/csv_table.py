@@ -8,7 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from octo_arm_model.core.limits import (
     MAX_CSV_ROWS,
     MAX_YAML_BYTES,
 )
+from octo_arm_model.experiment.recording.count import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 LENGTH = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
@@ -33,6 +34,7 @@ _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _NUMBER = re.compile(r'^[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$')
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _LISTED = 20
+_TOGETHER = 4096  # rows counted at a time
 
 
 class _Column(NamedTuple):
@@ -50,6 +52,7 @@ class CsvTable:
         rows: texts of each row.
         lines: line of each row.
         given: column for each of the names it is asked for, or a number in place of one.
+        count: progress of the conversion of its columns.
     """
 
     path: Path
@@ -57,6 +60,7 @@ class CsvTable:
     rows: tuple[Sequence[str], ...]
     lines: tuple[int, ...]
     given: Mapping[str, str]
+    count: Count = field(default_factory=Count)
 
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
@@ -116,6 +120,7 @@ class CsvTable:
                     f'{self.path}, line {self.lines[place]}: {name} is {shown(text)}, expected a '
                     f'finite number [{unit}], or nothing'
                 )
+        self.count.add(len(self.rows))
         return units[unit] * values
 
     def times(self) -> list[int]:
@@ -135,17 +140,20 @@ class CsvTable:
         return [round(second * 1e9) for second in seconds.tolist()]
 
 
-def read_csv(path: str | Path, given: Mapping[str, str] | None = None) -> CsvTable:
+def read_csv(
+    path: str | Path, given: Mapping[str, str] | None = None, count: Count | None = None
+) -> CsvTable:
     """Read a file with one line of headers and rows below; ``given`` says which column is what.
 
-    Fields are separated by commas, semicolons or tabs, whichever the header has.
+    Fields are separated by commas, semicolons or tabs, whichever the header has. Of the progress
+    ``count`` each row and each value is one.
 
     Raises:
         MeasurementError: if it cannot be read, is too large, or a row is too short or long.
     """
     with reading(path, MeasurementError):
         text = read_text(path, MAX_CSV_BYTES)
-    head = text.split('\n', 1)[0]
+    head, count = text.split('\n', 1)[0], count or Count()
     separator = max((',', ';', '\t'), key=head.count)
     rows: list[Sequence[str]] = []
     lines: list[int] = []
@@ -158,6 +166,8 @@ def read_csv(path: str | Path, given: Mapping[str, str] | None = None) -> CsvTab
                 continue
             if not columns:
                 columns = _header(cells, path, line)
+                expected = min(text.rstrip().count('\n'), MAX_CSV_ROWS)
+                count.expect(expected * (1 + len(columns)))
                 continue
             if len(cells) != len(columns):
                 raise MeasurementError(
@@ -168,11 +178,13 @@ def read_csv(path: str | Path, given: Mapping[str, str] | None = None) -> CsvTab
                 raise MeasurementError(f'{path}, line {line}: more than {MAX_CSV_ROWS} rows')
             rows.append(cells)
             lines.append(line)
+            if len(rows) % _TOGETHER == 0:
+                count.add(_TOGETHER)
     except csv.Error as error:
         raise MeasurementError(f'{path}, line {reader.line_num}: no CSV: {error}') from error
     if not rows:
         raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
-    return CsvTable(Path(path), columns, tuple(rows), tuple(lines), dict(given or {}))
+    return CsvTable(Path(path), columns, tuple(rows), tuple(lines), dict(given or {}), count)
 
 
 def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:

@@ -62,8 +62,8 @@ def mean_markers(
 ) -> MeasuredShape | None:
     """Mean of ``frames`` (markers, 3) of markers at ``s``; None where none is seen.
 
-    A marker farther from its median than three times the median distance of markers is an
-    outlier of its frame, and left out there.
+    A marker farther from its median place than three times its median distance from it, and three
+    times that of all markers, is an outlier of its frame, and left out there.
     """
     stack = np.array(frames)
     with warnings.catch_warnings():
@@ -74,7 +74,9 @@ def mean_markers(
         seen = np.isfinite(away)
         if not seen.any():
             return None
-        outlying = seen & (away > OUTLYING * np.median(away[seen]) + FLOOR)
+        # The tip moves more than the base; a base that does not move at all has rounding alone.
+        usual = np.maximum(np.nanmedian(away, axis=0), np.median(away[seen]))
+        outlying = seen & (away > OUTLYING * usual + FLOOR)
         enough = seen.sum(axis=0) >= FEW
         outlying &= enough
         middle = median.copy()

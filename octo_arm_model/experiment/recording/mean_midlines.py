@@ -21,7 +21,7 @@ _FINE = 401  # points by which its length is measured
 # A frame so many times as far from the median shape as the median frame is an outlier.
 OUTLYING = 3.0
 FLOOR = 1e-6  # [m]: rounding is no outlier
-# Of fewer frames no outlier can be told apart: their median is taken.
+# With fewer frames outliers cannot be identified: their median is taken.
 FEW = 5
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,8 @@ from octo_arm_model.experiment.recording.steady_windows import (
     ramp_windows,
     steady_windows,
 )
+
+_FEW_STEADY = 0.2  # of the time: steps of a staircase take more
 
 
 @dataclass(frozen=True)
@@ -64,18 +66,23 @@ class Observations:
 
 
 def observe(
-    recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
+    recording: Recording,
+    pairing: Pairing = Pairing(),
+    known: Alignment | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Observations:
     """Shapes of the steady steps of ``recording``; ``known`` is the alignment, where it is.
 
+    ``progress`` is called with the numbers of clock offsets tried and of all.
+
     Raises:
-        MeasurementError: if it cannot be told which end of the midlines is the base.
+        MeasurementError: if neither end of the midlines is clearly the base.
         SolveError: if there is no steady step with a frame.
     """
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
     frames = _base_first(recording, pairing, config, known, notes)
-    offset = _offset(recording, pairing, config, frames, notes)
+    offset = _offset(recording, pairing, config, frames, notes, progress)
     time, sampled = recording.tension_time, recording.tensions
     if pairing.is_ramp:
         windows = ramp_windows(time, sampled, pairing.ramp_width)
@@ -90,7 +97,7 @@ def observe(
         )
     time = recording.frame_time + offset
     usable = _distance(time, recording.tension_time) <= pairing.tolerance
-    shapes = []
+    shapes, used = [], 0
     margin = 0.0 if pairing.is_ramp else pairing.tolerance
     for window in windows:
         inside = usable & (time >= window.start + margin) & (time <= window.stop - margin)
@@ -100,9 +107,10 @@ def observe(
             shown = list(itertools.compress(frames, inside))
             if recording.marker_s is None:
                 shapes.append(mean_shape(window, shown))
+                used += len(shown)
             elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
                 shapes.append(markers)
-    used = sum(shape.frames + shape.outliers for shape in shapes)
+                used += len(shown)
     what = 'windows of a ramp' if pairing.is_ramp else 'steady steps'
     steady = f'{len(windows)} {what}'
     if not shapes:
@@ -112,6 +120,13 @@ def observe(
             f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
+    span = float(np.ptp(recording.tension_time))
+    share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
+    if share < _FEW_STEADY and not pairing.is_ramp:
+        notes.append(
+            f'tensions are steady in {100.0 * share:.0f} % of the time: where they change slowly '
+            'instead of in steps, say --ramp'
+        )
     notes += recording.refusals.lines()
     notes += _unseen(recording)
     return Observations(tuple(shapes), offset, tuple(notes))
@@ -127,7 +142,7 @@ def _base_first(
     """Midlines from base to tip."""
     if recording.is_tips or recording.marker_s is not None:
         return recording.frames
-    tip_first, why = pairing.base_end == 'last', 'as told'
+    tip_first, why = pairing.base_end == 'last', 'by --base-end'
     if pairing.base_end is None:
         base = known.to_camera(np.array(config.base.position)) if known is not None else None
         tip_first, why = is_tip_first(recording.frames, base)
@@ -141,6 +156,7 @@ def _offset(
     config: Config,
     frames: Sequence[FloatArray],
     notes: list[str],
+    progress: Callable[[int, int], None],
 ) -> float:
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
@@ -151,7 +167,7 @@ def _offset(
     if seen.any():
         found = clock_offset(
             config.arm, recording.tension_time, recording.tensions, recording.frame_time[seen],
-            tips[seen],
+            tips[seen], progress,
         )  # fmt: skip
     if found is None:
         notes.append(

@@ -43,10 +43,10 @@ _MISSING = (
 
 def summary(claims: Sequence[Claim]) -> str:
     """A sentence with the number of claims that hold, for each model."""
-    told = [(model, *count(claims, model)) for model in MODELS]
+    counts = [(model, *count(claims, model)) for model in MODELS]
     return (
         'Claims that hold, of those that can be judged: '
-        + ', '.join(f'{model} {held} of {judged}' for model, held, judged in told)
+        + ', '.join(f'{model} {held} of {judged}' for model, held, judged in counts)
         + '.'
     )
 

@@ -143,4 +143,4 @@ def _claim(claim: Claim) -> str:
     )
 
 
-_CLASSES = {True: 'holds', False: 'fails', None: 'untold'}
+_CLASSES = {True: 'holds', False: 'fails', None: 'open'}

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import ContinuationError, OctoArmError
+from octo_arm_model.core.follower import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.ros.node.queued_service import QueuedService, Steps
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import (
     TOPICS,
@@ -27,8 +30,11 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionInput,
     TensionSubscription,
 )
+from octo_arm_model.ros.node.winding import Winding
+from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -53,9 +59,13 @@ class Prepared(NamedTuple):
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
-        solver = config.solver(compiled=None)
-        # The first solve makes the tables of the arm.
-        solver.tendon_lengths(solver.solve(0.0 * solver.rest_lengths))
+        solver = config.solver(budget=config.solve_budget)
+        # What is tabulated or loaded at its first use is so before messages come. Whether a solve
+        # keeps to its budget is told when they do.
+        with contextlib.suppress(ContinuationError):
+            backbone = solver.solve(0.0 * solver.rest_lengths)
+            solver.tendon_lengths(backbone)
+            solver.sensitivity(backbone)
         return cls(values, config, solver)
 
 
@@ -76,10 +86,13 @@ class ArmServer:
         self._refusal_log = RefusalLog(node)
         self._inputs: list[TensionSubscription] = []
         self._wrenches: LatestSubscription | None = None
-        self._services: list[Any] = []
+        self._services: list[QueuedService] = []
+        self._work = WorkQueue(node)
         self._publishers: BackbonePublishers | None = None
+        self._winches: LatestSubscription | None = None
         self._tip_wrench: FloatArray | None = None
-        self._last: Backbone | None = None
+        self._memory = self._diagnostics.memory = FrictionMemory()
+        self._winding = Winding(self._memory)
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -102,16 +115,22 @@ class ArmServer:
         node = self._node
         self._inputs = [
             TensionSubscription(
-                node, topic, self._current_arm, self._answer, names=self._current_names
+                node, topic, self._current_arm, self._answer, self._work, names=self._current_names
             )
             for topic in TOPICS
         ]
         self._diagnostics.publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._diagnostics.begin()
-        self._wrenches = LatestSubscription(node, WrenchStamped, 'tip_wrench', self._on_wrench)
+        self._wrenches = LatestSubscription(
+            node, WrenchStamped, 'tip_wrench', self._on_wrench, self._work
+        )
+        self._winches = LatestSubscription(
+            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._work
+        )
+        self._diagnostics.apart = self._winches.topic
         self._services = [
-            node.create_service(Solve, 'solve', self._on_solve),
-            node.create_service(FindTensions, 'find_tensions', self._on_find_tensions),
+            QueuedService(node, Solve, 'solve', self._on_solve, self._work),
+            QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
         ]
         check_overrides(node)
 
@@ -119,15 +138,18 @@ class ArmServer:
         """Stop answering."""
         for subscription in self._inputs:
             subscription.close()
-        if self._wrenches is not None:
-            self._wrenches.close()
+        for latest in (self._wrenches, self._winches):
+            if latest is not None:
+                latest.close()
         for service in self._services:
-            self._node.destroy_service(service)
-        self._inputs, self._wrenches, self._services = [], None, []
+            service.close()
+        self._work.clear()
+        self._inputs, self._services = [], []
+        self._wrenches = self._winches = None
         if self._publishers is not None:
             self._publishers.pause()
         self._diagnostics.end('inactive')
-        self._last = self._tip_wrench = None
+        self._tip_wrench, self._winding = None, Winding(self._memory)
 
     def cleanup(self) -> None:
         """Free the arm and its publishers."""
@@ -142,7 +164,11 @@ class ArmServer:
         assert self._publishers is not None
         config = prepared.config
         self._check_wrench_of_before(prepared)
-        self._prepared, self._last = prepared, None
+        self._prepared = prepared
+        if gone := self._winding.change_arm(config.arm):
+            self._node.get_logger().warning(
+                f'displacements dropped: this arm has no tendon {gone[0]}'
+            )
         self._diagnostics.model, self._diagnostics.limits = config.model, config.diagnostic_limits
         self._diagnostics.is_compiled = prepared.solver.is_compiled
         self._publishers.describe(prepared.solver, config)
@@ -174,21 +200,55 @@ class ArmServer:
         if isinstance(given.tensions, OctoArmError):
             self._refuse(given.topic, given.tensions)
             return
+        self._publish_shape(given.topic, given.stamp, readings=given.tensions)
+
+    def _publish_shape(
+        self,
+        topic: str,
+        stamp: Stamp | None,
+        readings: FloatArray | None = None,
+        displacements: dict[str, float] | None = None,
+    ) -> None:
+        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``."""
+        prepared, outbox, winding = self._prepared, self._publishers, self._winding
+        assert prepared is not None and outbox is not None
+        config = prepared.config
         try:
-            if self._diagnostics.received(given.topic, given.stamp):
-                self._last = None  # stamps start over: do not continue from the last shape
+            self._diagnostics.received(topic, stamp)
+            at = self._stamp(stamp)
             began = time.perf_counter()
-            config = prepared.config
-            tensions = config.load_cells.tensions(config.arm, given.tensions)
-            backbone = prepared.solver.follow(tensions, self._last, self._tip_wrench)
-            self._last = backbone
-            covariance = prepared.solver.tip_covariance(backbone, prepared.config.uncertainty)
+            tensions = None
+            if readings is not None:
+                tensions = config.load_cells.tensions(config.arm, readings)
+            answer = winding.answer(
+                prepared.solver, config, self._tip_wrench, at.ns, tensions, displacements
+            )
             duration = time.perf_counter() - began
         except OctoArmError as error:
-            self._refuse(given.topic, error)
+            self._refuse(topic, error)
             return
-        outbox.publish(backbone, covariance, self._stamp(given.stamp))
-        self._diagnostics.answered(backbone, duration)
+        outbox.publish(answer.backbone, answer.covariance, at)
+        if winding.displacements:
+            outbox.publish_estimates(answer.backbone, at)
+        self._diagnostics.answered(answer.backbone, duration)
+
+    def _on_displacements(self, data: bytes, older: int) -> None:
+        """Drive the named tendons by length from now on, and the others by tension."""
+        prepared, winches = self._prepared, self._winches
+        if prepared is None or winches is None:
+            return
+        if older:
+            self._diagnostics.skipped(older)
+        if self._wrenches is not None:
+            self._wrenches.answer_latest()
+        try:
+            message = winches.decode(data)
+            found = displacement_messages.read_displacements(message, prepared.config.arm)
+        except OctoArmError as error:
+            self._refuse(winches.topic, error)
+            return
+        stamp = Stamp(message.header.stamp.sec, message.header.stamp.nanosec)
+        self._publish_shape(winches.topic, stamp, displacements=found)
 
     def _on_wrench(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""
@@ -220,14 +280,14 @@ class ArmServer:
             self._tip_wrench = None
             self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
-    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Solve.Response:
+    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
         assert self._prepared is not None
         frame = self._prepared.config.base_frame
         return answer_solve(request, response, self._prepared.solver, frame)
 
     def _on_find_tensions(
         self, request: FindTensions.Request, response: FindTensions.Response
-    ) -> FindTensions.Response:
+    ) -> Steps:
         assert self._prepared is not None
         now = self._node.get_clock().now().to_msg()
         frame = self._prepared.config.base_frame

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
-from octo_arm_msgs.msg import SectionStrains
+from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -17,6 +18,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.frames import make_broadcaster
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
@@ -32,6 +34,7 @@ LATCHED_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+ESTIMATES_TOPIC = 'tendon_tension_estimates'
 _TOPICS = (
     (Path, 'backbone/path'),
     (PoseArray, 'backbone/poses'),
@@ -48,6 +51,7 @@ class BackbonePublishers:
         self._node = node
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
         self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
+        self._estimates = self._open(TendonTensions, ESTIMATES_TOPIC, OUTPUT_QOS)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
         self._drawing = MarkerPublisher(node, self._markers)
@@ -55,6 +59,7 @@ class BackbonePublishers:
         self._writer: BackboneWriter | None = None
         self._frames: FramesWriter | None = None
         self._solver: Solver | None = None
+        self._frame = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
         return create_publisher(self._node, kind, topic, qos)
@@ -62,8 +67,9 @@ class BackbonePublishers:
     def close(self) -> None:
         """Destroy the publishers."""
         self._drawing.stop()
-        others = (self._lengths, self._description, self._markers, self._transforms)
-        for publisher in (*self._publishers, *others):
+        of_tendons = (self._lengths, self._estimates)
+        others = (self._description, self._markers, self._transforms)
+        for publisher in (*self._publishers, *of_tendons, *others):
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
 
@@ -74,7 +80,7 @@ class BackbonePublishers:
     def describe(self, solver: Solver, config: Config) -> None:
         """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
         arm, grid, frame = solver.arm, solver.grid, config.base_frame
-        self._solver = solver
+        self._solver, self._frame = solver, frame
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
         self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
         markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
@@ -101,3 +107,11 @@ class BackbonePublishers:
             lengths = self._solver.tendon_lengths(backbone)
             self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         self._drawing.publish(backbone, stamp)
+
+    def publish_estimates(self, backbone: Backbone, stamp: Stamp) -> None:
+        """Publish the tensions that hold the tendons driven by length, and those of the others."""
+        if self._solver is None or not self._estimates.get_subscription_count():
+            return
+        time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+        arm = self._solver.arm
+        self._estimates.publish(tensions_message(backbone.tensions, arm, time, self._frame))

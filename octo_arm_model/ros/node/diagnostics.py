@@ -11,8 +11,9 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from octo_arm_model.config.config import DiagnosticLimits
-from octo_arm_model.core.errors import OctoArmError, SolveError, in_short
+from octo_arm_model.config.build import DiagnosticLimits
+from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
+from octo_arm_model.core.follower import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
@@ -34,6 +35,8 @@ class Diagnostics:
         is_compiled: whether the compiled solver is used.
         limits: thresholds of the warnings.
         publishers: counts the publishers of each input topic.
+        apart: whole name of the topic of displacements, no second source of tensions.
+        memory: of tendons with friction, if they have any.
     """
 
     def __init__(self, node: Node) -> None:
@@ -42,11 +45,15 @@ class Diagnostics:
         self.model, self.is_compiled = '', False
         self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
-        self._idle = ''
+        self._idle = self.apart = ''
+        self.memory: FrictionMemory | None = None
         self._totals = dict.fromkeys(
-            ('answered', 'refused', 'failed', 'skipped', 'backwards', 'ahead', 'old', 'unstamped'),
+            (
+                'answered', 'refused', 'failed', 'unaffordable', 'skipped', 'backwards', 'ahead',
+                'old', 'unstamped',
+            ),
             0,
-        )
+        )  # fmt: skip
         self._lately = dict(self._totals)
         self._topics: dict[str, int] = {}
         self._received = 0
@@ -55,6 +62,7 @@ class Diagnostics:
         self._reason = self._failure = ''
         self._refusals = Refusals()
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
+        self._has_history = False
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self._clock = node.get_clock()
         self._step = 0.0
@@ -88,21 +96,16 @@ class Diagnostics:
         self._totals[what] += number
         self._lately[what] += number
 
-    def received(self, topic: str, stamp: Stamp | None) -> bool:
-        """Count a message with its ``stamp``, None where it has none.
-
-        Returns:
-            Whether the stamp is earlier than the last one, as when a bag is played again.
-        """
+    def received(self, topic: str, stamp: Stamp | None) -> None:
+        """Count a message with its ``stamp``, None where it has none."""
         self._received += 1
         self._heard = time.monotonic()
         self._topics[topic] = self._topics.get(topic, 0) + 1
         if stamp is None or not any(stamp):
             self._count('unstamped')
-            return False
+            return
         seconds = stamp.sec + 1e-9 * stamp.nanosec
-        is_back = self._newest is not None and seconds < self._newest
-        if is_back:
+        if self._newest is not None and seconds < self._newest:
             self._count('backwards')
         self._newest = seconds
         now = self._seconds()
@@ -110,7 +113,6 @@ class Diagnostics:
             self._count('old')
         elif now and seconds - now > self.limits.ahead + _STEPS * self._step:
             self._count('ahead')
-        return is_back
 
     def skipped(self, number: int) -> None:
         """Count messages dropped for a newer one."""
@@ -122,11 +124,13 @@ class Diagnostics:
         self._busy += duration
         self._residual = float(backbone.residual)
         self._iterations = int(backbone.iterations)
+        self._has_history = backbone.point_tensions is not None
 
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count a message that was not answered because of ``error``."""
         if isinstance(error, SolveError):
             self._count('failed')
+            self._count('unaffordable', int(isinstance(error, ContinuationError)))
             self._failure = in_short(error)
         else:
             self._count('refused')
@@ -155,7 +159,10 @@ class Diagnostics:
             'iterations': self._iterations,
             'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
             'failures': self._totals['failed'],
+            'beyond solve_budget': self._totals['unaffordable'],
             'last failure': self._failure,
+            'friction history kept': self._has_history,
+            'friction history forgotten after a gap': self.memory.forgotten if self.memory else 0,
         })  # fmt: skip
 
     def _input(self) -> DiagnosticStatus:
@@ -171,8 +178,9 @@ class Diagnostics:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
-        if len(self._topics) > 1:
-            problems.append(f'several sources: {", ".join(sorted(self._topics))}')
+        of_tensions = sorted(self._topics.keys() - {self.apart})
+        if len(of_tensions) > 1:
+            problems.append(f'several sources: {", ".join(of_tensions)}')
         publishers = {topic: count() for topic, count in self.publishers.items()}
         for topic in sorted(self._topics):
             if publishers.get(topic, 0) > 1:

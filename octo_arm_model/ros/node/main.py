@@ -22,6 +22,7 @@ from octo_arm_model.ros.interruption import install, interruptible
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.start import start_ros
+from octo_arm_model.terminal import fail
 
 LONGEST_WAIT = 0.5  # [s] between checks for shutdown
 LONGEST_END = 4.0  # [s] for ROS to destroy a node
@@ -60,7 +61,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     try:
         start_ros(arguments, SignalHandlerOptions.ALL)
     except OctoArmError as error:
-        return _fail(name, str(error))
+        return fail(name, error, 1)
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
     node = None
@@ -80,9 +81,10 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         if rclpy.ok():
             raise
     except (OctoArmError, ParameterException) as error:
-        return _fail(name, f'{error} (parameters come from --ros-args --params-file FILE)')
+        hint = '(parameters come from --ros-args --params-file FILE)'
+        return fail(name, f'{error} {hint}', 1)
     except MemoryError:
-        return _fail(name, 'out of memory')
+        return fail(name, 'out of memory', 1)
     finally:
         # Fast DDS may deadlock in C++ while many participants leave. This thread then ends the
         # process with status 1 and prints where it was.
@@ -93,11 +95,6 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
     return 0
-
-
-def _fail(name: str, problem: str) -> int:
-    print(f'{name}: error: {problem}', file=sys.stderr)
-    return 1
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from octo_arm_msgs.srv import FindTensions, Solve
 
-from octo_arm_model.analysis.inverse import Stiffness, default_highest, find_tensions
-from octo_arm_model.analysis.targets import Bending, Target, TipPose, TipPosition
+from octo_arm_model.analysis.inverse import Inverse, default_highest, find_tensions
+from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.core.errors import OctoArmError, TargetError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
@@ -17,13 +19,18 @@ from octo_arm_model.ros.messages import (
     tensions_message,
     wrench_values,
 )
+from octo_arm_model.ros.node.queued_service import Steps
+from octo_arm_model.ros.node.sliced_call import SlicedCall
 from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
+
+SLICE = 0.02  # [s] of a search between two looks at what else is to be done
 
 
 def answer_solve(
     request: Solve.Request, response: Solve.Response, solver: Solver, frame_id: str
-) -> Solve.Response:
-    """Solve for the tensions and the tip's wrench of ``request``."""
+) -> Steps:
+    """Fill in ``response`` for the tensions and the tip's wrench of ``request``."""
+    yield from ()  # a single solve, which has a budget
     try:
         tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
         wrench = wrench_values(request.tip_wrench)
@@ -31,14 +38,13 @@ def answer_solve(
         lengths = solver.tendon_lengths(backbone)
     except OctoArmError as error:
         response.success, response.message = False, str(error)
-        return response
+        return
     response.success = True
     stamp = request.tensions.header.stamp
     response.path, _, response.strains = backbone_messages(backbone, stamp, frame_id)
     response.tendon_length = lengths.ravel().tolist()
     response.residual = float(backbone.residual)
     response.iterations = int(backbone.iterations)
-    return response
 
 
 def answer_find_tensions(
@@ -47,23 +53,38 @@ def answer_find_tensions(
     solver: Solver,
     frame_id: str,
     now: Time,
-) -> FindTensions.Response:
-    """Find tensions for the target of ``request``."""
+) -> Steps:
+    """Fill in ``response`` for the target of ``request``; yields in the midst of long searches."""
     try:
         stiffness = None
         if request.stiffness != 0.0:
             along = request.stiffness_direction
             stiffness = Stiffness(np.array([along.x, along.y, along.z]), request.stiffness)
         highest = _highest(request, solver)
-        found = find_tensions(solver, _target(request), highest, stiffness=stiffness)
+        target = _target(request)
+
+        def search(pause: Callable[[], None]) -> Inverse:
+            return find_tensions(solver, target, highest, stiffness=stiffness, pause=pause)
+
+        found = yield from _in_slices(SlicedCall(search, SLICE))
     except OctoArmError as error:
         response.success, response.message = False, str(error)
-        return response
+        return
     response.success, response.reached, response.error = True, found.reached, found.error
     response.message = '' if found.reached else 'out of reach; this is as near as was found'
     response.tensions = tensions_message(found.backbone.tensions, solver.arm, now, frame_id)
     response.tip = pose_message(found.backbone.position[-1], found.backbone.quaternion[-1])
-    return response
+
+
+def _in_slices(call: SlicedCall[Inverse]) -> Generator[None, None, Inverse]:
+    """Do ``call``, yielding between slices; returns its result."""
+    try:
+        while not call.advance():
+            yield
+    except GeneratorExit:
+        call.abandon()
+        raise
+    return call.result()
 
 
 def _highest(request: FindTensions.Request, solver: Solver) -> FloatArray:

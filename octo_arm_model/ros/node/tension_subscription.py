@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.interruption import interruptible
+from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
@@ -28,22 +28,27 @@ TOPICS = tuple(TENSION_TOPICS)
 class LatestSubscription:
     """Subscription to one topic, of which only the latest message is answered.
 
-    To answer may take longer than the time between two messages. It is a task of its own, queued
-    behind what the executor has to do already: in the callback of a message every message that
-    came meanwhile would be answered before any service is.
+    To answer may take longer than the time between two messages. It is a piece of a `WorkQueue`:
+    in the callback of a message every message that came meanwhile would be answered before any
+    request for parameters is.
 
     Attributes:
         topic: its whole name, as remapped.
     """
 
     def __init__(
-        self, node: Node, kind: Any, topic: str, answer: Callable[[bytes, int], None]
+        self,
+        node: Node,
+        kind: Any,
+        topic: str,
+        answer: Callable[[bytes, int], None],
+        work: WorkQueue,
     ) -> None:
         """Call ``answer`` with the latest message and how many older ones were skipped.
 
-        Messages are of type ``kind``.
+        Messages are of type ``kind``; ``work`` has the turns in which they are answered.
         """
-        self._node, self._kind, self._answer = node, kind, answer
+        self._node, self._kind, self._answer, self._work = node, kind, answer, work
         self._latest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
@@ -65,19 +70,13 @@ class LatestSubscription:
         self._older += self._latest is not None
         self._latest = message
         if not self._is_due:
-            executor = self._node.executor
-            assert executor is not None  # it called this
             self._is_due = True
-            executor.create_task(interruptible(self._answer_due))
+            self._work.add(self._answer_due)
 
-    def _answer_due(self) -> None:
+    def _answer_due(self) -> bool:
         self._is_due = False
-        try:
-            self.answer_latest()
-        except RuntimeError:
-            # A signal invalidates the context while an answer is under way: not an error.
-            if self._node.context.ok():
-                raise
+        self.answer_latest()
+        return False
 
     def answer_latest(self) -> None:
         """Answer the latest message, if it is not answered yet."""
@@ -131,6 +130,7 @@ class TensionSubscription(LatestSubscription):
         topic: str,
         arm: Callable[[], Arm],
         answer: Callable[[TensionInput], None],
+        work: WorkQueue,
         prefix: str = 'tendon_tensions',
         names: Callable[[], Sequence[str]] = tuple,
     ) -> None:
@@ -141,6 +141,7 @@ class TensionSubscription(LatestSubscription):
             topic: one of `TENSION_TOPICS`, which says what type messages are of.
             arm: returns the arm that they are for.
             answer: what to call.
+            work: has the turns in which it is called.
             prefix: replaces 'tendon_tensions' in the name that is subscribed to.
             names: returns what the tendons are called there; empty for their own names.
         """
@@ -148,7 +149,8 @@ class TensionSubscription(LatestSubscription):
         self._arm, self._hand_over, self._names = arm, answer, names
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
-        super().__init__(node, message_class(self._message.type_name), name, self._read_latest)
+        kind = message_class(self._message.type_name)
+        super().__init__(node, kind, name, self._read_latest, work)
 
     def _read_latest(self, data: bytes, older: int) -> None:
         tensions: FloatArray | OctoArmError

@@ -17,7 +17,7 @@ from octo_arm_model.simulation.limits import check_profile, figures, tendon_limi
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.page import numbers
 
-# viser calls back in many threads; this queues a function for the thread of the viewer.
+# Queues a function for the thread of the viewer, as viser calls back in many threads.
 Later = Callable[[Callable[[], None]], None]
 _STEPS = 200  # of a slider
 _COPY = (
@@ -56,7 +56,7 @@ class Controls:
     def follow(self) -> None:
         """Set the sliders to the commanded tensions."""
         for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
-            # Rounding may exceed the end of the slider. mypy misses the setter.
+            # Rounding may exceed the maximum of the slider. mypy misses the setter.
             slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
@@ -126,7 +126,7 @@ class Controls:
         self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
 
         def play() -> None:
-            # Listed names only: others would be read as paths of files.
+            # Names in the list only; `find_profile` reads others as paths of files.
             if chosen.value not in names:
                 raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
             profile = find_profile(chosen.value, self._arm)

@@ -1,4 +1,4 @@
-"""A second arm beside that of the node: another model, solved in the viewer for its tensions."""
+"""A second arm, by another model: solved in the viewer for the tensions of the node."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ModelOverlay:
     """
 
     def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
-        """Offer the models that the node does not use."""
+        """Add the choice among the models that the node does not use."""
         self._server, self._config, self._later = server, config, later
         self.backbone: Backbone | None = None
         self._solver: Solver | None = None

@@ -68,7 +68,7 @@ def overlapping(overlap: Overlap | None) -> str:
     first, second = (1e3 * s for s in overlap.s)
     return _STYLE.format(
         f'<span class="octo-arm-overlap" style="{_PROBLEM}">The arm passes through itself: at s = '
-        f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here knows '
+        f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here has '
         'contact.</span>'
     )
 

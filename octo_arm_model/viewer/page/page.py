@@ -135,7 +135,7 @@ class Page:
         self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
         self._comparison.show(tensions, pull, shape.position[-1])
         if not self._is_ours and not self.commander.is_moving:
-            # Another node commands: begin at its tensions.
+            # Another node commands: commands start from its tensions.
             self.commander.tensions = tensions.copy()
         if now - self._plotted > _PLOTTING:
             self._plotted = now
@@ -148,7 +148,7 @@ class Page:
         return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
 
     def _look(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        """Move the camera of one browser so that it sees all that the arm reaches."""
+        """Move the camera of one browser so that the workspace of the arm is in the picture."""
         if event.client is None:
             return
         camera = event.client.camera

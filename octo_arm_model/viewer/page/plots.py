@@ -16,7 +16,7 @@ _LABELS = (
     ('longitudinal strain q [%]', 'q', 100.0),
 )
 _NODE, _OTHER = '#c8553d', '#4f7cac'
-# Least range of an axis, so that rounding errors are a flat curve.
+# Smallest range of an axis, in which rounding errors are a flat curve.
 _LEAST = 1.0
 
 
@@ -87,6 +87,6 @@ class StrainPlots:
     def show(self, node: Curves, other: Curves | None) -> None:
         """Plot the strains of the node, and those of another model if given."""
         for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
-            # Without another model its curve is hidden below that of the node.
+            # Without another model its curve coincides with that of the node, which hides it.
             below = other or node
             plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours
+from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours, tube_triangles
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -21,8 +21,8 @@ OTHER_COLOUR: Colour = (112, 152, 196)
 GHOST_COLOUR: Colour = (150, 150, 155)
 DISC_COLOUR: Colour = (62, 62, 74)
 _SIDES = 24
-_THICKER = 1.5  # factor on the width of tendons in RViz: here they are seen through the body
-_BODY_OPACITY = 0.45  # tendons inside are visible
+_THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
+_BODY_OPACITY = 0.45  # so that tendons inside are visible
 GHOST_OPACITY = 0.16
 
 
@@ -147,18 +147,8 @@ def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     ring = np.array([np.cos(angle), np.sin(angle), 0.0 * angle])
     up = np.array([[0.0], [0.0], [0.5 * thickness]])
-    vertices = np.concatenate([ring - up, ring + up, -up, up], axis=1)
-    low = np.arange(_SIDES)
-    beside = np.roll(low, -1)
-    high, high_beside = low + _SIDES, beside + _SIDES
-    under, over = np.full((2, _SIDES), [[2 * _SIDES], [2 * _SIDES + 1]])
-    sides = (
-        (low, beside, high),
-        (beside, high_beside, high),
-        (under, beside, low),
-        (over, high, high_beside),
-    )
-    return vertices, np.concatenate([np.stack(side, axis=1) for side in sides])
+    rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
+    return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)
 
 
 def set_scene(
@@ -208,7 +198,7 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
 
 
 def middle_of(config: Config) -> FloatArray:
-    """Centre of the arm's motion (3,) [m], nearer to the base because the arm curls up."""
+    """Centre of the arm's motion (3,) [m], in its half towards the base, as the arm curls."""
     return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
 
 

@@ -1,4 +1,4 @@
-"""The search for tensions that bring the tip to a dragged target, in a thread of its own."""
+"""The search of tensions for a dragged target of the tip, in its own thread."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TargetSearch:
         self.thread.start()
 
     def request(self, tip: FloatArray, start: FloatArray) -> None:
-        """Search tensions that bring the tip to ``tip`` (3,) [m] from ``start`` (tendons,) [N]."""
+        """Search tensions for the tip at ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
         self._last = np.array(tip), np.array(start)
         self._requests.put(self._last)
 

@@ -1,4 +1,4 @@
-"""The camera position that has all that an arm reaches in the picture."""
+"""The camera position from which the workspace of an arm is in the picture."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.simulation.limits import figures
 
-FIELD = 0.7  # [rad] seen from top to bottom
-ASPECT = 0.9  # width over height of the scene between the panels of a usual window
+FIELD = 0.7  # vertical field of view [rad]
+ASPECT = 0.9  # width over height of the scene between the panels, in a usual window
 _DIRECTION = (0.6, -1.0, 0.6)  # towards the camera: along the arm, across it and up
 _MARGIN = 1.12
 _STATIONS = 31
@@ -45,8 +45,8 @@ def tangent_of(config: Config) -> FloatArray:
 def reached(config: Config, limits: FloatArray) -> FloatArray:
     """Points (points, 3) [m] of the arm at rest, curled, and with tendons tensioned.
 
-    One tendon at a time, and on the way to the paper's figures of the arm. Without loads. For an
-    arm that the model closed_form does not cover, those at rest and curled.
+    One tendon at a time, and fractions of the tensions of the paper's figures of the arm, without
+    loads. For an arm that the model closed_form does not cover, those at rest and curled.
     """
     base, arm = np.array(config.base.position), config.arm
     rest = np.linspace(base, base + arm.length * tangent_of(config), _STATIONS)
@@ -76,8 +76,8 @@ def framing(points: FloatArray, tangent: FloatArray, aspect: float = ASPECT) -> 
     axes = np.stack([right, np.cross(towards, right), towards])
     seen = points @ axes.T
     half = np.tan(0.5 * FIELD) * np.array([aspect, 1.0]) / _MARGIN
-    # Perspective: a point at depth z is at the edge of the picture if it is at
-    # half (distance - z) from the middle, on either side.
+    # Perspective: a point at depth z is at the edge of the picture if its distance from the middle
+    # is half (distance - z).
     low, high = seen[:, :2] + np.outer(seen[:, 2], half), seen[:, :2] - np.outer(seen[:, 2], half)
     most, least = low.max(axis=0), high.min(axis=0)
     middle, distance = 0.5 * (most + least), float(np.max(0.5 * (most - least) / half))

@@ -1,4 +1,4 @@
-"""The arm: what it computes from its numbers and which numbers it refuses."""
+"""The arm: derived quantities, and invalid input."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_refusals_name_field_value_and_expectation(
 
 @given(extreme_arms())
 def test_tendons_may_meet_the_midline_or_lie_on_the_surface(arm: Arm) -> None:
-    # The strategy draws nothing that is not inside to the last bit at its ends.
+    # The strategy draws tendons up to exactly the radius at both ends.
     n, b = arm.tendon_offsets(np.linspace(0.0, arm.length, 50))
     assert (np.hypot(n, b) <= arm.body.radius(0.0) * (1.0 + 1e-12)).all()
 

@@ -1,4 +1,4 @@
-"""Quantities along the arm: values, slopes, and what is refused."""
+"""Profiles along the arm: values, slopes, and invalid input."""
 
 from __future__ import annotations
 

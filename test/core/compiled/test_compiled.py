@@ -46,7 +46,7 @@ TABLE_4 = load_config(preset_path('renda2012_table4'))
 
 
 def both(config: Config, model: str) -> tuple[Solver, Solver]:
-    return config.solver(model, compiled=True), config.solver(model)
+    return config.solver(model, compiled=True), config.solver(model, compiled=False)
 
 
 @pytest.fixture

@@ -423,7 +423,8 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         return np.tile(x[:, np.newaxis, np.newaxis], (1, 1, 2))
 
     def tendons_energy(x: np.ndarray) -> np.ndarray:
-        return (local_tensions * energy.lengthening(at_both(x))[0]).sum(axis=(0, 1))
+        stretches = energy.lengthening(at_both(x), local_tensions)[0]
+        return (local_tensions * stretches).sum(axis=(0, 1))
 
     strain = at_both(at)
     tendon_gradient = energy.tendon_gradient(strain, local_tensions)
@@ -448,10 +449,10 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         np.testing.assert_allclose(
             hessian[:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
         )
-    lengths = jacobian(lambda x: energy.lengthening(at_both(x))[0][:, 0], at, steps)
+    lengths = jacobian(lambda x: energy.stretches(at_both(x), local_tensions)[:, 0], at, steps)
     acting = energy.active[:, 0]
     np.testing.assert_allclose(
-        energy.lengthening(strain)[1][:, :, 0].transpose(1, 2, 0),
+        energy.lengthening(strain, local_tensions)[1][:, :, 0].transpose(1, 2, 0),
         lengths * acting[..., np.newaxis],
         atol=1e-9,
     )

@@ -48,7 +48,7 @@ def test_a_station_belongs_to_the_outermost_section_whose_tendons_pass(
 ) -> None:
     grid = StationGrid.build(arm, count)
     passing = [sum(section.anchorage >= s for section in arm.sections) for s in grid.s]
-    # Section i from the tip is passed by the tendons of sections 1 to i.
+    # In section i from the tip the tendons of sections 1 to i act.
     assert grid.section.tolist() == passing
 
 
@@ -79,7 +79,7 @@ def test_intervals_are_short_against_arm_and_radius(arm: Arm, count: int) -> Non
     grid = StationGrid.build(arm, count)
     thinnest = arm.body.radius(grid.nodes[1 : grid.step.size + 1])
     assert grid.step.max() <= 1.03 * arm.length / MIN_INTERVALS
-    # A stretch between stations is cut by its own smallest radius.
+    # Intervals between stations are bounded by the smaller radius at their ends.
     assert (grid.step <= STEP_PER_RADIUS * thinnest + 0.03 * arm.length / MIN_INTERVALS).all()
 
 
@@ -98,10 +98,10 @@ def test_stations_scale_with_the_arm(arm: Arm, count: int, exponent: float) -> N
     st.integers(1, 1000),
     st.sampled_from([1.0, 10.0, 0.1, 1.0 / 3.0, 1e-3, 7.7]),
 )
-def test_panels_that_are_equally_long_but_for_rounding_share_alike(
+def test_panels_that_are_equally_long_up_to_rounding_share_alike(
     parts: list[int], more: int, unit: int, scale: float
 ) -> None:
-    # Whole numbers of a length are where panels tie.
+    # Lengths in ratios of integers give ties between panels.
     ends = np.cumsum(parts)[::-1]
     first, second = (
         Arm(
@@ -124,7 +124,7 @@ def test_intervals_go_one_by_one_to_the_panel_with_the_longest(
     counts = _share_intervals(lengths, len(lengths) + more)
     assert sum(counts) == len(lengths) + more
     for count, length in zip(counts, lengths, strict=True):
-        # The last one it got was due to it: no other panel had longer intervals then.
+        # When its last interval was added no other panel had longer intervals.
         others = max(other / n for other, n in zip(lengths, counts, strict=True))
         assert count == 1 or length / (count - 1) >= others * (1.0 - 1e-8)
 

@@ -117,7 +117,7 @@ def test_strains_near_zero_lose_no_digits(exponent: int, tau: float, xi: float, 
 
 
 def varying(s: np.ndarray) -> tuple:
-    """Strains with every component at work, far from commuting."""
+    """Strains with all components, far from commuting."""
     return (
         5.0 * np.cos(3.0 * s) + 2.0,
         8.0 * np.sin(4.0 * s) - 3.0,
@@ -158,7 +158,7 @@ def test_frames_stay_orthonormal_however_wild_the_strains(rows: list) -> None:
     waves = np.array(rows).T
 
     def strains(s: np.ndarray) -> np.ndarray:
-        # A mean of the rows with weights that wander: rough, and q stays above -0.9.
+        # A mean of the rows with varying weights: rough, and q stays above -0.9.
         weights = np.cos(np.outer([1.0, 30.0, 70.0, 200.0], s)) ** 2
         return waves @ (weights / weights.sum(axis=0))
 

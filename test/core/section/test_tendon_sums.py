@@ -1,4 +1,4 @@
-"""Tensions: which are accepted, and what they sum to along the arm."""
+"""Tensions: validation, and their sums along the arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
 
 
 def with_one(value: object) -> list:
-    """Good tensions but for tendon 3 of section 2."""
+    """Valid tensions except that of tendon 3 of section 2."""
     return [[0, 0, 0, 0], [0, 0, value, 0], [0, 0, 0, 0]]
 
 

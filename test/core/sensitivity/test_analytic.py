@@ -64,11 +64,17 @@ class Case(NamedTuple):
     loads: Loads = Loads()
     body: Body = CONE
     material: Material = RUBBER
+    friction: tuple[float, ...] = ()
 
     def solver(
-        self, young: float = 0.0, poisson: float = 0.0, farther: np.ndarray | None = None
+        self,
+        young: float = 0.0,
+        poisson: float = 0.0,
+        farther: np.ndarray | None = None,
+        rougher: np.ndarray | None = None,
     ) -> Solver:
-        """The arm with E and nu changed, and each tendon ``farther`` from the midline."""
+        """The arm with E and nu changed, each tendon ``farther`` from the midline and rougher."""
+        friction = self.friction if rougher is None else tuple(self.friction + rougher)
         material = dataclasses.replace(
             self.material,
             youngs_modulus=self.material.youngs_modulus * (1.0 + young),
@@ -94,7 +100,7 @@ class Case(NamedTuple):
                 )
             sections.append(RoutedSection(section.anchorage, tuple(tendons)))
         return Solver(
-            Arm(material, self.body, tuple(sections)),
+            Arm(material, self.body, tuple(sections), friction=friction),
             'exact',
             41,
             material=self.law,
@@ -123,6 +129,17 @@ CASES = {
 }
 
 
+# With friction, whose equations derive from no energy.
+SMOOTH = np.random.default_rng(3).uniform(0.05, 0.4, 8)
+SLIDING = {
+    f'sliding {name}': CASES[name]._replace(
+        friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
+    )
+    for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
+                 'loaded with shear', 'loaded rod')
+}  # fmt: skip
+
+
 class Solved(NamedTuple):
     """A case, solved and differentiated once for all tests."""
 
@@ -132,7 +149,7 @@ class Solved(NamedTuple):
     sensitivity: Sensitivity
 
 
-@pytest.fixture(scope='module', params=CASES.values(), ids=CASES.keys())
+@pytest.fixture(scope='module', params=(CASES | SLIDING).values(), ids=CASES | SLIDING)
 def solved(request: pytest.FixtureRequest) -> Solved:
     case = request.param
     solver = case.solver()
@@ -262,8 +279,20 @@ def test_by_the_distance_of_each_tendon(solved: Solved) -> None:
     )  # fmt: skip
 
 
+def test_by_the_friction_of_each_tendon(solved: Solved) -> None:
+    count = np.size(solved.case.tensions)
+    if not solved.case.friction:
+        assert solved.sensitivity.by_friction is None
+        return
+    assert_derivative(
+        solved, solved.sensitivity.by_friction,
+        lambda x: solved.case.solver(rougher=x), np.zeros(count), np.full(count, 0.01),
+        lambda solver, x: solver.solve(solved.case.tensions, start=solved.backbone),
+    )  # fmt: skip
+
+
 def test_at_the_base_nothing_moves(solved: Solved) -> None:
-    for change in vars(solved.sensitivity).values():
+    for change in filter(None, vars(solved.sensitivity).values()):
         np.testing.assert_array_equal(change.pose[0], 0.0)
         np.testing.assert_array_equal(change.tip, change.pose[-1])
         assert np.isfinite(change.strain).all()

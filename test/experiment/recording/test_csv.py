@@ -12,6 +12,7 @@ from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.cli.main import main
 from octo_arm_model.core import limits
+from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
 
 STILL = ['--clock-offset', '0', '--json', '--align', 'none']
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
@@ -201,15 +202,37 @@ def test_what_is_read_has_bounds(
     [
         ([], 'expected a bag, or --tension-csv and --midline-csv'),
         (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
+        (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
+        (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),
+        (['bag', '--midline-csv', 'a', '--midlines', 't'], '--midlines and --midline-csv are'),
+        (['bag', '--midline-csv', 'a', '--marker-frames', 'm', '--marker-s', '0'],
+         '--marker-frames and --midline-csv are given, expected one or the other'),
         (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
         (['bag', '--columns', 'no.yaml'], 'no.yaml'),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_said_is_asked_for(
     words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['compare', *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_reading_files_is_counted_row_by_row(tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    sources = CsvSources(loads_csv(tmp_path / 'loads.csv'), tidy_csv(tmp_path / 'track.csv'))
+    recording = read_recording(
+        None, 'renda2012_prototype', files=sources,
+        progress=lambda done, total: told.append((done, total)),
+    )  # fmt: skip
+    done = [one for one, _ in told]
+    assert done == sorted(done)
+    assert all(one <= total for one, total in told)
+    # Each row once, each value, and each frame.
+    loads, points = len(recording.tensions), 41 * len(recording.frames)
+    every = loads * 6 + points * 6 + len(recording.frames)
+    assert told[-1] == (every, every)
+    assert len(told) > 20
 
 
 def test_the_tensions_are_those_of_the_study() -> None:

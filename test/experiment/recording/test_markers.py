@@ -85,6 +85,9 @@ def test_millimetres_are_asked_about_and_not_guessed(
     said = run(capsys, 'compare', bag, *S, *STILL, '--length-unit', 'mm')
     average = np.mean(TIP_ERRORS)
     assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
+    # The other way round, a bag in metres that is said to be in millimetres.
+    assert main(['compare', str(marker_bag(tmp_path / 'metres')), *S, '--length-unit', 'mm']) == 2
+    assert 'are they in m? then say --length-unit m' in capsys.readouterr().err
     # Midlines likewise.
     assert main(['compare', bag, *STILL]) == 2
     assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err

@@ -37,7 +37,7 @@ def test_reversed_midlines_and_a_wrong_clock_change_nothing() -> None:
         np.testing.assert_allclose(shape.points, same.points, atol=1e-5)
     assert 'run from tip to base' in ' '.join(other.notes)
     told = observe(turned, Pairing(offset=-0.5, base_end='last'))
-    assert 'run from tip to base: as told' in ' '.join(told.notes)
+    assert 'run from tip to base: by --base-end' in ' '.join(told.notes)
 
 
 def test_nothing_to_compare_is_said_with_numbers() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 from experiments import bag_of, description, nanoseconds, path_sample, tension_samples
-from labs import STATIONS, TENSIONS, TIP_ERRORS, at_any
+from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, at_any, pose_array
 
 from octo_arm_model.cli.main import main
 
@@ -32,7 +33,11 @@ def ramp(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_what_has_no_steps_is_refused_with_the_way_to_read_it(
     ramp: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # At the defaults the turn at the top counts as a step.
+    # At the defaults the turn at the top counts as a step, of a fraction of the time.
+    assert main(['compare', ramp, *STILL]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert len(said['steps']) == 1
+    assert any('tensions are steady in' in note and 'say --ramp' in note for note in said['notes'])
     assert main(['compare', ramp, '--steady', '0.02', *STILL]) == 1
     err = capsys.readouterr().err
     assert 'no tension stays within' in err
@@ -50,6 +55,26 @@ def test_a_ramp_has_the_errors_of_its_tensions(
         expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
     assert any('windows of a ramp' in note for note in said['notes'])
+
+
+def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = np.arange(0.0, 30.0, 0.02)
+    pulled = np.interp(time, [0.0, 30.0], [TENSIONS[0], TENSIONS[-1]])
+    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    for at in np.arange(0.1, 29.9, 0.1):
+        points = at_any(float(np.interp(at, time, pulled)), MARKER_S)
+        samples += pose_array(points, nanoseconds(at))
+    bag = str(bag_of(tmp_path / 'bag', samples))
+    given = ['--marker-s', *map(str, MARKER_S), '--ramp']
+    assert main(['compare', bag, *given, *STILL]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [step['outliers'] for step in said['steps']] == [0] * len(said['steps'])
+    assert any('298 of 298 used' in note for note in said['notes'])
+    for step in said['steps']:
+        expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
 
 
 def test_an_arm_is_fitted_to_a_ramp(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import WrenchStamped
-from live_nodes import DEADLINE, INPUTS, NAMES, OUTPUTS, assert_is_backbone, running
+from live_nodes import INPUTS, NAMES, OUTPUTS, assert_is_backbone, running
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 
@@ -22,7 +22,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize('topic', INPUTS)
 def test_every_input_is_answered_with_the_backbone_of_its_tensions(client, topic):
-    for tensions in (FETCHING_IN_PLANE, FETCHING_IN_SPACE, np.zeros((3, 4))):
+    for given in (FETCHING_IN_PLANE, FETCHING_IN_SPACE, np.zeros((3, 4))):
+        tensions = np.float64(np.float32(given))  # which every type can hold
         assert_is_backbone(client.ask(topic, tensions), tensions)
 
 
@@ -70,19 +71,17 @@ def test_bad_input_is_not_answered_and_the_next_good_one_is(client, topic, case)
 
 
 def test_refusal_is_explained_in_the_log_but_not_for_every_message(client):
-    client.wait(lambda: client.node.count_publishers('/rosout') > 1, 'the log of the node')
     seen = len(client.logs)
 
     def refusals():
         return [log.msg for log in client.logs[seen:] if 'refused' in log.msg]
 
-    sent = 0
-    end = time.monotonic() + DEADLINE
-    while not refusals():  # the throttle of an earlier test may still hold
-        assert time.monotonic() < end, 'no refusal was logged'
+    def is_told():  # the throttle of an earlier test may still hold
         client.send('tendon_tensions', tensions_with(-0.5))
-        sent += 1
         client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
+        return refusals()
+
+    client.wait(is_told, 'a refusal in the log')
     assert 'tension of tendon_2_3 is -0.5 N' in refusals()[0]
     for _ in range(20):
         client.send('tendon_tensions', tensions_with(-0.5))
@@ -133,6 +132,7 @@ def test_a_refusal_names_the_topics_as_they_are_remapped():
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
     with running('ros.node.main', '-p', 'use_sim_time:=true') as client:
         clock = client.node.create_publisher(Clock, '/clock', 10)
+        client.connect()
 
         def stamped_with(second):
             message = Clock()

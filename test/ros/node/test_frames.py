@@ -26,7 +26,12 @@ def test_frames_lead_from_the_base_to_the_tip():
     ) as client:  # fmt: skip
         heard = client.hear(TFMessage, '/tf')
         client.connect()
-        client.wait(lambda: heard, 'frames')
+
+        def are_heard():  # What is published before they meet is not.
+            client.ask('tendon_tensions', FETCHING_IN_SPACE)
+            return heard
+
+        client.wait(are_heard, 'frames')
         tip = client.ask('tendon_tensions', FETCHING_IN_SPACE)[3]
         client.wait(
             lambda: heard[-1].transforms[0].header.stamp == tip.header.stamp, 'the frames of it'

@@ -59,3 +59,18 @@ def test_names_of_a_laboratory_are_those_of_tension_names(client, topic):
     finally:
         assert client.change(tension_names=[]) == (True, '')
     assert client.ask(topic, FETCHING_IN_PLANE, NAMES)
+
+
+@pytest.mark.parametrize('topic', ['tendon_tensions/array', 'tendon_tensions/float32_array'])
+def test_values_without_names_are_those_of_tension_names_by_number(client, topic):
+    order = np.random.default_rng(1).permutation(12)
+    numbers, pulled = list(map(str, order)), np.float64(np.float32(FETCHING_IN_PLANE))
+    numbers[5], pulled[1, 1] = '-', 0.0  # without a load cell
+    values = np.full(15, 99.0)  # those of other cells as well
+    values[order] = pulled.ravel()
+    try:
+        assert client.change(tension_names=numbers) == (True, '')
+        expected = CONFIG.solver().solve(pulled).tip
+        np.testing.assert_allclose(tip(client.ask(topic, values)), expected, atol=1e-12)
+    finally:
+        assert client.change(tension_names=[]) == (True, '')

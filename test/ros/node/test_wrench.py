@@ -7,12 +7,15 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import WrenchStamped
-from live_nodes import CONFIG, assert_is_backbone, running, tip_of
+from live_nodes import CONFIG, NAMES, RELIABLE, assert_is_backbone, running, tip_of
+from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
 pytestmark = pytest.mark.slow
+# What is not about the budget has one that a busy machine keeps to.
+AFFORDED = ('-p', 'solve_budget.seconds:=60.0')
 
 
 def test_a_wrench_is_refused_by_a_model_without_loads(client):
@@ -24,7 +27,7 @@ def test_a_wrench_is_refused_by_a_model_without_loads(client):
 
 
 def ask(loaded):
-    return loaded.ask('tendon_tensions', loaded.pull, loaded.names)
+    return loaded.ask('tendon_tensions', loaded.pull)
 
 
 def test_loads_and_uncertainty_are_those_of_the_core(loaded):
@@ -59,11 +62,14 @@ def test_a_wrench_on_the_tip_acts_on_the_tensions_that_follow(loaded):
 @pytest.mark.parametrize(('force', 'frame'), [(np.nan, 'arm_base'), (0.1, 'somewhere')])
 def test_a_bad_wrench_is_ignored(loaded, force, frame):
     expected = tip_of(ask(loaded))
-    loaded.send_wrench(force, frame)
-    loaded.wait(
-        lambda: any('tip_wrench' in log.msg for log in loaded.logs) or ask(loaded) is None,
-        'a warning',
-    )
+    reason = 'nan' if np.isnan(force) else 'somewhere'
+
+    def is_told():
+        loaded.send_wrench(force, frame)
+        ask(loaded)
+        return any('tip_wrench' in log.msg and reason in log.msg for log in loaded.logs)
+
+    loaded.wait(is_told, 'a warning')
     np.testing.assert_allclose(tip_of(ask(loaded)), expected, atol=1e-9)
 
 
@@ -77,7 +83,7 @@ def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
         ]
 
     def asked():
-        loaded.send('tendon_tensions', 1e5 * loaded.pull, loaded.names)
+        loaded.send('tendon_tensions', 1e5 * loaded.pull)
         loaded.spin(0.1)
         return reasons()
 
@@ -91,7 +97,7 @@ def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
 
 @pytest.fixture
 def exact():
-    with running('ros.node.main', '-p', 'model:=exact') as client:
+    with running('ros.node.main', *RELIABLE, *AFFORDED, '-p', 'model:=exact') as client:
         client.connect()
         client.solver = CONFIG.solver('exact')
         yield client
@@ -134,24 +140,85 @@ def test_a_wrench_beyond_its_bound_and_bytes_that_are_none_are_refused(exact):
     is_felt(exact, 0.02)
 
 
-def test_parameters_are_answered_while_every_solve_takes_longer_than_the_next_message(exact):
-    service = exact.node.create_client(GetParameters, 'octo_arm/get_parameters')
-    exact.wait(service.service_is_ready, 'the parameter service')
-    exact.wait(lambda: exact.node.count_publishers('/rosout') > 1, 'the log of the node')
-    tensions = np.array(FETCHING_IN_PLANE)
-    sent = 0
+def node_with_budget(seconds):
+    """A node of the model exact whose solves may take ``seconds``."""
+    budget = f'solve_budget.seconds:={seconds}'
+    return running('ros.node.main', '-p', budget, '-p', 'model:=exact', '-p', 'stations:=401')
 
-    def busy():
-        nonlocal sent
-        exact.send_wrench(100.0)  # no balance is found, and that takes long
-        for _ in range(10):
-            sent += 1
-            exact.send('tendon_tensions', (1.0 + 0.1 * np.sin(sent)) * tensions)
-        exact.spin(0.01)
-        return any('did not converge' in log.msg for log in exact.logs)
 
-    exact.wait(busy, 'a solve that takes long')
-    for _ in range(2):
-        answer = service.call_async(GetParameters.Request(names=['model']))
-        exact.wait(lambda asked=answer: busy() and asked.done(), 'an answer')
-        assert answer.result().values[0].string_value == 'exact'
+def send_unbearable(client):
+    """Send tensions and a force that no balance is found for."""
+    client.send_wrench(100.0)
+    client.send('tendon_tensions', FETCHING_IN_PLANE)
+    client.spin(0.01)
+
+
+def unbearable():
+    """The same as a request of the service solve."""
+    request = Solve.Request()
+    request.tensions.name, request.tensions.tension = NAMES, np.ravel(FETCHING_IN_PLANE).tolist()
+    request.tip_wrench.force.z = 100.0
+    return request
+
+
+def test_a_solve_beyond_its_budget_is_refused_counted_and_told():
+    with node_with_budget(1e-6) as client:
+
+        def is_told():
+            send_unbearable(client)
+            words = 'continuation has spent its budget of 1e-06 s'
+            return any('tendon_tensions refused' in m.msg and words in m.msg for m in client.logs)
+
+        client.wait(is_told, 'a refusal in the log')
+
+        def is_counted():
+            send_unbearable(client)
+            return int(client.status('solver')[1]['beyond solve_budget'])
+
+        client.wait(is_counted, 'a count in the diagnostics')
+        answer = client.call(Solve, 'solve', unbearable())
+        assert not answer.success
+        assert 'continuation has spent its budget of 1e-06 s' in answer.message
+        # Of iterations the budget is the same on every computer.
+        assert client.change(solve_budget__seconds=1e6, solve_budget__iterations=3) == (True, '')
+        assert 'budget of 3 iterations' in client.call(Solve, 'solve', unbearable()).message
+        refused = (False, 'solve budget: seconds is -1.0, expected a number > 0')
+        assert client.change(solve_budget__seconds=-1.0) == refused
+
+
+def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
+    search = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
+    search.tip.position.x = 9.0  # out of reach: all starts are tried
+    with node_with_budget(0.02) as client:
+        solve = client.node.create_client(Solve, 'solve')
+        find = client.node.create_client(FindTensions, 'find_tensions')
+        parameters = client.node.create_client(GetParameters, 'octo_arm/get_parameters')
+        for service in (solve, find, parameters):
+            client.wait(service.service_is_ready, 'the services')
+        waiting = []
+
+        def flood():
+            """Have many requests waiting, behind and before tensions and wrenches."""
+            waiting[:] = [one for one in waiting if not one.done()]
+            waiting.extend(solve.call_async(unbearable()) for _ in range(80 - len(waiting)))
+            send_unbearable(client)
+
+        find.call_async(search)
+        flood()
+        client.wait(lambda: any(one.done() for one in waiting), 'a first answer')
+        for _ in range(3):
+            flood()
+            before, left = list(waiting), []
+            asked = parameters.call_async(GetParameters.Request(names=['model']))
+            asked.add_done_callback(
+                lambda _, before=before, left=left: left.append(
+                    sum(not one.done() for one in before)
+                )
+            )
+            client.wait(lambda left=left: flood() or left, 'an answer')
+            assert asked.result().values[0].string_value == 'exact'
+            # In the order in which they were asked all these came first.
+            assert left[0] > 0
+        seen = len(client.diagnostics)
+        client.wait(lambda: flood() or len(client.diagnostics) > seen + 1, 'a diagnosis')
+        assert waiting

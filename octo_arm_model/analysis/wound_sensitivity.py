@@ -1,0 +1,116 @@
+"""First derivatives of an arm with tendons of prescribed displacement.
+
+With D(T, p) the displacements of the taut tendons among them, p anything else that the shape
+depends on: D_T dT = dD - D_p dp gives what the tensions change by, and they the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.analysis.displacement import Wound, tendon_compliance
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.quadrature import integration_weights
+from octo_arm_model.core.section.tendon_sums import transmission
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+from octo_arm_model.core.solver import Solver
+
+
+@dataclass(frozen=True)
+class WoundSensitivity:
+    """First derivatives of a `Wound`, none of which changes what is slack.
+
+    Attributes:
+        by_displacement: per metre that each tendon is reeled in; zero of those that are slack or
+            not driven.
+        tension: change of all tensions by these [N/m], (tendons, tendons).
+        held: per unit of all else, with the displacements of driven tendons held and the tensions
+            of the others.
+    """
+
+    by_displacement: Change
+    tension: FloatArray
+    held: Sensitivity
+
+
+def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
+    """Of a ``wound`` arm of ``solver``.
+
+    Where a tendon is just about to get slack these are the derivatives on the side of its tension.
+
+    Raises:
+        OctoArmError: as `Solver.sensitivity`.
+        LinAlgError: if taut tendons can be reeled in without any change of their tensions.
+    """
+    found = solver.sensitivity(wound.backbone)
+    tensions = wound.backbone.tensions.ravel()
+    taut = np.flatnonzero(wound.driven & (tensions > 0.0))
+    by_tension = found.by_tension
+    compliance = tendon_compliance(solver)
+    changes = np.diag(compliance) - by_tension.tendon_length
+    tension = np.zeros((tensions.size, tensions.size))
+    tension[np.ix_(taut, taut)] = np.linalg.inv(changes[np.ix_(taut, taut)])
+
+    def held(change: Change | None, rest: FloatArray | float = 0.0) -> Change | None:
+        """``change`` with displacements held, where the unloaded lengths change by ``rest``."""
+        if change is None:
+            return None
+        return _plus(change, by_tension, tension @ (change.tendon_length - rest))
+
+    given = held(by_tension)
+    assert given is not None
+    for array in (given.pose, given.strain, given.tendon_length):
+        array[..., taut] = 0.0  # they follow from the displacements
+    young = held(found.by_youngs_modulus)
+    assert young is not None
+    # A tendon that stretches does so over its unloaded length too.
+    stretch = 1.0 + tensions * _per_length(solver, compliance)
+    return WoundSensitivity(
+        by_displacement=_times(by_tension, tension),
+        tension=tension,
+        held=Sensitivity(
+            given,
+            young,
+            held(found.by_tip_wrench),
+            held(found.by_poisson_ratio),
+            held(found.by_offset, np.diag(stretch * _rest_by_offset(solver))),
+            held(found.by_sheath_stiffness),
+        ),
+    )
+
+
+def _times(change: Change, tension: FloatArray) -> Change:
+    return Change(change.pose @ tension, change.strain @ tension, change.tendon_length @ tension)
+
+
+def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
+    more = _times(by_tension, tension)
+    return Change(
+        change.pose + more.pose,
+        change.strain + more.strain,
+        change.tendon_length + more.tendon_length,
+    )
+
+
+def _per_length(solver: Solver, compliance: FloatArray) -> FloatArray:
+    """Strain of each tendon per newton [1/N]."""
+    arm = solver.arm
+    free = np.array(arm.free_length or np.zeros(compliance.size))
+    strain: FloatArray = compliance / (solver.rest_lengths.ravel() + free)
+    return strain
+
+
+def _rest_by_offset(solver: Solver) -> FloatArray:
+    """Derivative of each unloaded length with the tendon's distance from the midline (tendons,).
+
+    Only of tendons that wind about it.
+    """
+    arm, grid = solver.arm, solver.grid
+    slope, outward = arm.tendon_slopes(grid.nodes), arm.tendon_outward_slopes(grid.nodes)
+    along = slope[0] * outward[0] + slope[1] * outward[1]
+    along /= np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+    passes = transmission(arm, grid.nodes, grid.node_section) > 0.0
+    by_offset: FloatArray = (passes * along) @ integration_weights(grid)
+    return by_offset

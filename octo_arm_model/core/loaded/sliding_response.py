@@ -1,0 +1,122 @@
+"""Small changes of an arm whose tendons have friction.
+
+Their tensions change with the angles by which they turn, which change with the shape, which
+changes with their tensions: what follows is found by iteration, without a matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.friction import Friction, Sliding
+from octo_arm_model.core.loaded.linearised import Response, System
+from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.numerics.fixed_point import fixed_point
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
+
+_EXACT = 1e-12  # what is left of a small change, in parts of it
+_ROUGH = 1e-5  # likewise where Newton's method needs no more to converge as fast
+_MOST = 100  # steps
+
+
+def newton_step(problem: Equilibrium, system: System, state: State) -> Response:
+    """Answer of ``system`` to the imbalance of ``state``, exact enough for Newton's method.
+
+    Raises:
+        ConvergenceError: if the change of tensions is not found.
+    """
+    imbalance = state.imbalance[:, np.newaxis]
+    if state.sliding is None:
+        return system.solve(imbalance)
+    return _respond(problem, system, state, state.sliding, imbalance, None, _ROUGH)
+
+
+def respond(
+    problem: Equilibrium,
+    system: System,
+    state: State,
+    imbalance: FloatArray,
+    direct: FloatArray | None,
+) -> Response:
+    """Answer of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
+
+    ``system`` is that of tensions that stay. With friction they change with the shape, and by
+    ``direct`` (tendons, columns, points) besides [N].
+
+    Raises:
+        ConvergenceError: if the change of tensions is not found.
+    """
+    if state.sliding is None:
+        return system.solve(imbalance)
+    return _respond(problem, system, state, state.sliding, imbalance, direct, _EXACT)
+
+
+def _respond(
+    problem: Equilibrium,
+    system: System,
+    state: State,
+    sliding: Sliding,
+    imbalance: FloatArray,
+    direct: FloatArray | None,
+    tolerance: float,
+) -> Response:
+    friction, energy, twist = problem.friction, problem.energy, state.shape.twist
+    assert friction is not None
+    strain = to_scaled(energy.law, twist[:, np.newaxis])
+    along = energy.lengthening(strain, sliding.tensions)[1]
+    along = unscale_gradient(energy, twist[:, np.newaxis], along)[:, :, 0]
+
+    def pulled(change: FloatArray) -> FloatArray:
+        return -np.einsum('ijn,jcn->icn', along, change)
+
+    held = system.solve(imbalance).twist
+    moved = _by_twist(friction, sliding, twist, held)
+    change = tension_changes(
+        friction, sliding, twist,
+        lambda change: system.solve(pulled(change)).twist,
+        moved if direct is None else moved + direct,
+        tolerance,
+    )  # fmt: skip
+    return system.solve(imbalance + pulled(change))
+
+
+def tension_changes(
+    friction: Friction,
+    sliding: Sliding,
+    twist: FloatArray,
+    respond: Callable[[FloatArray], FloatArray],
+    direct: FloatArray,
+    tolerance: float = _EXACT,
+) -> FloatArray:
+    """Small changes of the tensions at the points [N], (tendons, columns, points).
+
+    Of the one arm ``sliding`` with ``twist`` (n, points). ``direct`` is how they change while the
+    shape does not, and ``respond`` gives the change (n, columns, points) of the twist with that of
+    the tensions; ``tolerance`` is in parts of each change.
+
+    Raises:
+        ConvergenceError: if they are not found.
+    """
+    count, columns, points = direct.shape
+    scale = np.abs(direct).max(axis=(0, 2), keepdims=True)
+    scale = np.where(scale > 0.0, scale, 1.0)
+
+    def step(rows: FloatArray) -> FloatArray:
+        change = rows.reshape(columns, count, points).swapaxes(0, 1)
+        moved = _by_twist(friction, sliding, twist, respond(change))
+        return (direct / scale + moved).swapaxes(0, 1).reshape(columns, -1)
+
+    start = (direct / scale).swapaxes(0, 1).reshape(columns, -1)
+    found, _ = fixed_point(step, start, tolerance, _MOST, "the change of the tendons' tensions")
+    return found.reshape(columns, count, points).swapaxes(0, 1) * scale
+
+
+def _by_twist(
+    friction: Friction, sliding: Sliding, twist: FloatArray, change: FloatArray
+) -> FloatArray:
+    """Change of the tensions with a ``change`` (n, columns, points) of the ``twist``."""
+    return friction.by_angle(sliding, friction.angle_by_twist(sliding.turning, twist, change))

@@ -1,0 +1,67 @@
+"""Arms without loads whose tendons have friction: one rod, cut as finely as its strains need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_balance import Sections, balance
+from octo_arm_model.core.rod.solution import Solution, TendonTensions
+
+# Elements that the panels of a rod are cut into, the next where strains are not resolved.
+CUTS: tuple[int, ...] = (1, 2, 4, 8)
+
+
+class Rods:
+    """One arm, cut more and more finely: rods of the levels 0 to ``len(CUTS) - 1``."""
+
+    def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
+        """Of what makes, or keeps, the ``rod`` of a level."""
+        self._rod = rod
+
+    def level_of(self, values: FloatArray) -> int:
+        """Level of the rod at whose points ``values`` (..., points) are."""
+        points = values.shape[-1]
+        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
+
+    def at_level(self, before: FloatArray | None, level: int) -> FloatArray | None:
+        """Tensions ``before`` (tendons, points) at the points of the rod of ``level``."""
+        if before is None or (given := self.level_of(before)) == level:
+            return before
+        return self._rod(level).read_from(self._rod(given)).interpolate(before)
+
+    def slide(
+        self,
+        sections: Callable[[LoadedRod], Sections],
+        tensions: FloatArray,
+        before: FloatArray | None,
+    ) -> Solution:
+        """Balance under ``tensions`` (batch, tendons) [N] alone, with friction.
+
+        ``sections`` says how the cross sections of a rod answer; ``before`` is as in
+        `Friction.slide`.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        level = 0 if before is None else self.level_of(before)
+        while True:
+            rod = self._rod(level)
+            friction = rod.equilibrium.friction
+            assert friction is not None
+            answer = sections(rod)
+            twist, sliding, steps = balance(
+                friction, answer, tensions, self.at_level(before, level)
+            )
+            if level + 1 == len(CUTS) or rod.resolves_twist(twist, sliding):
+                break
+            level += 1
+        shape = rod.equilibrium.shape(twist[:, 0]) if len(tensions) == 1 else None
+        iterations = np.full(len(tensions), steps)
+        return Solution(
+            rod.nodes.interpolate(twist), answer.residual, iterations, shape, None,
+            TendonTensions(sliding.tensions, rod.stations.interpolate(sliding.tensions)),
+        )  # fmt: skip

@@ -1,0 +1,156 @@
+"""`closed_form` for tendons with friction: the same balance, at the tension that is left."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding_response import tension_changes
+from octo_arm_model.core.models.closed_form import ClosedForm
+from octo_arm_model.core.models.sliding import CUTS, Rods
+from octo_arm_model.core.models.statics import Setup
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.rod.kinematics import node_frames
+from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.sensitivity.analytic import from_twist_changes
+from octo_arm_model.core.sensitivity.results import Sensitivity
+
+
+class SlidingClosedForm:
+    """The closed form along a rod whose tendons have friction.
+
+    Attributes:
+        takes_loads: never.
+        law: the linear one.
+        strains: four.
+    """
+
+    takes_loads = False
+    law = LAWS['linear']
+    strains = 4
+
+    def __init__(self, setup: Setup) -> None:
+        """Tabulate the arm.
+
+        Raises:
+            ConfigError: if tendons dig into the body as well.
+        """
+        self._setup = setup
+        arm, grid, base, *_ = setup
+        self._rod = functools.lru_cache(
+            lambda level: LoadedRod(arm, grid, base, self.law, False, Loads(), CUTS[level])
+        )
+        self._rods = Rods(self._rod)
+        self._rod(0)
+
+    @functools.cached_property
+    def sections(self) -> SectionEnergy:
+        """The cross sections at the nodes; for the lengths of tendons alone."""
+        arm, grid = self._setup.arm, self._setup.grid
+        return SectionEnergy(arm, grid.nodes, grid.node_section, self.law)
+
+    @functools.cached_property
+    def _at_nodes(self) -> ClosedForm:
+        return ClosedForm(self._setup.arm, self._setup.grid.nodes, self._setup.grid.node_section)
+
+    def is_loaded(self, tip_wrench: FloatArray) -> bool:
+        """It never is."""
+        return False
+
+    def solve(
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None = None,
+    ) -> Solution:
+        """Solve for ``tensions`` (..., tendons) [N], as `Statics.solve`; without loads.
+
+        Raises:
+            ConvergenceError: if the tension along the tendons is not found.
+        """
+        rows = np.atleast_2d(tensions)
+        solution = self._rods.slide(self._answer, rows, before)
+        assert solution.tendons is not None
+        along = solution.tendons.points
+        rod = self._rod(self._rods.level_of(along))
+        twist = self._at_nodes.local_twist(rod.nodes.interpolate(along))
+        solution = solution._replace(twist=twist)
+        return solution if tensions.ndim > 1 else solution.one()
+
+    def _answer(self, rod: LoadedRod) -> _Sections:
+        return _Sections(self._closed_form(rod))
+
+    def _closed_form(self, rod: LoadedRod) -> ClosedForm:
+        own = rod.equilibrium.collocation
+        return ClosedForm(self._setup.arm, own.s, own.section)
+
+    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+        """First derivatives of ``backbone`` by tensions, E and friction.
+
+        Raises:
+            SolveError: if there are none, see `Friction.require_derivatives`.
+        """
+        shape, before = backbone.shape, backbone.point_tensions
+        if shape is None or before is None:
+            raise ConfigError('the backbone was solved without friction')
+        setup = self._setup
+        rod = self._rod(self._rods.level_of(before))
+        friction = rod.equilibrium.friction
+        assert friction is not None
+        tensions, twist = backbone.tensions.ravel(), shape.twist
+        turning = friction.turning(twist[:, np.newaxis])
+        sliding = friction.slide(tensions[np.newaxis], before, turning)
+        friction.require_derivatives(tensions, sliding)
+        along = _by_tensions(self._closed_form(rod), sliding.tensions)
+        # Scaling E is scaling all tensions the other way.
+        count = tensions.size
+        direct = np.zeros((count, 2 * count + 1, along.shape[-1]))
+        own = np.arange(count)
+        direct[own, own] = friction.by_base_tension(sliding)
+        direct[:, count] = -sliding.tensions[:, 0]
+        direct[own, count + 1 + own] = friction.by_coefficient(sliding)
+        change = tension_changes(
+            friction, sliding, twist,
+            lambda change: np.einsum('ijn,jcn->icn', along, change), direct,
+        )  # fmt: skip
+        at_nodes = _by_tensions(self._at_nodes, rod.nodes.interpolate(sliding.tensions))
+        changes = np.einsum('ijn,jcn->icn', at_nodes, rod.nodes.interpolate(change))
+        at_node = backbone.twist
+        assert at_node is not None
+        _, frames = node_frames(at_node[:, np.newaxis], setup.grid, setup.base)
+        tension, young, mu = from_twist_changes(
+            self.sections, setup.grid, at_node, frames, changes, [count, 1]
+        )
+        return Sensitivity(tension, young, by_friction=mu)
+
+
+def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatArray:
+    """Derivative of the twist with each tension at the same place, (4, tendons, points).
+
+    For ``local_tensions`` (tendons, 1, points) [N]; the closed form is analytic in them, see
+    `papers_derivatives`.
+    """
+    step = 1e-6 * max(float(local_tensions.max()), 1e-3 * float(closed_form.stiffness.axial.min()))
+    moved = local_tensions + 1j * step * np.eye(len(local_tensions))[..., np.newaxis]
+    return np.asarray(closed_form.local_twist(moved).imag / step)
+
+
+class _Sections:
+    """`Sections` of the closed form, which leaves nothing over."""
+
+    def __init__(self, closed_form: ClosedForm) -> None:
+        self._closed_form = closed_form
+        self.residual: FloatArray = np.zeros(1)
+
+    def __call__(self, local_tensions: FloatArray) -> FloatArray:
+        """See `Sections`."""
+        self.residual = np.zeros(local_tensions.shape[1])
+        return self._closed_form.local_twist(local_tensions)

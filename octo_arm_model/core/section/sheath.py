@@ -1,0 +1,296 @@
+"""Tendons that dig into the body: a sheath that gives way, condensed out of every cross section.
+
+A thread under tension presses towards the inside of the bend. It stands off its path by
+d = (d_n, d_b) in the undeformed cross section, for which the rubber around it takes k |d|^2 / 2
+per reference length, and psi of `energy` becomes
+
+    min over d of  psi_material + sum T |u(r + d)| + k |d|^2 / 2 .
+
+As the section widens by w it carries tendon and rubber along, to w (r + d); of a volume that is
+kept, a length l w^2 = 1 of plane strain stores the same energy, so that k is a constant. d has two
+unknowns for each tendon, whose energy is convex as u is linear in them. With C the mixed second
+derivatives by strain and d, and D those by d, gradient and Hessian by the strain are
+
+    dpsi/de at d    and    d2psi/de2 - C D^-1 C^T .
+
+u counts the slope r' of the path but not d'. A tendon is held in its place at the base and its
+anchorage, from where d rises over a length of about (T / k)^1/2 as that of a string on an elastic
+foundation does; that end effect is left out, see `docs/effects.md` for its size. That d varies
+slowly between them is the same assumption.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import positive
+from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.batched_ldlt import factorise
+from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.formulas import (
+    sheath_inverse,
+    sheath_mixed,
+    sheath_pull,
+    tendon_gradient,
+)
+
+MOST_STEPS = 30  # of Newton's method for where tendons stand
+STANDING = 1e-14  # what may be left of that, of the lever arm
+_WIDEST = 0.5  # of the radius of the body, a sheath that is still a hole in it
+
+
+def estimate_sheath_stiffness(
+    thread_radius: float, body_radius: float, shear_modulus: float
+) -> float:
+    """Stiffness k [Pa] of rubber of a ``shear_modulus`` [Pa] about a thread or its sheath.
+
+    Plane strain of an incompressible disc of ``body_radius`` [m] under a force that is spread
+    evenly over a ring of ``thread_radius`` about its centre and balanced by the shear of the beam,
+    evenly over the section. Kelvin's line force moves the ring by (1/2 - ln r) / (4 pi G) and the
+    mean of the section by (1 - ln R) / (4 pi G), and with the balance leaves the rim free of
+    traction:
+
+        k = 4 pi G / (ln(R / r) - 1/2) .
+
+    Kelvin's solution in the plane: e.g. Timoshenko and Goodier, Theory of Elasticity, section 42
+    (force at a point of a plate), for plane strain and nu = 1/2. For tapered arms with the mean
+    radius; off the centre rubber yields a little more.
+
+    Raises:
+        ArmDefinitionError: if a value is not > 0, or the thread is wider than half of the body.
+    """
+    thread = positive('thread_radius', thread_radius, 'm')
+    body = positive('body_radius', body_radius, 'm')
+    modulus = positive('shear_modulus', shear_modulus, 'Pa')
+    if thread > _WIDEST * body:
+        expected = f'at most {_WIDEST} of the radius of the body, {_WIDEST * body:.6g} [m]'
+        raise ArmDefinitionError('thread_radius', thread, expected)
+    return 4.0 * math.pi * modulus / (math.log(body / thread) - 0.5)
+
+
+def sections_of(
+    arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
+) -> SectionEnergy:
+    """The cross sections of ``arm`` at ``nodes`` (n,), with tendons as they are held."""
+    kind = SheathedSections if arm.sheath_stiffness else SectionEnergy
+    return kind(arm, nodes, section, law, shear)
+
+
+_Parts: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+
+
+class _Stand(NamedTuple):
+    """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
+
+    sections: SectionEnergy
+    offset: FloatArray
+    unit: _Parts
+    over: FloatArray
+    pull: tuple[FloatArray, FloatArray]
+    inverse: _Parts
+
+
+class Condensed(NamedTuple):
+    """Tendons where they stand, and how they give way to changes.
+
+    All arrays end in (tendons, batch, nodes); pairs are along n and b.
+
+    Attributes:
+        sections: the cross sections with tendons in their places.
+        offset: d [m], (2, ...).
+        pull: derivative of |u| by d [1/m], (2, ...).
+        compliance: inverse of the second derivatives by d, D^-1 [m^2/N]: nn, nb and bb, (3, ...).
+        mixed: second derivatives C by d and strain, (2, n, ...).
+        strain: what it is for, (n, batch, nodes).
+        weight: T / |u| [N].
+        unit: u / |u|, three arrays.
+    """
+
+    sections: SectionEnergy
+    offset: FloatArray
+    pull: FloatArray
+    compliance: FloatArray
+    mixed: FloatArray
+    strain: FloatArray
+    weight: FloatArray
+    unit: _Parts
+
+    def moved(self, by_offset: FloatArray) -> FloatArray:
+        """Product of D^-1 and ``by_offset`` (2, ...)."""
+        nn, nb, bb = self.compliance
+        n, b = by_offset
+        return np.stack([nn * n + nb * b, nb * n + bb * b])
+
+    def answer(self, by_offset: FloatArray) -> FloatArray:
+        """What the gradient by strain, (n, ...), loses by a change ``by_offset`` of that by d."""
+        n, b = self.moved(by_offset)
+        lost: FloatArray = self.mixed[0] * n + self.mixed[1] * b
+        return lost
+
+    def shortening(self, by_offset: FloatArray) -> FloatArray:
+        """What |u| loses by a change ``by_offset`` (2, ...) of the gradient by d."""
+        lost: FloatArray = np.add.reduce(self.pull * self.moved(by_offset))
+        return lost
+
+    def by_path(self, change: FloatArray) -> FloatArray:
+        """Change of the gradient by d, (2, ...), where u changes by ``change`` (3, ...) itself."""
+        t, n, b = self.strain[:3]
+        along = sum(e * c for e, c in zip(self.unit, change, strict=True))
+        across = np.stack(sheath_pull(t, n, b, *change))
+        moved: FloatArray = self.weight * (across - self.pull * along)
+        return moved
+
+
+class SheathedSections(SectionEnergy):
+    """Cross sections whose tendons stand off their paths.
+
+    Attributes:
+        give: 1 / k of each tendon, zero of one that keeps its place [1/Pa], (tendons, 1, nodes).
+        farthest: how far from the midline a tendon may stand [m], likewise.
+    """
+
+    def __init__(
+        self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
+    ) -> None:
+        """As `SectionEnergy`."""
+        super().__init__(arm, nodes, section, law, shear)
+        stiffness = np.array(arm.sheath_stiffness)
+        compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
+        self.give = compliance[:, np.newaxis, np.newaxis] * self.active
+        self.farthest = np.maximum(self.radius, np.hypot(self.x, self.y))
+        # A tendon pushed aside twists where its path has a slope.
+        self.planar = False
+
+    def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed:
+        """Where tendons stand under scaled ``strain``, and what follows from that.
+
+        Raises:
+            ConvergenceError: if they stand nowhere.
+        """
+        t, n, b = strain[:3]
+        slope = self.widening(strain[3])[1]
+        moved, offset, unit, over, pull, inverse = self._stand(strain, local_tensions)
+        g = tendon_gradient(*unit, slope, moved.x, moved.y, self.dx, self.dy)
+        weight = local_tensions * over
+        mixed = np.empty((2, len(strain), *weight.shape))
+        terms = sheath_mixed(
+            t, n, b, slope, moved.x, moved.y, self.dx, self.dy, *unit, *pull, *g, local_tensions,
+            weight,
+        )  # fmt: skip
+        for place, term in enumerate(terms):
+            mixed[divmod(place, 4)] = term
+        if len(strain) == 6:
+            (_, e_n, e_b), (p_n, p_b) = unit, pull
+            mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
+            mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
+        compliance = self.give * np.stack(inverse)
+        return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
+
+    def _stand(self, strain: FloatArray, local_tensions: FloatArray) -> _Stand:
+        """Newton's method for where tendons stand; raises as `condensed`."""
+        t, n, b = strain[:3]
+        width = self.widening(strain[3])[0]
+        gives = self.give * local_tensions
+        offset = np.zeros((2, *gives.shape))
+        moved = copy.copy(self)
+        worst = np.inf
+        for _ in range(MOST_STEPS):
+            self._place(moved, *offset)
+            u_t, u_n, u_b, length = SectionEnergy.stretching(moved, strain, width)
+            over = 1.0 / length
+            unit = u_t * over, u_n * over, u_b * over
+            pull = sheath_pull(t, n, b, *unit)
+            inverse = sheath_inverse(t, n, b, *pull, gives * over)
+            left_n, left_b = offset[0] + gives * pull[0], offset[1] + gives * pull[1]
+            worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
+            if not worst > STANDING:  # NaN where a section cannot be
+                return _Stand(moved, offset, unit, over, pull, inverse)
+            nn, nb, bb = inverse
+            offset[0] -= nn * left_n + nb * left_b
+            offset[1] -= nb * left_n + bb * left_b
+        raise ConvergenceError('the place of tendons in their sheaths', worst, MOST_STEPS)
+
+    def _place(self, moved: SectionEnergy, offset_n: FloatArray, offset_b: FloatArray) -> None:
+        """Put the tendons of ``moved`` where they are off their paths."""
+        moved.x, moved.y = self.x + offset_n, self.y + offset_b
+        moved._levers = np.stack([moved.y, -moved.x, np.ones_like(moved.x)])
+
+    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Gradient (n, batch, nodes) of the energy of tendons and sheaths."""
+        moved = self._stand(strain, local_tensions).sections
+        return SectionEnergy.tendon_gradient(moved, strain, local_tensions)
+
+    def tendon_derivatives(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of that energy."""
+        found = self.condensed(strain, local_tensions)
+        gradient, hessian = SectionEnergy.tendon_derivatives(
+            found.sections, strain, local_tensions
+        )
+        nn, nb, bb = found.compliance
+        mixed_n, mixed_b = found.mixed
+        moved = np.stack([nn * mixed_n + nb * mixed_b, nb * mixed_n + bb * mixed_b])
+        hessian -= np.einsum('aijbn,akjbn->ikbn', found.mixed, moved)
+        return gradient, hessian
+
+    def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
+        moved = self._stand(strain, local_tensions).sections
+        return SectionEnergy.stretches(moved, strain, local_tensions)
+
+    def lengthening(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
+        found = self.condensed(strain, local_tensions)
+        length, gradient = SectionEnergy.lengthening(found.sections, strain, local_tensions)
+        return length, gradient - found.answer(found.pull)
+
+    def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        found = self.condensed(strain, local_tensions)
+        return -found.shortening(found.pull)
+
+    def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse tendons that are pressed out of the body.
+
+        Raises:
+            SolveError: if one is; the message says where.
+        """
+        moved = self._stand(strain, local_tensions).sections
+        outside = np.hypot(moved.x, moved.y) > self.farthest
+        if outside.any():
+            _, number, node = np.argwhere(outside)[0]
+            raise SolveError(
+                f'tensions press a tendon out of the body at s = {self.s[node]:.4g} m: its '
+                'sheath is too soft',
+                int(number),
+            )
+
+    def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse a balance without loads from which tendons dig in without an end.
+
+        Raises:
+            SolveError: if one is; the message says where.
+        """
+        _, hessian = self.material(strain)
+        hessian += self.tendon_derivatives(strain, local_tensions)[1]
+        factors = factorise(hessian)
+        unstable = np.zeros(strain.shape[1:], dtype=bool)
+        for row in range(len(strain)):
+            unstable |= ~(factors[row, row] > 0.0)
+        if unstable.any():
+            number, node = np.argwhere(unstable)[0]
+            raise SolveError(
+                f'tensions bend the arm without end at s = {self.s[node]:.4g} m: sheaths are too '
+                'soft',
+                int(number),
+            )

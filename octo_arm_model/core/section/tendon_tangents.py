@@ -1,0 +1,65 @@
+"""The unit tangents of tendons in the axes of the cross sections, from the twist of the frame.
+
+A tendon at offset r w(lambda) runs along u = (lambda, v_n, v_b) + kappa x w r + w r'; see
+`energy` for the letters.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.energy import SectionEnergy
+
+
+class Tangents(NamedTuple):
+    """Of all tendons at all nodes.
+
+    Attributes:
+        unit: components along t, n and b, (3, tendons, batch, nodes).
+        stretch: |u|, (tendons, batch, nodes).
+    """
+
+    unit: FloatArray
+    stretch: FloatArray
+
+    def turned(self, change: FloatArray) -> FloatArray:
+        """Change of ``unit`` with a ``change`` of u, (3, tendons, batch, nodes)."""
+        along = np.einsum('i...,i...->...', self.unit, change)
+        return np.asarray((change - self.unit * along) / self.stretch)
+
+
+def tangents(energy: SectionEnergy, twist: FloatArray) -> Tangents:
+    """Of the tendons of ``energy`` under ``twist`` (4 or 6, batch, nodes)."""
+    width, _, _ = energy.widening(twist[3])
+    x, y, dx, dy = energy.x, energy.y, energy.dx, energy.dy
+    t, n, b, stretch = twist[:4]
+    u = np.empty((3, *np.broadcast_shapes(x.shape, stretch.shape)))
+    u[0] = stretch + width * (n * y - b * x)
+    u[1] = width * (dx - t * y)
+    u[2] = width * (dy + t * x)
+    if len(twist) == 6:
+        u[1:] += twist[4:, np.newaxis]
+    length = np.sqrt(np.einsum('i...,i...->...', u, u))
+    return Tangents(u / length, length)
+
+
+def direction_by_twist(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:
+    """Change of u (3, tendons, columns, nodes) with a ``change`` (n, columns, nodes) of one twist.
+
+    ``twist`` is (n, 1, nodes).
+    """
+    width, slope, _ = energy.widening(twist[3])
+    x, y, dx, dy = energy.x, energy.y, energy.dx, energy.dy
+    t, n, b = twist[:3]
+    d_t, d_n, d_b, d_stretch = change[:4]
+    wider = slope * d_stretch
+    u = np.empty((3, len(x), *change.shape[1:]))
+    u[0] = d_stretch + wider * (n * y - b * x) + width * (d_n * y - d_b * x)
+    u[1] = wider * (dx - t * y) - width * d_t * y
+    u[2] = wider * (dy + t * x) + width * d_t * x
+    if len(change) == 6:
+        u[1:] += change[4:, np.newaxis]
+    return u

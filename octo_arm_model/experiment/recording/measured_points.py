@@ -1,0 +1,157 @@
+"""Measured points, checked as they come: midlines, tips, and markers at known arc coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.experiment.recording.markers import check_marker_s
+
+LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
+# A midline is taken to be in metres if its extent is so many times the length of the arm.
+_LENGTHS = (0.02, 2.0)
+_OF_TIPS = 4.0  # so many times the length tips and markers may be apart, in all of a recording
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured of the arm, and how.
+
+    Attributes:
+        sources: topics, or none for the only one there is; several are of one marker each, or,
+            with ``marker_frames``, of TF, by default all of that type.
+        marker_s: arc coordinate of each marker, increasing [m]; none for midlines and tips.
+        marker_frames: names of the frames of the markers in TF, in the order of ``marker_s``.
+        unit: of all lengths, of `LENGTH_UNITS`.
+    """
+
+    sources: tuple[str, ...] = ()
+    marker_s: tuple[float, ...] = ()
+    marker_frames: tuple[str, ...] = ()
+    unit: str = 'm'
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            MeasurementError: if the numbers of markers differ.
+        """
+        name, names = '--marker-frames', self.marker_frames
+        if not names and len(self.sources) > 1:
+            name, names = '--midlines', self.sources
+        if names and len(names) != len(self.marker_s):
+            raise MeasurementError(
+                f'{name} names {len(names)}, --marker-s has {len(self.marker_s)} values; expected '
+                'one for each marker'
+            )
+        if len(set(names)) < len(names):
+            raise MeasurementError(f'{name} names {" ".join(names)}, expected each once')
+
+
+class Frame(NamedTuple):
+    """Points seen at one time: stamp [ns], and (m, 3) [m], NaN for markers that were not seen."""
+
+    stamp_ns: int
+    points: FloatArray
+
+
+class MeasuredPoints:
+    """Checks points as they come, of whatever source.
+
+    Attributes:
+        frame_id: frame of the first ones; None before.
+        marker_s: arc coordinates of the markers [m]; None of midlines and tips.
+    """
+
+    def __init__(self, measured: Measured, length: float) -> None:
+        """Of an arm of ``length`` [m].
+
+        Raises:
+            MeasurementError: if arc coordinates of markers are not increasing, or not on the arm.
+        """
+        self.frame_id: str | None = None
+        self.marker_s = check_marker_s(measured.marker_s, length) if measured.marker_s else None
+        self._count, self._length = len(measured.marker_s), length
+        self._unit, self._factor = measured.unit, LENGTH_UNITS[measured.unit]
+
+    def check_frame(self, frame_id: str) -> None:
+        """Have all points be in one frame.
+
+        Raises:
+            MeasurementError: if they are not.
+        """
+        if self.frame_id is None:
+            self.frame_id = frame_id
+        elif frame_id != self.frame_id:
+            raise MeasurementError(f'its frame is {frame_id!r}, expected {self.frame_id!r}')
+
+    def check(self, points: FloatArray, is_midline: bool) -> FloatArray:
+        """The ``points`` (m, 3), given in the unit, in metres.
+
+        Raises:
+            MeasurementError: if they cannot be points of this arm.
+        """
+        if self._count:
+            return self._check_markers(points)
+        if is_midline and len(points) < 2:
+            raise MeasurementError(f'it has {len(points)} point(s), expected at least 2')
+        if not np.isfinite(points).all():
+            number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+            raise MeasurementError(
+                f'point {number + 1} is {points[number].tolist()}, expected finite numbers'
+            )
+        points = self._factor * points
+        if is_midline:
+            # The diagonal of the bounding box, to which noise adds little.
+            size = float(np.linalg.norm(np.ptp(points, axis=0)))
+            low, high = (factor * self._length for factor in _LENGTHS)
+            if not low <= size <= high:
+                raise MeasurementError(
+                    f'it extends over {size:.4g} m, expected {low:.3g} to {high:.3g} m for an arm '
+                    f'of {self._length:.4g} m{self.hint(size, low, high)}'
+                )
+        return points
+
+    def _check_markers(self, points: FloatArray) -> FloatArray:
+        if len(points) != self._count:
+            raise MeasurementError(
+                f'it has {len(points)} point(s), expected {self._count}, one for each of '
+                '--marker-s'
+            )
+        if np.isinf(points).any():
+            raise MeasurementError(
+                'a point is infinite, expected finite numbers, or NaN if unseen'
+            )
+        seen = np.asarray(np.isfinite(points).all(axis=1))
+        if not seen.any():
+            raise MeasurementError('it shows no marker')
+        return np.where(seen[:, np.newaxis], self._factor * points, np.nan)
+
+    def check_together(self, frames: Sequence[Frame]) -> None:
+        """Check how far apart tips or markers are in all ``frames``.
+
+        Raises:
+            MeasurementError: if no arm of this length reaches so far, or has markers so near.
+        """
+        points = np.concatenate([frame.points for frame in frames])
+        size = float(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)))
+        low, high = 0.0, _OF_TIPS * self._length
+        if self.marker_s is not None:
+            low = _LENGTHS[0] * float(np.ptp(self.marker_s))
+        if not low <= size <= high:
+            raise MeasurementError(
+                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} '
+                f'm for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
+            )
+
+    def hint(self, size: float, low: float, high: float) -> str:
+        """A unit in which a ``size`` [m] would be from ``low`` to ``high``, as a question."""
+        for unit, factor in LENGTH_UNITS.items():
+            if unit != self._unit and low <= size / self._factor * factor <= high:
+                return f'; are they in {unit}? then say --length-unit {unit}'
+        return ''

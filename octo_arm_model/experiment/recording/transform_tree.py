@@ -1,0 +1,164 @@
+"""Frames of TF: rigid transforms from child to parent in time, and where a frame is in another.
+
+Between two stamps of a transform its translation is interpolated linearly and its rotation along
+the shortest arc, as tf2 does; before the first and after the last it is unknown. Static transforms
+hold at all times.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+_NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
+# tf2 refuses quaternions whose norm differs by more; as float32 they differ by less.
+_UNIT = 1e-3
+
+
+@dataclass
+class _Link:
+    """Transforms from a frame to its parent: stamps [ns], and `_NUMBERS` for each."""
+
+    parent: str
+    is_static: bool
+    stamps: array[int] = field(default_factory=lambda: array('q'))
+    numbers: array[float] = field(default_factory=lambda: array('d'))
+
+    def table(self) -> tuple[IntArray, FloatArray]:
+        """Ascending stamps (n,) [ns], each once, and their numbers (n, 7)."""
+        stamps, order = np.unique(np.array(self.stamps, dtype=np.int64), return_index=True)
+        return stamps, np.array(self.numbers).reshape(-1, _NUMBERS)[order]
+
+
+class TransformTree:
+    """The transforms of a recording."""
+
+    def __init__(self) -> None:
+        """Without any."""
+        self._links: dict[str, _Link] = {}
+
+    def add(
+        self, parent: str, child: str, stamp_ns: int, translation: FloatArray,
+        quaternion: FloatArray, is_static: bool,
+    ) -> None:  # fmt: skip
+        """Add a transform from ``child`` to ``parent``; of static ones the last one holds.
+
+        Raises:
+            MeasurementError: if the child has another parent already.
+        """
+        link = self._links.setdefault(child, _Link(parent, is_static))
+        if link.parent != parent:
+            raise MeasurementError(
+                f'the parent of {child!r} is {parent!r}, expected {link.parent!r} as before'
+            )
+        if is_static:
+            link.is_static = True
+            del link.stamps[:], link.numbers[:]
+        elif link.is_static:
+            return
+        link.stamps.append(stamp_ns)
+        link.numbers.extend((*translation, *quaternion))
+
+    def connects(self, one: str, other: str) -> bool:
+        """Whether transforms lead from one frame to the other."""
+        known = {*self._links, *(link.parent for link in self._links.values())}
+        return {one, other} <= known and self.chain(one)[-1] == self.chain(other)[-1]
+
+    def chain(self, frame: str) -> list[str]:
+        """``frame``, its parent, and so on up to the root.
+
+        Raises:
+            MeasurementError: if there is no such frame, or its parents form a cycle.
+        """
+        known = {*self._links, *(link.parent for link in self._links.values())}
+        if frame not in known:
+            some = ', '.join(sorted(known)[:20]) or 'none'
+            raise MeasurementError(f'no frame {frame!r} among the transforms; there are {some}')
+        chain = [frame]
+        while chain[-1] in self._links:
+            chain.append(self._links[chain[-1]].parent)
+            if chain[-1] in chain[:-1]:
+                raise MeasurementError(f'the parents of frames form a cycle: {" < ".join(chain)}')
+        return chain
+
+    def origins(
+        self, frame: str, target: str, skip: Callable[[int, str], None]
+    ) -> tuple[IntArray, FloatArray]:
+        """When and where the origin of ``frame`` is in ``target``: stamps (n,) [ns], (n, 3) [m].
+
+        Stamps are those of the transform nearest to the frame that is not static. ``skip`` is
+        called with stamps and reasons where the place is not known.
+
+        Raises:
+            MeasurementError: if nothing connects the two, or all transforms between are static.
+        """
+        up, down = self.chain(frame), self.chain(target)
+        if up[-1] != down[-1]:
+            raise MeasurementError(f'no transforms connect {frame!r} and {target!r}')
+        while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
+            # What is above the common ancestor moves both alike.
+            del up[-1], down[-1]
+        moving = [child for child in (*up[:-1], *down[:-1]) if not self._links[child].is_static]
+        if not moving:
+            raise MeasurementError(
+                f'all transforms from {frame!r} to {target!r} are static, expected stamps of a '
+                'measurement'
+            )
+        stamps, _ = self._links[moving[0]].table()
+        points = np.zeros((len(stamps), 3))
+        known = np.ones(len(stamps), dtype=bool)
+        for child, is_up in (*((c, True) for c in up[:-1]), *((c, False) for c in down[-2::-1])):
+            # The origin of the frame itself does not depend on its rotation.
+            shift, turn = self._at(child, stamps, known, skip, needs_turn=child != frame)
+            if is_up:
+                points = (points if turn is None else turn.apply(points)) + shift
+            else:
+                assert turn is not None
+                points = turn.apply(points - shift, inverse=True)
+        return stamps[known], points[known]
+
+    def _at(
+        self,
+        child: str,
+        stamps: IntArray,
+        known: np.ndarray,
+        skip: Callable[[int, str], None],
+        needs_turn: bool,
+    ) -> tuple[FloatArray, Rotation | None]:
+        """Translation and rotation of a transform at ``stamps``; updates which are ``known``."""
+        link = self._links[child]
+        times, numbers = link.table()
+        name = f'the transform from {child!r} to {link.parent!r}'
+        if needs_turn:
+            norm = np.linalg.norm(numbers[:, 3:], axis=1)
+            good = np.isfinite(numbers).all(axis=1) & (np.abs(norm - 1.0) < _UNIT)
+            if not good.all():
+                place = int(np.argmin(good))
+                raise MeasurementError(
+                    f'{name} is {numbers[place].tolist()}, expected finite numbers and a '
+                    'quaternion of norm 1'
+                )
+        if link.is_static:
+            turn = Rotation.from_quat(np.broadcast_to(numbers[0, 3:], (len(stamps), 4)))
+            return np.broadcast_to(numbers[0, :3], (len(stamps), 3)), turn
+        outside = known & ((stamps < times[0]) | (stamps > times[-1]))
+        known &= ~outside
+        for stamp in stamps[outside].tolist():
+            skip(stamp, f'{name} is not known at {1e-9 * stamp:.3f} s')
+        at = np.clip(stamps, times[0], times[-1])
+        # Differences are exact as integers, and small enough as seconds.
+        seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
+        shift = np.stack([np.interp(wanted, seconds, one) for one in numbers[:, :3].T], axis=1)
+        if not needs_turn:
+            return shift, None
+        turns = Rotation.from_quat(numbers[:, 3:])
+        if len(times) == 1:
+            return shift, Rotation.from_quat(np.broadcast_to(numbers[0, 3:], (len(at), 4)))
+        return shift, Slerp(seconds, turns)(np.clip(wanted, 0.0, seconds[-1]))

@@ -1,0 +1,75 @@
+"""A long call done in slices of time by whoever waits for it."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+Result = TypeVar('Result')
+
+
+class _Abandoned(BaseException):
+    """Nobody wants the result any more."""
+
+
+class SlicedCall(Generic[Result]):
+    """Runs a function that calls ``pause`` now and then; at each of these it may be suspended.
+
+    The optimisers of SciPy cannot return in the middle of their work. The function therefore runs
+    on a thread of its own, but only while `advance` waits for it: never beside the caller.
+    """
+
+    def __init__(self, function: Callable[[Callable[[], None]], Result], seconds: float) -> None:
+        """Call ``function(pause)`` in slices of about ``seconds`` [s]."""
+        self._function, self._seconds = function, seconds
+        self._resume: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._suspended: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._until = 0.0
+        self._result: Result | None = None
+        self._error: BaseException | None = None
+        # As a daemon it does not keep a process that a signal ends.
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def advance(self) -> bool:
+        """Do the next slice; whether the function has returned or raised by its end."""
+        self._until = time.monotonic() + self._seconds
+        self._resume.put(True)
+        return self._suspended.get()
+
+    def result(self) -> Result:
+        """What the function returned, once it has.
+
+        Raises:
+            BaseException: what the function raised.
+        """
+        if self._error is not None:
+            raise self._error
+        assert self._result is not None
+        return self._result
+
+    def abandon(self) -> None:
+        """End a suspended function, from its ``pause``."""
+        self._resume.put(False)
+
+    def _run(self) -> None:
+        try:
+            self._wait()
+            self._result = self._function(self._pause)
+        except _Abandoned:
+            return
+        except BaseException as error:
+            self._error = error
+        self._suspended.put(True)
+
+    def _pause(self) -> None:
+        if time.monotonic() >= self._until:
+            self._suspended.put(False)
+            self._wait()
+
+    def _wait(self) -> None:
+        if not self._resume.get():
+            raise _Abandoned

@@ -1,0 +1,67 @@
+"""Friction fitted to steps of loading and unloading."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from experiments import PARAMETERS, TRUE, one_tendon, shapes
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.experiment.compare import compare
+from octo_arm_model.experiment.fitting.fit import followed
+from octo_arm_model.experiment.fitting.identify import identify
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.curves import resample
+from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+
+LOOP = tuple(map(one_tendon, (1.0, 2.0, 3.0, 3.6, 3.0, 2.0, 1.0)))
+ROUGH = {'material.youngs_modulus': TRUE, 'tendons.friction': [0.2]}
+
+
+def loop(model: str, noise: float = 0.0, **changes: Any) -> list[MeasuredShape]:
+    """Steps up and down of an arm with friction."""
+    values = {**PARAMETERS, **ROUGH, **changes, 'model': model, 'stations': 201}
+    solver = Config.from_parameters(values).solver()
+    lines = [
+        resample(backbone.position, np.linspace(0.0, 1.0, 61))
+        for backbone in followed(solver, LOOP)
+    ]
+    return shapes(lines, LOOP, noise=noise)
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+def test_friction_and_stiffness_are_found_together(model: str) -> None:
+    fitted = identify(
+        loop(model, 2e-4), PARAMETERS, model, ['friction', 'youngs_modulus'], Alignment.none(),
+        loss='linear',
+    )  # fmt: skip
+    found = fitted.estimates
+    for name, true in (('friction', 0.2), ('youngs_modulus', TRUE)):
+        low, high = found[name].interval95
+        assert low < true < high
+        assert found[name].value == pytest.approx(true, rel=0.02)
+    assert fitted.parameters['tendons.friction'] == [found['friction'].value]
+
+
+def test_without_it_the_branches_are_left_over() -> None:
+    steps = loop('closed_form')
+    fits = ['youngs_modulus']
+    without = identify(steps, PARAMETERS, 'closed_form', fits, Alignment.none(), loss='linear')
+    assert without.after.rms > 1e-3
+    assert any('loading and unloading differ' in note for note in without.notes)
+
+
+def test_a_comparison_follows_the_steps() -> None:
+    steps = loop('exact')
+    rough = compare(steps, {**PARAMETERS, **ROUGH}, 'exact', Alignment.none())
+    assert rough.percent('tip').max() < 0.02
+    smooth = {**PARAMETERS, **ROUGH, 'tendons.friction': []}
+    assert compare(steps, smooth, 'exact', Alignment.none()).percent('tip').max() > 1.0
+
+
+def test_the_papers_model_cannot_be_fitted_with_friction() -> None:
+    with pytest.raises(ConfigError, match='the model renda2012 has no friction'):
+        identify(loop('closed_form'), PARAMETERS, 'renda2012', ['friction'], Alignment.none())

@@ -1,0 +1,25 @@
+"""Another model beside the arm."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+pytest.importorskip('viser', reason='needs viser')
+
+from octo_arm_model import load_config
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.viewer.page.model_overlay import ModelOverlay
+
+CONFIG = load_config(preset_path('renda2012_prototype'))
+
+
+def test_the_model_that_is_chosen_is_solved_in_machine_code_where_there_is(server):
+    overlay = ModelOverlay(server, CONFIG, lambda do: do())
+    overlay.choose('exact')
+    tensions = np.array([1.0, 0.0, 0.0, 0.0])
+    overlay.show(tensions, np.zeros(4), np.zeros(3))
+    solver = CONFIG.solver('exact')
+    np.testing.assert_allclose(overlay.backbone.tip, solver.solve([tensions]).tip)
+    assert overlay._solver.is_compiled == is_available()
