@@ -129,10 +129,11 @@ def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
     For a single solution of ``solver``; of a slack tendon the least that makes it taut.
 
     Raises:
-        ConfigError: if ``backbone`` is that of a batch or of another solver, or tendons have
-            friction.
+        ConfigError: if ``backbone`` is that of a batch or of another solver, or tendons both
+            stretch and have friction.
     """
-    _check_friction(solver.arm)
+    if solver.arm.axial_stiffness:
+        _check_friction(solver.arm)
     shortened = solver.rest_lengths - solver.tendon_lengths(backbone)
     stretched = tendon_compliance(solver) * backbone.tensions.ravel()
     return shortened + stretched.reshape(shortened.shape)

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection
+from scipy.interpolate import CubicSpline
 
+from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
@@ -23,6 +25,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
+from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 PRESET = 'renda2012_prototype'
@@ -32,6 +36,7 @@ CAMERA_POSITION = (0.12, 0.05, 0.60)  # [m]
 CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
 _START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
 _POINTS = 41  # of a midline
+_LEVELS = 41  # tensions that encoders are computed at, between which they are interpolated
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,8 @@ class Experiment:
         midline_noise: standard deviation of each coordinate of a midline [m].
         dropped: share of the midlines that are missing [-].
         outliers: share of the midlines with points that are nowhere near the arm [-].
+        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it the
+            encoders of the winches are recorded as well.
         friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
             down again the way they came.
 
@@ -66,12 +73,14 @@ class Experiment:
     midline_noise: float = 0.0005
     dropped: float = 0.05
     outliers: float = 0.03
+    sheath: float = 0.0
     friction: float = 0.0
 
     def __post_init__(self) -> None:
         """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
         finite('--clock-offset', self.clock_offset)
+        not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
         not_negative('--friction', self.friction, 'coefficient', '-')
 
 
@@ -105,6 +114,11 @@ def add_demo(
     measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
     for time, tension in zip(sampled, measured):
         messages.add_tension(time, tension)
+
+    if experiment.sheath:
+        reeled_in = _reeled_in(parameters, np.interp(sampled, times, pulls), experiment)
+        for time, displacements in zip(sampled, reeled_in):
+            messages.add_displacements(time, displacements)
 
     seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     seen = seen[rng.random(seen.size) >= experiment.dropped]
@@ -156,17 +170,39 @@ def _schedule(levels: FloatArray, experiment: Experiment) -> tuple[FloatArray, F
     return np.stack([begins, begins + experiment.hold], axis=1).ravel(), np.repeat(held, 2)
 
 
+def _true_config(parameters: Mapping[str, Any], experiment: Experiment) -> Config:
+    """The arm as it is, not as the bag describes it."""
+    stiffer: dict[str, Any] = {'model': 'exact'}
+    for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
+        if parameters.get(name):
+            stiffer[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
+    if experiment.sheath:
+        stiffer['tendons.sheath_stiffness'] = [experiment.sheath]
+    if experiment.friction:
+        stiffer['tendons.friction'] = [experiment.friction]
+    return Config.from_parameters({**parameters, **stiffer})
+
+
+def _reeled_in(
+    parameters: Mapping[str, Any], pulls: FloatArray, experiment: Experiment
+) -> FloatArray:
+    """Lengths that the winches of all tendons have reeled in, (pulls, tendons) [m]."""
+    config = _true_config(parameters, experiment)
+    solver, levels = config.solver(), np.linspace(0.0, pulls.max(), _LEVELS)
+    known = np.empty((_LEVELS, len(config.arm.tendons)))
+    for row, level in zip(known, levels):
+        tensions = np.zeros(row.size)
+        tensions[0] = level
+        backbone = solver.solve(tensions.reshape(config.arm.tension_shape))
+        row[:] = displacements_of(solver, backbone).ravel()
+    return np.asarray(CubicSpline(levels, known)(pulls))
+
+
 def _midlines(
     parameters: Mapping[str, Any], pulls: FloatArray, experiment: Experiment
 ) -> FloatArray:
     """True midlines in the camera's frame, base first, (frames, points, 3) [m]."""
-    stiffer: dict[str, Any] = {'model': 'exact'}
-    if experiment.friction:
-        stiffer['tendons.friction'] = [experiment.friction]
-    for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
-        if parameters.get(name):
-            stiffer[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
-    config = Config.from_parameters({**parameters, **stiffer})
+    config = _true_config(parameters, experiment)
     tensions = np.zeros((pulls.size, len(config.arm.tendons)))
     tensions[:, 0] = pulls
     solver = config.solver()
@@ -218,6 +254,16 @@ class _Messages:
         header = self._header(time, self._config.base_frame)
         message = self._make(kind.type_name, header=header, **fields)
         self._add(f'/{topic}', kind.type_name, time, message)
+
+    def add_displacements(self, time: float, displacements: FloatArray) -> None:
+        """Add lengths that the winches have reeled in at ``time`` [s], (tendons,) [m]."""
+        arm, none = self._config.arm, np.zeros(0)
+        header = self._header(time, self._config.base_frame)
+        message = self._make(
+            DISPLACEMENT_TYPE, header=header, name=list(arm.tendon_names),
+            position=displacements, velocity=none, effort=none,
+        )  # fmt: skip
+        self._add(f'/{DISPLACEMENTS}', DISPLACEMENT_TYPE, time, message)
 
     def add_midline(self, time: float, points: FloatArray, ahead: float) -> None:
         """Add ``points`` (n, 3) [m] seen at ``time`` [s], by a clock that is ``ahead`` [s]."""

@@ -27,16 +27,17 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
   {'  '.join(FITS)}
 
-poisson_ratio and tendon_offsets need the model exact, friction another than renda2012 and steps
-that were loaded and unloaded. The alignment is fitted as well where
---align is 'fit', or not given while the midlines are not in base_frame. What the data cannot tell
-is left as it is, one parameter at a time, and said.
+poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
+renda2012 and steps that were loaded and unloaded. The alignment is fitted as well where --align is
+'fit', or not given while the midlines are not in base_frame. What the data cannot tell is left as
+it is, one parameter at a time, and said.
 """
 _EXAMPLES = """\
 examples:
   octo-arm identify experiment
   octo-arm identify experiment --out fitted.yaml --pictures fitted
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
+  octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
   octo-arm identify experiment --model exact --fit youngs_modulus friction
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose

@@ -28,12 +28,15 @@ and 1 s to the next. Topics:
                      the solution of the model exact with another E, noise of 0.5 mm, 5 percent of
                      the midlines missing, 3 percent outliers, and stamps of a clock that is ahead
   /arm_description   std_msgs/String, latched: the arm as the config has it
+  /tendon_displacements
+                     sensor_msgs/JointState, 100 Hz, with --sheath: what encoders of winches read
   /note              std_msgs/String, latched: what this is
 """
 _EPILOG = """\
 examples:
   octo-arm record-demo experiment
   octo-arm record-demo experiment --storage sqlite3 --seed 7
+  octo-arm record-demo digging --sheath 250000
   octo-arm record-demo softer --stiffness 0.8 --clock-offset -0.2
   octo-arm record-demo rough --friction 0.2
 
@@ -59,6 +62,8 @@ def add_command(commands: Any) -> None:
     ratio = "true Young's modulus over that of the config"
     add_number(parser, '--stiffness', 1.1, ratio, 'RATIO')
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
+    sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
+    add_number(parser, '--sheath', 0.0, sheath, 'K')
     add_number(
         parser,
         '--friction',
@@ -78,6 +83,7 @@ def _run(options: argparse.Namespace) -> None:
     experiment = Experiment(
         stiffness=options.stiffness,
         clock_offset=options.clock_offset,
+        sheath=options.sheath,
         friction=options.friction,
     )
     custom = custom_data(experiment, options.seed)

@@ -55,6 +55,8 @@ class Config:
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
             defaults of `simulation.limits`.
         load_cells: calibration of the load cells.
+        tension_type: type of further messages that the node takes tensions from; empty for none.
+        tension_field: their field that holds the tensions.
         solve_budget: what one solve of a loaded arm may take in the node.
     """
 
@@ -73,6 +75,8 @@ class Config:
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    tension_type: str = ''
+    tension_field: str = ''
     solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
@@ -97,6 +101,11 @@ class Config:
             given[parameter.name] = parameter.convert(value)
         if not given['base_frame']:
             raise ConfigError("base_frame is '', expected the name of a frame")
+        if bool(given['tension_type']) != bool(given['tension_field']):
+            raise ConfigError(
+                f'tension_type is {given["tension_type"]!r} and tension_field is '
+                f'{given["tension_field"]!r}, expected both or neither'
+            )
         base = Pose(given['base.position'], given['base.quaternion'])
         uncertainty = build_uncertainty(given)
         if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
@@ -121,6 +130,8 @@ class Config:
             diagnostic_limits=build_diagnostic_limits(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
+            tension_type=given['tension_type'],
+            tension_field=given['tension_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
 

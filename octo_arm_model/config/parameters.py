@@ -131,6 +131,12 @@ PARAMETERS = (
               'from 0 on where they have no names, section by section from the tip; - for a '
               'tendon without a load cell, which is slack; empty for tendon_names', (),
               is_array=True, range='distinct, but for -'),
+    Parameter('tension_type', str,
+              'type of the messages of tensions on the topic tendon_tensions/field, such as '
+              'sensor_msgs/msg/LaserScan; empty for no such topic', ''),
+    Parameter('tension_field', str,
+              'the field of these that holds the tensions [N], such as ranges, wrench.force or '
+              'poses[0].position.x', ''),
     Parameter('tension_deadband', float,
               'tensions within this of zero are zero, as load cells of slack tendons read; those '
               'further below are refused [N]', 0.0, range='>= 0'),

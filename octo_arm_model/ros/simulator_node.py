@@ -3,7 +3,8 @@
 Commanded tensions in, measured tensions out, on the topic that `octo_arm_node` listens to. What
 load cells do not see, the tensions as they are, seen through an arm that gives way, goes to
 ``ground_truth/tendon_tensions``: another `octo_arm_node`, in the namespace ``ground_truth``, then
-has the shape that the arm really has.
+has the shape that the arm really has. Winches are commanded by tension or, those that are named on
+``tendon_commands/displacements``, by length; what their encoders read goes out where wanted.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
@@ -32,6 +34,7 @@ from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.tension_subscription import (
     TOPICS,
+    LatestSubscription,
     TensionInput,
     TensionSubscription,
 )
@@ -40,8 +43,10 @@ from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.tension_fields import NONE
 
 
@@ -56,6 +61,8 @@ class SimulatorNode(CheckedNode):
         """
         super().__init__('octo_arm_sim', **options)
         self._config: SimulatorConfig | None = None
+        self._control: LengthControl | None = None
+        self._set_point: FloatArray = np.zeros(0)
         self._timer: Timer | None = None
         self._last: int | None = None
         self._counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
@@ -69,6 +76,9 @@ class SimulatorNode(CheckedNode):
         self._diagnostics = create_publisher(
             self, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
         )
+        self._encoders = create_publisher(
+            self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
+        )
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
@@ -77,6 +87,9 @@ class SimulatorNode(CheckedNode):
             TensionSubscription(self, topic, self._current_arm, self._on_command, work, TOPIC)
             for topic in TOPICS
         ]
+        self._lengths = LatestSubscription(
+            self, JointState, f'{TOPIC}/displacements', self._on_lengths, work
+        )
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -86,6 +99,12 @@ class SimulatorNode(CheckedNode):
         """Use ``config`` from now on, of whose parameters ``names`` were set."""
         before, self._config = self._config, config
         tendons = config.arm.tendon_names
+        if before is not None and (
+            config.model != before.model or (config.limits != before.limits).any()
+        ):
+            if self._control is not None and self._control.displacements:
+                self.get_logger().warning('tendons are no longer driven by length: another arm')
+            self._control = None
         if before is None or tendons != before.arm.tendon_names:
             self._hardware = SimulatedHardware(config.hardware, len(tendons))
             self._command: FloatArray = np.zeros(len(tendons))
@@ -120,6 +139,28 @@ class SimulatorNode(CheckedNode):
             return
         self._is_playing = False
 
+    def _on_lengths(self, data: bytes, older: int) -> None:
+        """Reel in the tendons that are named from now on; all others follow tensions."""
+        assert self._config is not None
+        self._counts['commands'] += 1 + older
+        try:
+            message = self._lengths.decode(data)
+            found = displacement_messages.read_displacements(message, self._config.arm)
+            self._length_control().command(found, self._command)
+        except OctoArmError as error:
+            self._counts['refused'] += 1
+            self._reason = f'{self._lengths.topic}: {in_short(error)}'
+            self._refusal_log.warn(self._lengths.topic, error)
+            return
+        self._is_playing = False
+
+    def _length_control(self) -> LengthControl:
+        """That of the present arm, made when it is first needed."""
+        assert self._config is not None
+        if self._control is None:
+            self._control = LengthControl(self._config.solver, self._config.limits)
+        return self._control
+
     def _do(self, what: Callable[[], None]) -> None:
         try:
             what()
@@ -140,7 +181,13 @@ class SimulatorNode(CheckedNode):
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(self._played, loop=config.loop)
             self._played += config.speed * elapsed
-        measured, effective = self._hardware.step(self._command, elapsed)
+        try:
+            control = self._control
+            self._set_point = control.tensions(self._command) if control else self._command
+        except OctoArmError as error:
+            # Winches stay where they are.
+            self._refusal_log.warn(self._lengths.topic, error)
+        measured, effective = self._hardware.step(self._set_point, elapsed)
         stamp = now.to_msg()
         read = config.hardware.calibration.readings(effective)  # by cells without errors
         self._effective.publish(self._message(read, stamp))
@@ -149,6 +196,20 @@ class SimulatorNode(CheckedNode):
         else:
             self._measured.publish(self._message(measured, stamp))
             self._counts['published'] += 1
+        if config.encoders:
+            self._publish_encoders(effective, stamp)
+
+    def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
+        """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
+        assert self._config is not None
+        try:
+            reeled_in = self._length_control().encoders(tensions)
+        except OctoArmError as error:
+            self._refusal_log.warn(self._encoders.topic_name, error)
+            return
+        message = JointState(name=list(self._config.arm.tendon_names), position=reeled_in)
+        message.header.stamp, message.header.frame_id = stamp, self._config.base_frame
+        self._encoders.publish(message)
 
     def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
         assert self._config is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.solver import Solver
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
@@ -39,6 +41,9 @@ PARAMETERS = (
     Parameter('winches.lag', float,
               'time constant with which tensions follow the set point [s]; 0 for at once', 0.0,
               range='>= 0'),
+    Parameter('winches.encoders', bool,
+              'whether lengths that the winches have reeled in are published, on '
+              'tendon_displacements; an octo_arm_node that hears them is driven by them', False),
     Parameter('load_cells.gain_stddev', float,
               'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
               range='>= 0'),
@@ -78,6 +83,8 @@ class SimulatorConfig:
         profile: profile that the simulator plays; None for none.
         speed: factor of the speed it is played at [-].
         loop: whether it is repeated.
+        encoders: whether lengths that the winches have reeled in are published.
+        model: what the arm's file says of how it is solved.
     """
 
     arm: Arm
@@ -88,6 +95,13 @@ class SimulatorConfig:
     profile: CommandProfile | None
     speed: float
     loop: bool
+    encoders: bool
+    model: Config
+
+    @functools.cached_property
+    def solver(self) -> Solver:
+        """Solver of the arm, for lengths of tendons."""
+        return self.model.solver()
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> SimulatorConfig:
@@ -103,6 +117,7 @@ class SimulatorConfig:
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
+        encoders = own.pop('winches.encoders')
         positive('rate', own['rate'], 'Hz')
         if own['rate'] > HIGHEST_RATE:
             raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
@@ -126,6 +141,8 @@ class SimulatorConfig:
             profile=profile,
             speed=own['profile.speed'],
             loop=own['profile.loop'],
+            encoders=encoders,
+            model=config,
         )
 
 

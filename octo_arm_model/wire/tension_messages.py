@@ -18,7 +18,7 @@ from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.wire.cdr_layout import Layout
-from octo_arm_model.wire.tension_fields import tensions_by_names
+from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
 
 _LISTED = 20
 
@@ -99,6 +99,30 @@ class TensionMessage:
         if self.names is None:
             return _row_major(values, message.layout, self.tensions, arm)
         return _by_name(getattr(message, self.names), values, self.tensions, arm)
+
+
+@dataclass(frozen=True)
+class FieldMessage:
+    """A type of message of which one field holds tensions.
+
+    Attributes:
+        type_name: its name.
+        field: the field, see `field_values`; the names of its values are those in the field 'name'
+            if there are as many.
+    """
+
+    type_name: str
+    field: str
+
+    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
+        """As `TensionMessage.read_named`.
+
+        Raises:
+            TensionError: if there is no such field of numbers, a value is missing, or named more
+                than once.
+        """
+        values = field_values(message, self.field)
+        return tensions_by_names(values, names_of(message, len(values)), wanted, arm)
 
 
 TENDON_TENSIONS = TensionMessage(

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 
-from octo_arm_model import Config, load_config
+from octo_arm_model import Config, displacements_of, load_config
 from octo_arm_model.bags.demo import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
@@ -29,6 +29,7 @@ from octo_arm_model.config.config import load_parameters, parse_parameters
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.wire.displacement_messages import read_displacements
 
 PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
 
@@ -64,6 +65,31 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
             np.testing.assert_allclose(points[0], expected.position[0], atol=1e-12)
             seen += 1
     assert seen > 40
+
+
+def test_a_demo_with_sheaths_has_what_encoders_read(tmp_path: Path) -> None:
+    softer = dataclasses.replace(CLEAN, sheath=2.5e5, tension_rate=5.0)
+    with BagWriter(tmp_path / 'bag') as writer:
+        add_demo(writer, PROTOTYPE, softer, 0)
+    true = {
+        'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0,
+        'tendons.sheath_stiffness': [2.5e5],
+    }  # fmt: skip
+    solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
+    with BagReader(tmp_path / 'bag') as reader:
+        config = Config.from_parameters(PROTOTYPE)
+        tensions = {
+            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
+        }
+        read = list(reader.messages(['/tendon_displacements']))
+        assert len(read) == len(tensions)
+        for record in read:
+            message = reader.decode(record)
+            expected = displacements_of(solver, solver.solve(tensions[record.received_ns]))
+            assert read_displacements(message, solver.arm) == pytest.approx(
+                dict(zip(solver.arm.tendon_names, expected.ravel().tolist(), strict=True)),
+                abs=1e-7,
+            )
 
 
 def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
@@ -103,6 +129,7 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
     for options, expected in (
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
+        (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
     ):
         assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2

@@ -37,7 +37,7 @@ def test_json_holds_the_whole_shape_in_si_units(
     status, out, _ = run(capsys, *SOLVE, TENSIONS, '--json', '--model', model, '--stations', '41')
     assert (status, out.count('\n')) == (0, 1)
     shape = json.loads(out)
-    solver = table4.solver(model, 41)
+    solver = table4.solver(model, 41, compiled=False)
     expected = solver.solve(FETCHING_IN_SPACE)
     names = (
         'model s section position quaternion tau xi k q tension tendon_length displacement '
@@ -119,3 +119,19 @@ def test_displacements_that_are_none_are_refused(
 ) -> None:
     status, _, err = run(capsys, *SOLVE[:2], *given)
     assert status == 2 and problem in err and err.count('\n') == 1
+
+
+@pytest.mark.parametrize(('stiffness', 'known'), [('0.0', True), ('500.0', False)])
+def test_what_winches_reel_in_is_not_claimed_of_tendons_that_stretch_and_rub(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, stiffness: str, known: bool
+) -> None:
+    text = preset_path('renda2012_prototype').read_text()
+    text = text.replace('model: renda2012', 'model: exact')
+    path = tmp_path / 'rough.yaml'
+    path.write_text(f'{text}    tendons: {{friction: [0.1], axial_stiffness: [{stiffness}]}}\n')
+    arguments = 'solve', str(path), '--tensions', '[[2, 0, 0, 0]]'
+    status, out, err = run(capsys, *arguments, '--json')
+    assert (status, err) == (0, '')
+    assert (json.loads(out)['displacement'] is not None) == known
+    status, out, _ = run(capsys, *arguments)
+    assert status == 0 and ('wound in  unknown' in out) != known

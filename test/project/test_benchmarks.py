@@ -36,7 +36,7 @@ def test_every_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
         env=dict(os.environ, TMPDIR=str(tmp_path)),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
         check=False,
     )
     assert done.returncode == 0, done.stderr

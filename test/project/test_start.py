@@ -50,7 +50,7 @@ def started(program: str, *arguments: str, before: str = '', **environment: str 
         env={name: value for name, value in variables.items() if value is not None},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=600,
     )
     return done.returncode, done.stderr
 

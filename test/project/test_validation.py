@@ -18,6 +18,7 @@ sys.path.insert(0, str(VALIDATION))
 
 import friction
 import run
+import sheaths
 import verify
 from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
 from cases import PROTOTYPE, SECTION_5_1, Case
@@ -158,6 +159,34 @@ def test_the_table_of_the_manual_is_that_of_the_results() -> None:
             place = kept['loads'].index(cases[name]['tensions_N'][found])
             assert numbers[4] == f'{kept["tip_error_percent"]["exact"][place]:.2f}'
     assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)
+
+
+def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent() -> None:
+    """One stiffness of each sheath at all tensions: 0.5 % of the length beside the mesh's own."""
+    results = json.loads((VALIDATION / 'sheaths.json').read_text())
+    text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
+    assert '\n'.join(sheaths.rows(results)) in text
+    for one in results:
+        best = one['stiffness_over_shear_modulus']['best'] * sheaths._MODULUS
+        found = sheaths.errors(best, 1e-3 * np.array(one['tips_mm']))
+        np.testing.assert_allclose(found, one['tip_error_percent']['best'], atol=0.006)
+        assert (found < 0.5 + np.array(one['mesh_error_percent'])).all()
+        rigid = sheaths.errors(0.0, 1e-3 * np.array(one['tips_mm']))
+        assert rigid[-1] > 10.0 * found[-1]
+
+
+def test_elements_of_a_sheath_are_compared() -> None:
+    """As the whole study does, on two coarse meshes and the least tension."""
+    small = dataclasses.replace(PROTOTYPE, tensions=((0.5,),), basis=Mesh(1, 0.3), result=COARSE)
+    before = sheaths.PROTOTYPE, sheaths._TENSIONS
+    sheaths.PROTOTYPE, sheaths._TENSIONS = small, [0.5]
+    try:
+        found = sheaths.compare(sheaths.elements(1e-3))
+    finally:
+        sheaths.PROTOTYPE, sheaths._TENSIONS = before
+    assert found['mesh_error_percent'][0] < 0.3
+    assert found['tip_error_percent']['estimated'][0] < 0.3
+    assert 5.0 < found['stiffness_over_shear_modulus']['estimated'] < 8.0
 
 
 def test_the_table_of_friction_is_that_of_the_model() -> None:

@@ -28,7 +28,9 @@ from live_nodes import (
 from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
+from octo_arm_model import solve_displacements
 from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.simulation.commands import find_profile
@@ -119,6 +121,46 @@ def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, 
     assert message.name == NAMES
     assert message.header.frame_id == 'arm_base'
     assert abs(message.header.stamp.sec - time.time()) < DEADLINE
+
+
+def test_winches_reel_in_lengths_and_their_encoders_read_them() -> None:
+    """Two tendons by length, one by tension: what the arm answers is what the core solves."""
+    asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    given = np.zeros((3, 4))
+    given[2, 0] = 1.0
+    options = '-p', 'model:=exact', '-p', 'winches.encoders:=true'
+    with simulating(*options) as controller:
+        lengths = controller.node.create_publisher(JointState, 'tendon_commands/displacements', 10)
+        encoders = controller.hear(JointState, 'tendon_displacements')
+        controller.reach(given.ravel())
+        solver = CONFIG.solver('exact')
+        expected = solve_displacements(solver, asked, {'tendon_3_1': 1.0})
+
+        def is_held():
+            message = JointState(name=list(asked), position=list(asked.values()))
+            lengths.publish(message)
+            read = controller.measured
+            return read and np.allclose(
+                read[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
+            )
+
+        controller.wait(is_held, 'lengths')
+        encoders.clear()
+        controller.wait(lambda: encoders, 'encoders')
+        assert list(encoders[-1].name) == NAMES
+        np.testing.assert_allclose(encoders[-1].position, expected.displacement.ravel(), atol=1e-8)
+        # Beyond what a tendon bears is refused, and what was held still is.
+        lengths.publish(JointState(name=['tendon_1_1'], position=[0.4]))
+        controller.wait(
+            lambda: any('displacements refused' in log.msg for log in controller.logs), 'a refusal'
+        )
+        controller.measured.clear()
+        controller.wait(lambda: controller.measured, 'readings')
+        np.testing.assert_allclose(
+            controller.measured[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
+        )
+        lengths.publish(JointState())
+        controller.reach(given.ravel())
 
 
 def test_lag_is_seen_and_is_the_exponential_between_stamps(controller) -> None:

@@ -15,8 +15,8 @@ derivatives by strain and d, and D those by d, gradient and Hessian by the strai
 
 u counts the slope r' of the path but not d'. A tendon is held in its place at the base and its
 anchorage, from where d rises over a length of about (T / k)^1/2 as that of a string on an elastic
-foundation does; that end effect is left out, see `docs/effects.md` for its size. That d varies
-slowly between them is the same assumption.
+foundation does. That end effect is left out, as is that d varies between them; the manual's page
+of effects has its size.
 """
 
 from __future__ import annotations

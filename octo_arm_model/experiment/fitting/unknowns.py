@@ -22,13 +22,18 @@ from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
 from octo_arm_model.experiment.recording.alignment import Alignment
 
 FITS = (
-    'youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'friction', 'tension_scale',
+    'youngs_modulus', 'poisson_ratio', 'sheath_stiffness', 'tendon_offsets', 'friction',
+    'tension_scale',
     'tension_offset', 'alignment',
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 _OFFSET = 'tendon_offset.'
-_EXACT_ONLY = ('poisson_ratio', 'tendon_offsets')
-_EXACT_STDDEVS = ('material.poisson_ratio_stddev', 'tendons.offset_stddev')
+_SHEATH = 'sheath_stiffness'
+_EXACT_ONLY = ('poisson_ratio', 'tendon_offsets', _SHEATH)
+_STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
+_EXACT_PARAMETERS = (
+    'material.poisson_ratio_stddev', 'tendons.offset_stddev', 'tendons.sheath_stiffness',
+)  # fmt: skip
 # Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
 _FARTHEST = 10.0  # bound of logarithms
@@ -110,7 +115,7 @@ class Unknowns:
         self._alignment = alignment
         self._parameters = {**parameters, 'model': model}
         if model != 'exact':
-            for name in _EXACT_STDDEVS:
+            for name in _EXACT_PARAMETERS:
                 self._parameters.pop(name, None)
         config = Config.from_parameters(self._parameters)
         material = config.arm.material
@@ -118,6 +123,11 @@ class Unknowns:
             # E is fitted at the same nu, so G changes with it.
             self._parameters['material.shear_modulus'] = 0.0
             self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
+        if _SHEATH in fits:
+            # One for all tendons, by the logarithm of which a fit never gets to rigid ones.
+            known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
+            self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
+            config = Config.from_parameters(self._parameters)
         self.arm, self._cells = config.arm, config.load_cells
         self._slack = _PULLED * tensions.max(initial=0.0)
         self._pulled = tensions.max(axis=0, initial=0.0) > self._slack
@@ -143,6 +153,9 @@ class Unknowns:
                 raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
             ratio = float(material.poisson_ratio_at(0.0))
             return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
+        if name == _SHEATH:
+            stiffness = self.arm.sheath_stiffness[0]
+            return [Unknown(name, 'Pa', 0.0, 1.0, -_FARTHEST, _FARTHEST, stiffness)]
         if name == 'friction':
             # Not from zero, the end of its range, which a minimisation hardly leaves.
             given = float(np.mean(self.arm.friction or (_ROUGH,)))
@@ -208,6 +221,9 @@ class Unknowns:
         ratio = self._get(x, 'poisson_ratio', math.nan)
         if math.isfinite(ratio):
             values['material.poisson_ratio'] = ratio
+        sheath = self._get(x, _SHEATH, math.nan)
+        if math.isfinite(sheath):
+            values['tendons.sheath_stiffness'] = [sheath]
         if 'friction' in self.names:
             values['tendons.friction'] = [self._get(x, 'friction', 0.0)]
         moved = {
@@ -252,6 +268,9 @@ class Unknowns:
                 column += change.by_youngs_modulus.pose[:, :3, 0]
             elif name == 'poisson_ratio' and change.by_poisson_ratio is not None:
                 column += change.by_poisson_ratio.pose[:, :3, 0]
+            elif name == _SHEATH and change.by_sheath_stiffness is not None:
+                by_all = change.by_sheath_stiffness.pose[:, :3].sum(axis=-1)
+                column += self._get(x, _SHEATH, 0.0) * by_all
             elif name == 'tension_scale':
                 column += by_tension @ (scale * read * pulls)
             elif name == 'tension_offset':

@@ -25,10 +25,12 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.queued_service import QueuedService, Steps
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_subscription import (
+    FIELD_TOPIC,
     TOPICS,
     LatestSubscription,
     TensionInput,
     TensionSubscription,
+    message_class,
 )
 from octo_arm_model.ros.node.winding import Winding
 from octo_arm_model.ros.node.work_queue import WorkQueue
@@ -36,6 +38,7 @@ from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tension_messages import FieldMessage
 
 
 class Prepared(NamedTuple):
@@ -51,6 +54,13 @@ class Prepared(NamedTuple):
     config: Config
     solver: Solver
 
+    @property
+    def field(self) -> FieldMessage | None:
+        """Where further messages hold tensions; None where no type of messages is named."""
+        config = self.config
+        given = FieldMessage(config.tension_type, config.tension_field)
+        return given if config.tension_type else None
+
     @classmethod
     def of(cls, values: dict[str, Any]) -> Prepared:
         """Prepare the arm that ``values`` describe.
@@ -59,6 +69,8 @@ class Prepared(NamedTuple):
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
+        if config.tension_type:
+            message_class(config.tension_type)
         solver = config.solver(budget=config.solve_budget)
         # What is tabulated or loaded at its first use is so before messages come. Whether a solve
         # keeps to its budget is told when they do.
@@ -85,6 +97,8 @@ class ArmServer:
         self._diagnostics.end('unconfigured')
         self._refusal_log = RefusalLog(node)
         self._inputs: list[TensionSubscription] = []
+        self._is_active = False
+        self._field_input: TensionSubscription | None = None
         self._wrenches: LatestSubscription | None = None
         self._services: list[QueuedService] = []
         self._work = WorkQueue(node)
@@ -113,13 +127,9 @@ class ArmServer:
             ConfigError: if an override of a QoS policy cannot be.
         """
         node = self._node
-        self._inputs = [
-            TensionSubscription(
-                node, topic, self._current_arm, self._answer, self._work, names=self._current_names
-            )
-            for topic in TOPICS
-        ]
-        self._diagnostics.publishers = {one.topic: one.count_publishers for one in self._inputs}
+        self._inputs = [self._subscribe(topic) for topic in TOPICS]
+        self._is_active = True
+        self._subscribe_to_field()
         self._diagnostics.begin()
         self._wrenches = LatestSubscription(
             node, WrenchStamped, 'tip_wrench', self._on_wrench, self._work
@@ -136,8 +146,10 @@ class ArmServer:
 
     def deactivate(self) -> None:
         """Stop answering."""
+        self._is_active = False
         for subscription in self._inputs:
             subscription.close()
+        self._unsubscribe_from_field()
         for latest in (self._wrenches, self._winches):
             if latest is not None:
                 latest.close()
@@ -164,6 +176,14 @@ class ArmServer:
         assert self._publishers is not None
         config = prepared.config
         self._check_wrench_of_before(prepared)
+        if (
+            self._is_active
+            and self._prepared is not None
+            and prepared.field != self._prepared.field
+        ):
+            # A topic may have another type once the executor has let go of the subscription.
+            self._unsubscribe_from_field()
+            self._work.add(self._subscribe_to_field)
         self._prepared = prepared
         if gone := self._winding.change_arm(config.arm):
             self._node.get_logger().warning(
@@ -179,6 +199,33 @@ class ArmServer:
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
             + ' '.join(config.arm.tendon_names)
         )
+
+    def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
+        return TensionSubscription(
+            self._node, topic, self._current_arm, self._answer, self._work,
+            names=self._current_names, message=message,
+        )  # fmt: skip
+
+    def _subscribe_to_field(self) -> bool:
+        """Subscribe to messages of the type that the parameters name, if they name one."""
+        assert self._prepared is not None
+        if (field := self._prepared.field) is not None and self._field_input is None:
+            try:
+                self._field_input = self._subscribe(FIELD_TOPIC, field)
+            except OctoArmError as error:
+                self._node.get_logger().error(f'{FIELD_TOPIC} is not subscribed to: {error}')
+        self._count_publishers()
+        return False
+
+    def _unsubscribe_from_field(self) -> None:
+        if self._field_input is not None:
+            self._field_input.close()
+        self._field_input = None
+        self._count_publishers()
+
+    def _count_publishers(self) -> None:
+        inputs = [*self._inputs, *filter(None, [self._field_input])]
+        self._diagnostics.publishers = {one.topic: one.count_publishers for one in inputs}
 
     # Messages -----------------------------------------------------------------------------------
 

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import MessageError, OctoArmError
+from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage, TensionMessage
 
 # A best-effort subscription receives from reliable publishers as well. All but the latest of the
 # messages in the queue are skipped; its depth limits how many of these are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 TOPICS = tuple(TENSION_TOPICS)
+FIELD_TOPIC = 'tendon_tensions/field'
+_TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
 
 class LatestSubscription:
@@ -133,19 +138,21 @@ class TensionSubscription(LatestSubscription):
         work: WorkQueue,
         prefix: str = 'tendon_tensions',
         names: Callable[[], Sequence[str]] = tuple,
+        message: TensionMessage | FieldMessage | None = None,
     ) -> None:
         """Call ``answer`` with what the latest message says.
 
         Args:
             node: the node that subscribes.
-            topic: one of `TENSION_TOPICS`, which says what type messages are of.
+            topic: one of `TENSION_TOPICS`, which says what type messages are of, or another.
             arm: returns the arm that they are for.
             answer: what to call.
             work: has the turns in which it is called.
             prefix: replaces 'tendon_tensions' in the name that is subscribed to.
             names: returns what the tendons are called there; empty for their own names.
+            message: the type of messages on another topic.
         """
-        self._message = TENSION_TOPICS[topic]
+        self._message = TENSION_TOPICS[topic] if message is None else message
         self._arm, self._hand_over, self._names = arm, answer, names
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
@@ -173,18 +180,32 @@ class TensionSubscription(LatestSubscription):
             if found is not None:
                 return found
         message = self.decode(data)
-        if wanted:
+        if wanted or isinstance(self._message, FieldMessage):
             tensions = self._message.read_named(message, arm, wanted)
         else:
             tensions = self._message.read(message, arm)
             self._layout = TensionLayout(self._message, data, message, arm)
-        if not self._message.has_stamp:
+        header = getattr(message, 'header', None)
+        if not isinstance(header, Header):
             return tensions, None
-        stamp = message.header.stamp
-        return tensions, Stamp(stamp.sec, stamp.nanosec)
+        return tensions, Stamp(header.stamp.sec, header.stamp.nanosec)
 
 
 def message_class(type_name: str) -> Any:
-    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'."""
-    package, _, name = type_name.split('/')
-    return getattr(importlib.import_module(f'{package}.msg'), name)
+    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'.
+
+    Raises:
+        ConfigError: if it is not installed.
+    """
+    match = _TYPE.fullmatch(type_name)
+    module = None
+    if match is not None:
+        with contextlib.suppress(ModuleNotFoundError):
+            module = importlib.import_module(f'{match[1]}.msg')
+    found = getattr(module, match[2], None) if match is not None else None
+    if not hasattr(found, 'get_fields_and_field_types'):
+        raise ConfigError(
+            f'no messages of type {shown(type_name)} are installed, expected one such as '
+            'sensor_msgs/msg/JointState'
+        )
+    return found

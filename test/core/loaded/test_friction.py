@@ -438,12 +438,17 @@ def test_each_tendon_may_have_its_own() -> None:
 
 def test_displacements_are_for_tendons_without_friction() -> None:
     solver = Solver(uniform(), 'exact')
+    elastic = Solver(dataclasses.replace(uniform(), axial_stiffness=(500.0,)), 'exact')
     for ask in (
         lambda: solve_displacements(solver, {'tendon_1_1': 0.01}),
-        lambda: displacements_of(solver, solver.solve([[1.0]])),
+        lambda: displacements_of(elastic, elastic.solve([[1.0]])),
     ):
         with pytest.raises(ConfigError, match=r'without friction; tendons\.friction is \[0\.3\]'):
             ask()
+    # What does not stretch is reeled in by as much as its path gets shorter.
+    backbone = solver.solve([[1.0]])
+    shorter = solver.rest_lengths - solver.tendon_lengths(backbone)
+    np.testing.assert_array_equal(displacements_of(solver, backbone), shorter)
 
 
 @pytest.mark.parametrize('model', MODELS)

@@ -71,6 +71,29 @@ def test_displaced_tendons_and_poissons_ratio_are_found() -> None:
     np.testing.assert_allclose(again, lines[4][-1], atol=2e-4)
 
 
+def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes() -> None:
+    """At small tensions a sheath does nothing, a modulus as much as ever."""
+    changes = {'tendons__sheath_stiffness': [2.5e5]}
+    steps = measured('exact', noise=1e-4, pulls=PULLS[1::2], parameters=changes)
+    fitted = identify(steps, PARAMETERS, 'exact', ('youngs_modulus', 'sheath_stiffness'))
+    assert values(fitted) == {
+        'youngs_modulus': pytest.approx(TRUE, rel=3e-3),
+        'sheath_stiffness': pytest.approx(2.5e5, rel=3e-2),
+    }
+    low, high = fitted.estimates['sheath_stiffness'].interval95
+    assert low < 2.5e5 < high
+    assert fitted.parameters['tendons.sheath_stiffness'] == [values(fitted)['sheath_stiffness']]
+    rigid = identify(steps, PARAMETERS, 'exact')
+    assert fitted.cross_validation.rms < 0.2 * rigid.cross_validation.rms
+
+
+def test_a_sheath_that_no_tension_shows_stays_as_it_is() -> None:
+    steps = measured('exact', pulls=(np.array([0.0, 0.0, 0.0, 0.0]),))
+    fitted = identify(steps, PARAMETERS, 'exact', ('youngs_modulus', 'sheath_stiffness'))
+    assert values(fitted) == {'youngs_modulus': None, 'sheath_stiffness': None}
+    assert any('sheath_stiffness is left as it is' in why for why in fitted.undetermined)
+
+
 def test_outliers_hardly_move_the_estimate() -> None:
     steps = measured(noise=5e-4)
     clean = identify(steps, PARAMETERS, 'closed_form')

@@ -31,14 +31,16 @@ def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole() -> None:
 
 
 @settings(max_examples=4)
-@given(st.integers(0, 2), st.integers(0, 1000))
-def test_the_jacobian_is_that_of_differences(step: int, seed: int) -> None:
+@given(st.integers(0, 2), st.integers(0, 1000), st.sampled_from(['friction', 'sheath_stiffness']))
+def test_the_jacobian_is_that_of_differences(step: int, seed: int, without: str) -> None:
+    """These two do not go together."""
     rng = np.random.default_rng(seed)
     pulls = tuple(np.array(pull) for pull in ((1.0, 0.5, 0, 0), (0.3, 2.0, 0, 0), (0, 3.0, 0, 0)))
     lines = [FAR.to_camera(midline('exact', pull, 25)) for pull in pulls]
     steps = shapes(lines, pulls, rng, 1e-3)
     tensions = np.array(pulls)
-    unknowns = Unknowns(PARAMETERS, 'exact', FITS, tensions, FAR)
+    fits = [name for name in FITS if name != without]
+    unknowns = Unknowns(PARAMETERS, 'exact', fits, tensions, FAR)
     problem = Problem(steps, unknowns)
     sizes = np.array([unknown.scale for unknown in unknowns.unknowns])
     x = unknowns.start + 0.05 * sizes * rng.standard_normal(sizes.size)

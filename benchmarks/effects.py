@@ -1,0 +1,97 @@
+"""What effects beyond the plain arm cost: ratios to the solve without, in one run.
+
+    python benchmarks/effects.py
+
+For the prototype and the arm of Table 4, by NumPy and compiled, without loads and followed under
+a force on the tip. A sheath is of 7 G; winches follow a movement in steps of about 0.3 %, each
+from the last solution, with the lengths of all tendons given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model import Backbone, Solver, Wound, displacements_of, solve_displacements
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.presets import find_config
+from octo_arm_model.core.hints import FloatArray
+
+_STEPS = 40
+_ROUNDS = 5
+_WRENCH = (0.005, 0.0, 0.0, 0.0, 0.0, 0.0)  # [N, N m]
+_SHEATH = 7.0  # over the shear modulus
+_ARMS = (
+    ('renda2012_prototype', np.array([[2.0, 0.5, 0.0, 0.0]])),
+    ('renda2012_table4', 0.5 * np.array(FETCHING_IN_SPACE)),
+)
+
+
+def movement(tensions: FloatArray) -> list[FloatArray]:
+    """Tensions that vary about ``tensions`` [N]."""
+    phase = np.arange(tensions.size).reshape(tensions.shape)
+    return [
+        tensions * (0.9 + 0.05 * np.sin(0.03 * step) + 0.05 * np.cos(0.03 * step + phase))
+        for step in range(_STEPS)
+    ]
+
+
+def least(function: Callable[[], None]) -> float:
+    """Least time of several rounds [s]."""
+    times = []
+    for _ in range(_ROUNDS):
+        began = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def follow(solver: Solver, moved: list[FloatArray], wrench: tuple[float, ...] | None) -> None:
+    """Solve for every set of tensions, each from the last solution."""
+    last: Backbone | None = None
+    for tensions in moved:
+        last = solver.follow(tensions, last, wrench)
+
+
+def wind(
+    solver: Solver, lengths: list[dict[str, float]], wrench: tuple[float, ...] | None, first: Wound
+) -> None:
+    """Solve for every set of lengths, each from the last solution."""
+    last = first
+    for wanted in lengths:
+        last = solve_displacements(solver, wanted, start=last, tip_wrench=wrench)
+
+
+def main() -> None:
+    """Measure and print a table."""
+    print('| arm | loads | by | solve [ms] | sheath | lengths |')
+    print('| --- | --- | --- | --- | --- | --- |')
+    for name, tensions in _ARMS:
+        arm = find_config(name).arm
+        stiffness = _SHEATH * arm.material.shear_modulus
+        soft_arm = dataclasses.replace(arm, sheath_stiffness=(stiffness,))
+        moved = movement(tensions)
+        for compiled in (False, True):
+            plain, soft = (Solver(one, 'exact', compiled=compiled) for one in (arm, soft_arm))
+            for wrench in (None, _WRENCH):
+                lengths = [
+                    dict(zip(arm.tendon_names, displacements_of(plain, one).ravel().tolist()))
+                    for one in (plain.solve(each, wrench) for each in moved)
+                ]
+                first = solve_displacements(plain, lengths[0], tip_wrench=wrench)
+                follow(soft, moved[:1], wrench)
+                solve = least(lambda: follow(plain, moved, wrench))
+                sheath = least(lambda: follow(soft, moved, wrench))
+                winches = least(lambda: wind(plain, lengths, wrench, first))
+                print(
+                    f'| {name} | {"tip force" if wrench else "none"} | '
+                    f'{"compiled" if compiled else "NumPy"} | {1e3 * solve / _STEPS:.2f} | '
+                    f'{sheath / solve:.1f} | {winches / solve:.1f} |'
+                )
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,81 @@
+"""Winches that are commanded by length, and what their encoders read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from octo_arm_model.analysis.displacement import Wound, displacements_of, solve_displacements
+from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+
+_ROUNDING = 1e-9  # of a limit, that a tension may be beyond it
+
+
+class LengthControl:
+    """Turns commanded lengths into the tensions that hold them, on an elastic arm.
+
+    Attributes:
+        displacements: length to reel in by tendon name [m]; empty for none.
+    """
+
+    def __init__(self, solver: Solver, limits: FloatArray) -> None:
+        """Control the arm of ``solver``, whose tendons bear ``limits`` (tendons,) [N]."""
+        self._solver, self._limits = solver, limits
+        self.displacements: dict[str, float] = {}
+        self._wound: Wound | None = None
+        self._shape: Backbone | None = None
+
+    def command(self, displacements: Mapping[str, float], tensions: FloatArray) -> None:
+        """Hold ``displacements`` from now on, beside the commanded ``tensions`` (tendons,) [N].
+
+        Raises:
+            TensionError: if a tendon would be pulled beyond its limit.
+            OctoArmError: as `solve_displacements`; what was held before still is.
+        """
+        wound = self._hold(displacements, tensions)
+        pulled = wound.backbone.tensions.ravel()
+        beyond = np.flatnonzero(pulled > self._limits * (1.0 + _ROUNDING))
+        if beyond.size:
+            number = int(beyond[0])
+            name = self._solver.arm.tendon_names[number]
+            raise TensionError(
+                f'{name} would be pulled with {pulled[number]:.4g} N, expected at most '
+                f'{self._limits[number]:.4g} N'
+            )
+        self.displacements, self._wound = dict(displacements), wound
+
+    def tensions(self, tensions: FloatArray) -> FloatArray:
+        """Set points of all winches (tendons,) [N], beside those commanded by tension.
+
+        Never beyond a limit: a winch gives way before that.
+
+        Raises:
+            OctoArmError: as `solve_displacements`.
+        """
+        if not self.displacements:
+            return tensions
+        self._wound = self._hold(self.displacements, tensions)
+        return np.minimum(self._wound.backbone.tensions.ravel(), self._limits)
+
+    def encoders(self, tensions: FloatArray) -> FloatArray:
+        """Lengths that the winches have reeled in under ``tensions`` (tendons,) [m].
+
+        Raises:
+            OctoArmError: as `Solver.solve`.
+        """
+        shape = self._solver.arm.tension_shape
+        self._shape = self._solver.follow(tensions.reshape(shape), self._shape)
+        return displacements_of(self._solver, self._shape).ravel()
+
+    def _hold(self, displacements: Mapping[str, float], tensions: FloatArray) -> Wound:
+        names = self._solver.arm.tendon_names
+        given = {
+            name: float(tension)
+            for name, tension in zip(names, tensions, strict=True)
+            if name not in displacements
+        }
+        return solve_displacements(self._solver, displacements, given, self._wound)
