@@ -297,7 +297,7 @@ def along(config: Config, is_compiled: bool) -> None:
         anchorages = np.linspace(arm.length, 0.0, count, endpoint=False)
         sections = tuple(Section(float(at), 0.01, 0.002) for at in anchorages)
         pulls = np.tile([[0.0, 0.1, 0.1, 0.0]], (count, 1))
-        cases.append((dataclasses.replace(arm, sections=sections), pulls, STATIONS))
+        cases.append((Arm(arm.material, arm.body, sections), pulls, STATIONS))
     for case, pulls, stations in cases:
         loads = Loads(gravity=GRAVITY)
         solver = Solver(case, 'exact', stations, config.base, loads=loads, compiled=is_compiled)
