@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -25,8 +26,10 @@ from octo_arm_model import MODELS, Arm, Body, Config, Loads, Section, Solver, lo
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.core.models import exact
 
 STATIONS = 101
+GRAVITY = (0.0, 0.0, -9.81)
 BATCH = 100 if IS_BRIEF else 10_000
 MOST_REPEATS = 2 if IS_BRIEF else 1000
 
@@ -136,6 +139,16 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
     return float(np.median(times))
 
 
+def least(work: Callable[[], object], repeats: int) -> float:
+    """Least processor time of ``work`` [s]: what it takes on a machine that is not busy."""
+    times = []
+    for _ in range(min(repeats, MOST_REPEATS)):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
 def main() -> None:
     """Print the tables."""
     make_parser(__doc__).parse_args()
@@ -224,41 +237,94 @@ def loaded(config: Config) -> None:
 
 
 def hanging(config: Config, ways: list[bool]) -> None:
-    """The arm under its weight, as ratios to the compiled closed_form; eight of them at 1 kHz."""
+    """The arm under its weight, as ratios to the compiled closed_form."""
     arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
     closed_form = Solver(arm, 'closed_form', STATIONS, compiled=ways[-1])
-    unit = seconds(lambda: closed_form.solve(tensions), 400)
+    unit = least(lambda: closed_form.solve(tensions), 1000)
     name = 'compiled closed_form' if ways[-1] else 'closed_form'
-    print(f'\nFigure 15 under the weight of the arm, in times of one {name}, {unit * 1e6:.1f} us')
-    print(f'{"":24}{"cold":>10}{"warm":>10}{"all sensitivities":>20}{"tip error / L":>15}')
+    print(f'\nFigure 15 and the weight of the arm, in times of one {name}, {unit * 1e6:.1f} us')
+    names = ('one', 'warm, 1 %', 'sensitivities', 'batch, warm', 'batch, cold', 'tip error / L')
+    print(f'{"exact":24}' + ''.join(f'{name:>15}' for name in names))
     for is_compiled in ways:
-        for medium, density in (('water', 1000.0), ('air', 0.0)):
-            loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=density)
-            given = arm, 'exact'
-            solver = Solver(*given, STATIONS, config.base, loads=loads, compiled=is_compiled)
-            fine = Solver(*given, 20 * STATIONS, config.base, loads=loads).solve(tensions).tip
-            last = solver.solve(tensions)
-            moving = iter(np.sin(np.arange(1000.0)))
-            times = (
-                seconds(lambda: solver.solve(tensions), 20),
-                seconds(
-                    lambda: solver.solve(tensions * (1 + 0.01 * next(moving)), start=last), 100
-                ),
-                seconds(lambda: solver.sensitivity(last), 50),
-            )
-            error = np.linalg.norm(last.tip - fine) / arm.length
-            cold, warm, derivatives = (value / unit for value in times)
+        for medium, loads in (
+            ('without', Loads()),
+            ('in water', Loads(gravity=GRAVITY, fluid_density=1000.0)),
+            ('in air', Loads(gravity=GRAVITY)),
+        ):
+            solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=is_compiled)
             way = f'{medium}{", compiled" if is_compiled else ""}'
-            print(f'{way:24}{cold:10.0f}{warm:10.0f}{derivatives:20.0f}{error:15.1e}')
-    steps = 3 if IS_BRIEF else 200
-    # The last solver: in air, each arm from its own last shape, tensions as in fetching.
+            times = [value / unit for value in times_of(solver, tensions)]
+            columns = ''.join(f'{value:15.1f}' for value in times)
+            print(f'{way:24}{columns}{tip_error(solver, tensions):15.1e}')
+    along(config, ways[-1])
+    eight_arms(config, ways[-1])
+
+
+def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
+    """Seconds of a solve, from the last shape, all derivatives, and per arm of a batch."""
+    last = solver.solve(tensions)
+    parts = 1.0 + 0.01 * np.sin(np.arange(1000.0))
+    moving = itertools.cycle(parts)
+    batch = tensions * parts[: 3 if IS_BRIEF else 1000, np.newaxis, np.newaxis]
+    return [
+        least(lambda: solver.solve(tensions), 100),
+        least(lambda: solver.solve(next(moving) * tensions, start=last), 400),
+        least(lambda: solver.sensitivity(last), 100),
+        least(lambda: solver.solve(batch, start=last), 3) / len(batch),
+        least(lambda: solver.solve(batch[:100]), 3) / len(batch[:100]),
+    ]
+
+
+def tip_error(solver: Solver, tensions: np.ndarray) -> float:
+    """Error of the tip, over the length, against many stations and four times the elements."""
+    finer = Solver(
+        solver.arm, 'exact', 20 * STATIONS, solver.base, loads=solver.loads, compiled=False
+    )
+    cuts, exact.CUTS = exact.CUTS, exact.CUTS[2:]
+    try:
+        fine = finer.solve(tensions).tip
+    finally:
+        exact.CUTS = cuts
+    return float(np.linalg.norm(solver.solve(tensions).tip - fine) / solver.arm.length)
+
+
+def along(config: Config, is_compiled: bool) -> None:
+    """What stations and sections cost a loaded arm, each step from the last shape."""
+    print('\nIn air, from the last shape: us by stations, and by sections at 101 stations')
+    arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
+    cases = [(arm, tensions, stations) for stations in (101, 401, 1601)]
+    for count in (1, 2, 3, 6):
+        anchorages = np.linspace(arm.length, 0.0, count, endpoint=False)
+        sections = tuple(Section(float(at), 0.01, 0.002) for at in anchorages)
+        pulls = np.tile([[0.0, 0.1, 0.1, 0.0]], (count, 1))
+        cases.append((Arm(arm.material, arm.body, sections), pulls, STATIONS))
+    for case, pulls, stations in cases:
+        loads = Loads(gravity=GRAVITY)
+        solver = Solver(case, 'exact', stations, config.base, loads=loads, compiled=is_compiled)
+        last = solver.solve(pulls)
+        moving = itertools.cycle(1.0 + 0.01 * np.sin(np.arange(100.0)))
+        took = least(lambda: solver.solve(next(moving) * pulls, start=last), 200)
+        print(f'{stations:6} stations {len(case.sections):3} sections {took * 1e6:10.1f}')
+
+
+def eight_arms(config: Config, is_compiled: bool) -> None:
+    """Eight arms in air, each from its own last shape, with tensions as in fetching."""
+    arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
+    loads = Loads(gravity=GRAVITY)
+    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=is_compiled)
+    steps = 3 if IS_BRIEF else 1000
     lasts = [solver.solve(0.0 * tensions)] * 8
-    start = time.process_time()
+    rounds = []
     for step in range(1, steps + 1):
         part = 0.5 - 0.5 * np.cos(np.pi * step / 1000.0)
+        start = time.process_time()
         lasts = [solver.follow(part * tensions, last) for last in lasts]
-    rate = steps / (time.process_time() - start)
-    print(f'Eight arms in air that fetch in a second: followed {rate:.0f} times a second')
+        rounds.append(time.process_time() - start)
+    mean, quick = 1.0 / np.mean(rounds), 1.0 / np.median(rounds)
+    print(
+        f'\nEight arms in air that fetch in a second, 1000 steps: {mean:.0f} Hz on one core, '
+        f'{quick:.0f} Hz in the median step'
+    )
 
 
 def friction() -> None:

@@ -27,11 +27,12 @@ from octo_arm_model.core.errors import (
     TargetError,
     TensionError,
 )
+from octo_arm_model.core.once import solve
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.sheath import estimate_sheath_stiffness
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
-from octo_arm_model.core.solver import MODELS, Solver, solve
+from octo_arm_model.core.solver import MODELS, Solver
 
 __version__ = '0.1.0'
 

@@ -10,20 +10,17 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
     ConvergenceError,
-    LoadError,
     SolveError,
-    shown,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.loaded.load_limits import LoadLimits
+from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -31,14 +28,13 @@ from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
-from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.strain_measures import to_scaled
-from octo_arm_model.core.section.tendon_sums import check_tensions, largest_of, transmission
+from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
-__all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver', 'solve']
+__all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 
 
 class Solver:
@@ -103,11 +99,8 @@ class Solver:
             )
         self._check_loads(loads.any)
         self._batch = setup.batch
-        stiffness = SectionStiffness.at(arm, self.grid.nodes)
-        # The axial force is a difference of terms of this size; further up it is all rounding.
-        self._largest_tension = 1e6 * float(stiffness.axial.min())
         self._wrench = loads.tip_wrench
-        self._limits = LoadLimits(stiffness)
+        self._limits = LoadLimits(SectionStiffness.at(arm, self.grid.nodes))
         self._compiled: Compiled | None = None
         if Compiled.covers(self._statics) and (is_available() if compiled is None else compiled):
             self._compiled = Compiled(self._statics, self.grid, self._base)
@@ -155,11 +148,7 @@ class Solver:
     ) -> Backbone:
         """As `solve`; tendons with friction slide from tensions ``before``."""
         checked = check_tensions(self.arm, tensions)
-        if (largest := largest_of(checked)) > self._largest_tension:
-            raise SolveError(
-                f'tension of {largest:.4g} N is beyond {self._largest_tension:.4g} N, a '
-                'million times what would compress the thinnest cross section to nothing'
-            )
+        self._limits.check_tensions(checked)
         lead = checked.shape[: -len(self.arm.tension_shape)]
         wrench = self._wrench
         if tip_wrench is not None:
@@ -209,7 +198,7 @@ class Solver:
             LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
             ConfigError: if it is not zero and the model has no loads.
         """
-        wrench = _check_wrench(tip_wrench)
+        wrench = tip_wrench_of(tip_wrench)
         self._check_loads(bool(wrench.any()))
         self._limits.check_tip_wrench(wrench)
         return wrench
@@ -264,27 +253,17 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        return self._lengths(self._own_twist(backbone), backbone.tensions)
-
-    @functools.cached_property
-    def rest_lengths(self) -> FloatArray:
-        """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
-        twist = np.zeros((self._statics.strains, self.grid.nodes.size))
-        twist[3] = 1.0
-        return self._lengths(twist, np.zeros(self.arm.tension_shape))
-
-    def _lengths(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
-        sections = self._statics.sections
-        strain = to_scaled(sections.law, twist[:, np.newaxis])
-        local_tensions = sections.local_tensions(tensions.reshape(1, -1))
-        stretches = sections.stretches(strain, local_tensions)[:, 0]
-        lengths = np.einsum('jn,jn->j', stretches, self._length_weights)
+        lengths = self._lengths.under(self._own_twist(backbone), backbone.tensions.ravel())
         return lengths.reshape(self.arm.tension_shape)
 
+    @property
+    def rest_lengths(self) -> FloatArray:
+        """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
+        return self._lengths.at_rest.reshape(self.arm.tension_shape)
+
     @functools.cached_property
-    def _length_weights(self) -> FloatArray:
-        """What the stretch of every tendon counts at each node, (tendons, nodes) [m]."""
-        return self._statics.sections.active[:, 0] * integration_weights(self.grid)
+    def _lengths(self) -> TendonLengths:
+        return TendonLengths(self._statics.sections, self.grid)
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.
@@ -298,29 +277,3 @@ class Solver:
         if backbone.model != self.model or backbone.twist.shape != shape:
             raise ConfigError('the backbone was solved by another solver')
         return backbone.twist
-
-
-def _check_wrench(tip_wrench: ArrayLike) -> FloatArray:
-    array = real_numbers(tip_wrench)
-    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
-        raise LoadError(
-            f'tip_wrench is {shown(tip_wrench)}, expected force and moment: (..., 6) finite '
-            'numbers'
-        )
-    return array.copy()
-
-
-@functools.lru_cache(maxsize=16)
-def _cached_solver(arm: Arm, model: str, stations: int, base: Pose) -> Solver:
-    return Solver(arm, model, stations, base)
-
-
-def solve(
-    arm: Arm,
-    tensions: ArrayLike,
-    model: str = DEFAULT_MODEL,
-    stations: int = DEFAULT_STATIONS,
-    base: Pose = Pose(),
-) -> Backbone:
-    """Shape of ``arm`` under ``tensions``; see `Solver`, which this keeps between calls."""
-    return _cached_solver(arm, model, stations, base).solve(tensions)

@@ -12,7 +12,9 @@ import numpy as np
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.numba_build import (
     evaluate_sections,
+    find_minima,
     find_shapes,
+    find_turn,
     newton,
     read_out,
     read_rod,
@@ -70,8 +72,8 @@ class Compiled:
 
         if isinstance(statics, Exact):
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
-            newton()
-            read_rod()
+            for made in (newton, read_rod, find_turn, find_minima):
+                made()
             statics.use(_speed_up)
 
     def read_out(
@@ -119,6 +121,7 @@ def _speed_up(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         compiled = CompiledRod(rod, _own)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
+        rod.minimum, rod.equilibrium.frames = compiled.minimum, compiled.frames
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:

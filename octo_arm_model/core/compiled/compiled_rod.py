@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numba_build import newton, read_rod
-from octo_arm_model.core.compiled.rod_kernels import empty_state
+from octo_arm_model.core.compiled.numba_build import find_minima, find_turn, newton, read_rod
 from octo_arm_model.core.compiled.rod_tables import rod_tables
+from octo_arm_model.core.compiled.state_kernels import empty_state
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
@@ -30,6 +30,28 @@ class CompiledRod:
         self._tables = own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._newton, self._read_out = newton(), read_rod()
+        self._find_turn, self._find_minima = find_turn(), find_minima()
+        self._minimum = rod.minimum  # which says why there is none
+
+    def frames(self, angular: FloatArray) -> Quaternions:
+        """`Frames` of the rod."""
+        turn = np.zeros((4, angular.shape[1]))
+        twist = np.zeros_like(turn)
+        twist[:3] = angular
+        turn[0] = 1.0
+        self._find_turn(self._tables, twist, turn)
+        return _quaternions(turn)
+
+    def minimum(self, tensions: FloatArray) -> FloatArray:
+        """`Minimum` of the rod.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        sections = self._tables.sections
+        twist = np.empty((4, sections.axial.size))
+        _, steps = self._find_minima(sections, np.array(tensions), twist)
+        return self._minimum(tensions) if steps < 0 else twist
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
@@ -59,7 +81,7 @@ class CompiledRod:
         rotation = state.rotation
         found = State(
             condition,
-            Shape(state.twist, Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])),
+            Shape(state.twist, _quaternions(turn)),
             rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
             state.imbalance, state.hessian, residual,
         )  # fmt: skip
@@ -67,3 +89,8 @@ class CompiledRod:
         if sign:
             answer = TipAnswer(compliance, change.transpose(1, 0, 2), sign, is_definite)
         return Iterate(found, iterations, strayed, answer)
+
+
+def _quaternions(turn: FloatArray) -> Quaternions:
+    """Of components w, x, y, z (4, points)."""
+    return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])

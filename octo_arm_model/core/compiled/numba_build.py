@@ -30,8 +30,10 @@ from octo_arm_model.core.compiled import (
     kernels,
     products,
     readout_kernels,
+    response_kernels,
     rod_kernels,
     section_kernels,
+    state_kernels,
     system_kernels,
 )
 from octo_arm_model.core.compiled.rod_tables import no_rod
@@ -43,7 +45,7 @@ _LOG = logging.getLogger(__name__)
 _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
-    dense_kernels, readout_kernels, products,
+    state_kernels, response_kernels, dense_kernels, readout_kernels, products,
 )  # fmt: skip
 
 
@@ -103,10 +105,28 @@ def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
     return _made(
         functools.partial(_entry, function=rod_kernels.newton),
         (
-            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, rod_kernels.empty_state(0),
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, state_kernels.empty_state(0),
             np.zeros((6, 6)), np.zeros((6, 4, 0)),
         ),
     )  # fmt: skip
+
+
+@functools.cache
+def find_turn() -> Callable[..., None]:
+    """`state_kernels.find_turn`, compiled; raises as `find_shapes`."""
+    none = np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=state_kernels.find_turn), (no_rod(), none, none)
+    )
+
+
+@functools.cache
+def find_minima() -> Callable[..., tuple[float, int]]:
+    """`section_kernels.find_minima`, compiled; raises as `find_shapes`."""
+    return _made(
+        functools.partial(_entry, function=section_kernels.find_minima),
+        (no_arm().exact.sections, np.zeros(0), np.zeros((4, 0))),
+    )
 
 
 @functools.cache

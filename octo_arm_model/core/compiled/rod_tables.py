@@ -55,6 +55,10 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     problem = rod.equilibrium
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
+    nodes, stations = rod.nodes, rod.stations
+    node_runs, to_nodes = _runs(nodes.element, nodes.values)
+    within = stations.within / own.step[stations.element, np.newaxis]
+    station_runs, to_stations = _runs(stations.element, within)
     return RodTables(
         sections=section_tables(problem.energy),
         from_start=rule.from_start,
@@ -67,22 +71,19 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         base=np.array([a.real, a.imag, b.real, b.imag]),
         length=own.length,
         position=rod.base.position,
-        **_runs('node_runs', 'to_nodes', rod.nodes.element, rod.nodes.values),
-        **_runs(
-            'station_runs', 'to_stations', rod.stations.element,
-            rod.stations.within / own.step[rod.stations.element, np.newaxis],
-        ),
-    )  # fmt: skip
+        node_runs=node_runs,
+        to_nodes=to_nodes,
+        station_runs=station_runs,
+        to_stations=to_stations,
+    )
 
 
-def _runs(
-    runs_name: str, matrices_name: str, element: IntArray, values: FloatArray
-) -> dict[str, FloatArray | IntArray]:
+def _runs(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
     """Ranges of places in one ``element`` (n,) each, and their columns of ``values`` (n, each)."""
     edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
     runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]
     matrices = [values[i:j].T.ravel() for i, j in itertools.pairwise(edges)]
-    return {runs_name: np.array(runs, np.int64), matrices_name: np.concatenate(matrices)}
+    return np.array(runs, np.int64), np.concatenate(matrices)
 
 
 def no_rod() -> RodTables:

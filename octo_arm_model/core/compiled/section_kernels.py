@@ -241,6 +241,10 @@ def minimise_section(
         left = max(left, abs(gradient[3]) / of_force)
         total = gradient[0] + gradient[1] + gradient[2] + gradient[3]
         if np.isfinite(total) and left <= TOLERANCE:
+            # Derivatives are known: a last step leaves rounding, whatever the tolerance is.
+            solve_symmetric(hessian, gradient)
+            for k in range(4):
+                strain[k] -= gradient[k]
             return left, steps
         if steps:
             work = 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -38,8 +39,14 @@ class Collocation:
         length: of the arm [m].
     """
 
-    def __init__(self, arm: Arm, grid: StationGrid, knots: tuple[float, ...], cuts: int) -> None:
-        """Cut panels of ``grid`` at ``knots`` and where they are long, then all in ``cuts``."""
+    def __init__(
+        self, arm: Arm, grid: StationGrid, knots: tuple[float, ...], cuts: int,
+        most_points: int = sys.maxsize,
+    ) -> None:  # fmt: skip
+        """Cut panels of ``grid`` at ``knots`` and where they are long, then all in ``cuts``.
+
+        With at most ``most_points`` in each element.
+        """
         ends, section = [0.0], []
         for panel in grid.panels:
             inside = [s for s in knots if panel.start < s < panel.stop]
@@ -51,6 +58,7 @@ class Collocation:
         # Finer elements have as many points each as those they are cut from.
         coarse = len(section) // cuts
         points = next((points for most, points in _POINTS if coarse <= most), _FEWEST)
+        points = min(points, most_points)
         self.rule: GaussRule = gauss_rule(points)
         places = self.start[:, np.newaxis] + self.step[:, np.newaxis] * self.rule.points
         self.s = places.ravel()

@@ -13,11 +13,11 @@ from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
-_ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
+ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
 _SMALLEST_STEP = 1e-3
 # A branch bends where Newton's method turns the arm further than this from where its first step
 # led [rad]: then smaller steps make sure that it is still the same one.
-_STRAY = 0.25
+STRAY = 0.25
 _WELCOME = 0.1  # what steps are chosen to stray [rad]
 _PER_DESCENT = 200
 _BEYOND = 0.05  # part of the way by which a fall begins beyond the end of a branch
@@ -32,8 +32,9 @@ def follow(
     shape: Shape,
     wanted: Condition,
     spending: Spending,
+    tolerance: float = TOLERANCE,
 ) -> State:
-    """From the balanced ``shape`` in ``known`` to balance in ``wanted``.
+    """From the balanced ``shape`` in ``known`` to balance in ``wanted``, within ``tolerance``.
 
     In one step where that converges, in as many as it takes where it does not. Where the branch
     ends on the way, or its balance is no longer stable (the arm buckles), the arm goes where it
@@ -49,20 +50,20 @@ def follow(
     while True:
         target = min(1.0, done + step)
         condition = wanted if target == 1.0 else known.towards(wanted, target)
-        tolerance = TOLERANCE if target == 1.0 else _ON_THE_WAY
+        limit = tolerance if target == 1.0 else ON_THE_WAY
         guess = shape
         if last is not None:
             before, length = last
             guess = problem.extrapolate(before, shape, (target - done) / length)
-        state, used, strayed, system = newton(condition, guess, tolerance)
+        state, used, strayed, system = newton(condition, guess, limit)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
         if problem.loads.without_tangent:
             # Nothing tells stable from unstable, nor where the arm would fall.
-            is_found = state.residual <= tolerance and strayed <= _STRAY
+            is_found = state.residual <= limit and strayed <= STRAY
             if not is_found and step <= _SMALLEST_STEP:
                 raise _unbalanced(state, spending.iterations)
-        elif state.residual <= tolerance and (strayed <= _STRAY or step <= _SMALLEST_STEP):
+        elif state.residual <= limit and (strayed <= STRAY or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may jump to one on which no arm stays.
             stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)
@@ -85,7 +86,7 @@ def follow(
             done, shape = target, state.shape
         else:
             # Of a step that led astray it is known by how much; of another that it is too long.
-            shorter = 0.25 if state.residual > tolerance else min(_growth(strayed), 0.7)
+            shorter = 0.25 if state.residual > limit else min(_growth(strayed), 0.7)
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
 

@@ -38,6 +38,9 @@ _FREE = 1e6
 # (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
 Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
+# From angular twist (3, points) to orientations of the cross sections, (points,).
+Frames: TypeAlias = Callable[[FloatArray], Quaternions]
+
 
 def evaluate(
     energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
@@ -64,6 +67,7 @@ class Equilibrium:
 
     Attributes:
         evaluate: how the cross sections answer a twist.
+        frames: orientations from angular twists.
         energy: of the cross sections at the points.
         collocation: the points.
         loads: at the points.
@@ -81,6 +85,7 @@ class Equilibrium:
         self.energy, self.collocation = energy, collocation
         self.loads, self.base = loads, base
         self.evaluate: Evaluate = functools.partial(evaluate, energy)
+        self.frames: Frames = functools.partial(frames, collocation=collocation, base=base)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
         # Without loads every balance is stable.
@@ -96,7 +101,7 @@ class Equilibrium:
 
     def shape(self, twist: FloatArray) -> Shape:
         """The shape of a rod of ``twist`` (n, points)."""
-        return Shape(twist, frames(twist[:3], self.collocation, self.base))
+        return Shape(twist, self.frames(twist[:3]))
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
         """``shape`` after ``part`` of a ``change`` of one column."""

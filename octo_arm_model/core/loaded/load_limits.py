@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.loads import Loads, Resultants
-from octo_arm_model.core.errors import ArmDefinitionError, LoadError
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import ArmDefinitionError, LoadError, SolveError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendon_sums import largest_of
 
 LARGEST_STRAIN = 100.0  # of the weakest cross section, if it were linear [-]
 
@@ -24,12 +27,15 @@ class LoadLimits:
     Attributes:
         force: `LARGEST_STRAIN` times the least E A [N].
         moment: the same times the root of the least E A times the least E I [N m].
+        tension: largest tension that balances are found for at all [N].
     """
 
     def __init__(self, stiffness: SectionStiffness) -> None:
         """For an arm of ``stiffness`` at its nodes."""
         axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
         self.force = LARGEST_STRAIN * axial
+        # The axial force is a difference of terms of this size; further up it is all rounding.
+        self.tension = 1e6 * axial
         self.moment = LARGEST_STRAIN * math.sqrt(axial * bending)
         factor = f'{LARGEST_STRAIN:.0f} times'
         self._force = f'at most {self.force:.4g} N, {factor} the least E A of the arm'
@@ -37,6 +43,18 @@ class LoadLimits:
             f'at most {self.moment:.4g} N m, {factor} the root of its least E A times its least '
             'E I'
         )
+
+    def check_tensions(self, tensions: FloatArray) -> None:
+        """Check the largest of ``tensions`` [N].
+
+        Raises:
+            SolveError: if it is too large.
+        """
+        if (largest := largest_of(tensions)) > self.tension:
+            raise SolveError(
+                f'tension of {largest:.4g} N is beyond {self.tension:.4g} N, a '
+                'million times what would compress the thinnest cross section to nothing'
+            )
 
     def check_tip_wrench(self, wrench: FloatArray) -> None:
         """Check ``wrench`` (..., 6) [N, N m].
@@ -66,6 +84,20 @@ class LoadLimits:
             raise ArmDefinitionError('force of all loads along the arm', largest, self._force)
         if (largest := _largest(resultants.moment.T)) > self.moment:
             raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
+
+
+def tip_wrench_of(given: ArrayLike) -> FloatArray:
+    """Return ``given`` (..., 6) as a float array.
+
+    Raises:
+        LoadError: if it is not six finite numbers.
+    """
+    array = real_numbers(given)
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+        raise LoadError(
+            f'tip_wrench is {shown(given)}, expected force and moment: (..., 6) finite numbers'
+        )
+    return array.copy()
 
 
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable
 from typing import TypeAlias
 
@@ -39,6 +40,9 @@ _RESOLVED_TENSIONS = 1e-6
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
 
+# From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
+Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
+
 
 class LoadedRod:
     """One arm and its loads on elements of one size.
@@ -46,6 +50,7 @@ class LoadedRod:
     Attributes:
         equilibrium: its equations.
         newton: Newton's method for these.
+        minimum: the twist under tensions alone.
         read_out: what a state is at nodes and stations.
         base: pose of the base.
         points: how many points there are.
@@ -53,16 +58,18 @@ class LoadedRod:
 
     def __init__(
         self, arm: Arm, grid: StationGrid, base: Frame, law: Law, shear: bool, loads: Loads,
-        cuts: int,
+        cuts: int, most_points: int = sys.maxsize,
     ) -> None:  # fmt: skip
         """Cut every panel of ``grid``, and its part between knots, into ``cuts`` elements.
+
+        With at most ``most_points`` in each.
 
         Raises:
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
                 allow.
         """
         self._arm, self._grid, self.base = arm, grid, base
-        self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts)
+        self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
         self.points = own.s.size
         energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
@@ -71,6 +78,7 @@ class LoadedRod:
         friction = Friction(arm, energy, own) if arm.friction else None
         self.equilibrium = Equilibrium(energy, own, table, base.rotation, friction)
         self.newton: Newton = functools.partial(newton, self.equilibrium)
+        self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
 
     @functools.cached_property
@@ -97,16 +105,21 @@ class LoadedRod:
         Raises:
             SolveError: if there is none.
         """
-        energy = self.equilibrium.energy
         friction = self.equilibrium.friction
-        if friction is not None:
-            twist, _, _ = balance(friction, ExactSections(energy), tensions[np.newaxis], before)
-            return self.equilibrium.shape(twist[:, 0])
+        if friction is None:
+            return self.equilibrium.shape(self.minimum(tensions))
+        sections = ExactSections(self.equilibrium.energy)
+        twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
+        return self.equilibrium.shape(twist[:, 0])
+
+    def _minimum(self, tensions: FloatArray) -> FloatArray:
+        """`Minimum` of the cross sections at the points."""
+        energy = self.equilibrium.energy
         local_tensions = energy.local_tensions(tensions[np.newaxis])
         start = initial_strain(energy, local_tensions)
         strain = minimise(energy, local_tensions, start).strain
         check_fibres(energy, strain)
-        return self.equilibrium.shape(to_twist(energy.law, strain)[:, 0])
+        return to_twist(energy.law, strain)[:, 0]
 
     def from_coarser(self, other: LoadedRod, shape: Shape) -> Shape:
         """The ``shape`` of an ``other`` rod at the points of this one."""

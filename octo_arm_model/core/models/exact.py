@@ -9,14 +9,15 @@ Under loads that is where continuation begins.
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable
 
 import numpy as np
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import follow
+from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
@@ -29,7 +30,7 @@ from octo_arm_model.core.numerics.chebyshev import (
 )
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.rod.solution import Solution, TendonTensions, stacked
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
 from octo_arm_model.core.section.sheath import sections_of
@@ -40,6 +41,7 @@ from octo_arm_model.core.sensitivity.results import Sensitivity
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
+COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
@@ -68,8 +70,8 @@ class Exact:
         arm, grid, base, law, shear, loads, _ = setup
         self._compiled: Callable[[LoadedRod], None] | None = None
 
-        def rod(level: int) -> LoadedRod:
-            rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level])
+        def rod(level: int, most_points: int = sys.maxsize) -> LoadedRod:
+            rod = LoadedRod(arm, grid, base, law, shear, loads, CUTS[level], most_points)
             if self._compiled:
                 self._compiled(rod)
             return rod
@@ -165,18 +167,14 @@ class Exact:
         level = 0
         if start is not None and start.shape is not None:
             level = self._rods.level_of(start.shape.twist)
-        slid = self._rods.at_level(before, level)
-        if start is None:
-            known = Condition(tensions, np.zeros(6), 0.0, slid)
-        else:
-            known = Condition(start.tensions.ravel(), start.tip_wrench, 1.0, slid)
-        if start is None or start.shape is None:
-            shape = self._rod(0).unloaded(known.tensions, slid)
-        else:
-            shape = start.shape
-        wanted = Condition(tensions, tip_wrench, 1.0, slid)
-        rod = self._rod(level)
+        wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
         spending = Spending(self._setup.budget)
+        if start is None:
+            known, shape = self._nearly(wanted, spending)
+        else:
+            known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
+            shape = start.shape or self._rod(0).unloaded(known.tensions, known.before)
+        rod = self._rod(level)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
@@ -197,6 +195,36 @@ class Exact:
             twist, state.residual, spending.iterations, state.shape, (position, quaternion),
             tendons,
         )  # fmt: skip
+
+    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
+        """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
+
+        That is ``wanted`` itself where Newton's method or few points lead there, else the
+        unloaded arm.
+        """
+        fine, coarse = self._rod(0), self._rod(0, COARSE)
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        unloaded = fine.unloaded(wanted.tensions, wanted.before)
+        is_plain = not (self.slides or fine.equilibrium.loads.without_tangent)
+        if not (is_plain and coarse.points < fine.points):
+            return known, unloaded
+        found = fine.newton(wanted, unloaded, TOLERANCE)
+        state = found.state
+        spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
+        if state.residual <= TOLERANCE and found.strayed <= STRAY:
+            stability = fine.equilibrium.stability(state, found.system)
+            if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
+                return wanted, state.shape
+        shape = coarse.unloaded(wanted.tensions)
+        try:
+            state = follow(
+                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY
+            )
+        except ContinuationError:
+            raise  # Its budget is spent.
+        except ConvergenceError:
+            return known, unloaded  # Too few points, perhaps.
+        return wanted, fine.from_coarser(coarse, state.shape)
 
     def _solve_unloaded(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (batch, tendons) [N].

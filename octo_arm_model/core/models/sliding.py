@@ -12,7 +12,7 @@ from octo_arm_model.core.loaded.sliding_balance import Sections, balance
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
 
 # Elements that the panels of a rod are cut into, the next where strains are not resolved.
-CUTS = (1, 2, 4, 8)
+CUTS: tuple[int, ...] = (1, 2, 4, 8)
 
 
 class Rods:

@@ -46,7 +46,7 @@ TABLE_4 = load_config(preset_path('renda2012_table4'))
 
 
 def both(config: Config, model: str) -> tuple[Solver, Solver]:
-    return config.solver(model, compiled=True), config.solver(model)
+    return config.solver(model, compiled=True), config.solver(model, compiled=False)
 
 
 @pytest.fixture
@@ -180,10 +180,11 @@ def test_exact_comes_out_as_with_numpy(arm: Arm, law: str, loads: Loads) -> None
     random = np.random.default_rng(1)
     tensions = random.random((6, *arm.tension_shape)) * random.integers(0, 2, arm.tension_shape)
     one, other = machine.solve(tensions), numpy.solve(tensions)
-    # Both are balanced to the same tolerance.
+    # Both are balanced to the same tolerance, without loads machine code to rounding.
+    tolerance = 1e-9 if loads.any else 1e-11
     for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
         a, b = getattr(one, name), getattr(other, name)
-        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-9 * max(1.0, np.abs(b).max()))
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * max(1.0, np.abs(b).max()))
     assert one.residual.max() < 1e-10
     alone = machine.solve(tensions[3])
     np.testing.assert_allclose(alone.position, one.position[3], rtol=0.0, atol=1e-12)
