@@ -45,6 +45,7 @@ bench: prepare
 	@tools/with_ros python benchmarks/floods.py
 	@tools/with_ros python benchmarks/bags.py
 	@tools/with_ros python benchmarks/viewer.py
+	@tools/with_ros python benchmarks/estimation.py
 
 soak: prepare
 	@tools/with_ros python benchmarks/soak.py --part $(PART)

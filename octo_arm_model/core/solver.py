@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
+from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.assembly import Results
@@ -32,7 +34,7 @@ from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_lengths import TendonLengths
 from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
-from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 
@@ -232,6 +234,27 @@ class Solver:
         """
         self._own_twist(backbone)
         return self._statics.sensitivity(backbone)
+
+    def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
+        """Change of a single solution of this solver per unit of each of ``loads``.
+
+        Each is taken as a whole and need not be one that acts: `Loads` of a force of 1 N give the
+        change per newton, `Loads` of gravity and a fluid that per part of the weight. Where a
+        point load sits the solver must have one, of any size, or a station at an anchorage.
+
+        Raises:
+            ConfigError: as `sensitivity`; if the model has no loads, one of ``loads`` is of
+                another kind than the dead ones, or tendons have friction.
+            ArmDefinitionError: if a load does not fit the arm.
+        """
+        self._own_twist(backbone)
+        self._check_loads(True)
+        assert isinstance(self._statics, Exact)
+        for one in loads:
+            one.check_inside(self.arm.length)
+            if one.others:
+                raise ConfigError('loads.others have no derivatives by their magnitude')
+        return self._statics.sensitivity_to_loads(backbone, loads)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.

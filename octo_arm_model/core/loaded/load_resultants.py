@@ -7,10 +7,49 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import DeformedRod, Loads, Resultants, Tangent
 from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.load_tangents import RodPoints
 from octo_arm_model.core.numerics.quaternion import Quaternions
+
+
+def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
+    """Weight, buoyancy and distributed ``loads`` on ``arm`` at ``s`` (n,), (3, n) [N/m].
+
+    Raises:
+        ArmDefinitionError: if gravity acts on an arm of no density.
+    """
+    if any(loads.gravity) and not arm.material.density:
+        raise ArmDefinitionError(
+            'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
+        )
+    area = np.pi * arm.body.radius(s) ** 2
+    weight = (arm.material.density - loads.fluid_density) * area
+    density = np.array(loads.gravity)[:, np.newaxis] * weight
+    for load in loads.distributed:
+        inside = (s >= load.s[0]) & (s <= load.s[-1])
+        density[:, inside] += load.at(s[inside])
+    return density
+
+
+def dead_resultants(arm: Arm, rod: Collocation | DeformedRod, loads: Loads) -> Resultants:
+    """What those of ``loads`` on ``arm`` that are fixed in base_frame put on cross sections.
+
+    But the wrench on the tip; at the points of ``rod``.
+
+    Raises:
+        ArmDefinitionError: if gravity acts on an arm of no density.
+    """
+    s = rod.s
+    force = rod.integrate_from_tip(force_per_length(arm, s, loads))
+    moment = np.zeros_like(force)
+    for point in loads.points:
+        # No point of an element lies at a load; one at the base is felt by nothing.
+        beyond = s < point.s
+        force[:, beyond] += np.array(point.force)[:, np.newaxis]
+        moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
+    return Resultants(force, moment)
 
 
 class LoadTable:
@@ -35,31 +74,14 @@ class LoadTable:
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
         """
-        if any(loads.gravity) and not arm.material.density:
-            raise ArmDefinitionError(
-                'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
-            )
-        s = collocation.s
-        area = np.pi * arm.body.radius(s) ** 2
-        weight = (arm.material.density - loads.fluid_density) * area
-        density = np.array(loads.gravity)[:, np.newaxis] * weight
-        for load in loads.distributed:
-            inside = (s >= load.s[0]) & (s <= load.s[-1])
-            density[:, inside] += load.at(s[inside])
-        force = collocation.integrate_from_tip(density)
-        moment = np.zeros_like(force)
-        for point in loads.points:
-            # No point of an element lies at a load; one at the base is felt by nothing.
-            beyond = s < point.s
-            force[:, beyond] += np.array(point.force)[:, np.newaxis]
-            moment[:, beyond] += np.array(point.moment)[:, np.newaxis]
-        self.dead, self.others = Resultants(force, moment), loads.others
+        self.dead, self.others = dead_resultants(arm, collocation, loads), loads.others
         self.has_moments = any(any(point.moment) for point in loads.points) or bool(self.others)
         self.is_empty = not (
-            density.any() or any(point.s > 0.0 for point in loads.points) or self.others
+            self.dead.force.any() or any(point.s > 0.0 for point in loads.points) or self.others
         )
 
-        rod = RodPoints(collocation, frames(np.zeros((3, s.size)), collocation, base))
+        straight = np.zeros((3, collocation.s.size))
+        rod = RodPoints(collocation, frames(straight, collocation, base))
         self.straight = self.resultants(rod)
         self.without_tangent = next(
             (type(load).__name__ for load in self.others if load.tangents(rod) is None), ''

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import ExactSections
-from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
@@ -36,7 +37,8 @@ from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, 
 from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
-from octo_arm_model.core.sensitivity.results import Sensitivity
+from octo_arm_model.core.sensitivity.by_loads import by_loads
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
@@ -272,6 +274,14 @@ class Exact:
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
+        return derivatives(*self._balanced(backbone))
+
+    def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
+        """Change of ``backbone`` per unit of each of ``loads``."""
+        return by_loads(*self._balanced(backbone), self._setup.arm, loads)
+
+    def _balanced(self, backbone: Backbone) -> tuple[LoadedRod, State]:
+        """The rod that a ``backbone`` is a solution of, and its state."""
         tensions = backbone.tensions.ravel()
         condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0
@@ -283,7 +293,7 @@ class Exact:
         else:
             level = self._rods.level_of(shape.twist)
         rod = self._rod(level)
-        return derivatives(rod, rod.equilibrium.state(condition, shape))
+        return rod, rod.equilibrium.state(condition, shape)
 
 
 def _sections(rod: LoadedRod) -> ExactSections:

@@ -64,10 +64,10 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
         columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
     response = respond(problem, problem.linearised(state), state, columns[:count], direct)
-    pose, strains = _read_out(rod, state, response)
+    pose, strains = read_out(rod, state, response)
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
-    length = _lengths(by_twist * weights, response.twist)
+    length = lengths_along(by_twist * weights, response.twist)
     # What changes the length of a tendon at a given twist.
     at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
     tendon = np.arange(tendons)
@@ -117,7 +117,7 @@ def _direct(rod: LoadedRod, state: State, sliding: Sliding, strain: FloatArray) 
     return direct
 
 
-def _read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
+def read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
     """Pose (stations, 6, columns) and strain (stations, 4, columns) from a ``response``."""
     twist, stations = state.shape.twist, rod.stations
     angular = np.einsum('ijn,jcn->icn', state.rotation, response.twist[:3])
@@ -181,11 +181,11 @@ def from_twist_changes(
     pose, strains = _integrate(twist, frames, grid, changes)
     # The paper's models keep tendons in their places, whatever the tensions.
     by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
-    length = _lengths(by_twist * integration_weights(grid), changes)
+    length = lengths_along(by_twist * integration_weights(grid), changes)
     return _split(pose, strains, length, counts)
 
 
-def _lengths(weighted: FloatArray, changes: FloatArray) -> FloatArray:
+def lengths_along(weighted: FloatArray, changes: FloatArray) -> FloatArray:
     """Change of every tendon's length, (tendons, columns), from that of its stretch by twist.
 
     ``weighted`` (n, tendons, points) with the weights of the integral along the arm.

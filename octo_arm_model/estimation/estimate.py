@@ -1,0 +1,109 @@
+"""What is known of an arm at one time."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.estimation.observability import Unlearnt, unlearnt
+from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.unknowns import State
+from octo_arm_model.estimation.update import Innovation, Updated
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Normal distribution of the state and of the shape at one time.
+
+    Attributes:
+        time: [s].
+        state: what the vector of the state holds.
+        mean: of the state, (n,).
+        root: root of its covariance, (n, n).
+        backbone: shape in the mean, with the tensions and the wrench on the tip estimated.
+        innovations: of the measurements of this time.
+        normalised_square: of all measurements of this time that were accepted, and of how many
+            numbers; see `Innovation`.
+        log_likelihood: of all of them, a refused one as if it were at the gate.
+        prior_stddev: of the state had nothing been measured, (n,).
+    """
+
+    time: float
+    state: State
+    mean: FloatArray
+    root: FloatArray
+    backbone: Backbone
+    innovations: tuple[Innovation, ...]
+    normalised_square: tuple[float, int]
+    log_likelihood: float
+    prior_stddev: FloatArray
+    _at: Prediction = field(repr=False)
+
+    @functools.cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the state, (n, n)."""
+        return self.root @ self.root.T
+
+    @functools.cached_property
+    def pose_covariance(self) -> FloatArray:
+        """Of position [m] and rotation vector [rad] of every station, (stations, 6, 6)."""
+        root = self._at.change.pose @ self.root
+        return root @ root.transpose(0, 2, 1)
+
+    @property
+    def tensions(self) -> FloatArray:
+        """True tensions [N], (tendons,)."""
+        return self.mean[self.state.tension]
+
+    @property
+    def tension_bias(self) -> FloatArray:
+        """What the load cells show too much [N], (tendons,); empty where not estimated."""
+        return self.mean[self.state.tension_bias]
+
+    @property
+    def tip_wrench(self) -> FloatArray:
+        """Force and moment on the tip, known ones included, in base_frame, (6,) [N, N m]."""
+        return self.backbone.tip_wrench
+
+    @property
+    def tip_wrench_covariance(self) -> FloatArray:
+        """Covariance of `tip_wrench`, zero of what is not estimated, (6, 6)."""
+        covariance = np.zeros((6, 6))
+        parts = (slice(0, 3), self.state.tip_force), (slice(3, 6), self.state.tip_moment)
+        for row, of_row in parts:
+            for column, of_column in parts:
+                found = self.covariance[of_row, of_column]
+                if found.size:
+                    covariance[row, column] = found
+        return covariance
+
+    @property
+    def point_forces(self) -> FloatArray:
+        """Forces at the cross sections of `Unknowns.point_forces`, (forces, 3) [N]."""
+        return self.mean[self.state.point_forces].reshape(-1, 3)
+
+    @functools.cached_property
+    def unlearnt(self) -> tuple[Unlearnt, ...]:
+        """Directions of the state that the measurements so far have told nothing of."""
+        return unlearnt(self.root, self.prior_stddev, self.state.names)
+
+
+def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Estimate:
+    """The `Estimate` that ``updated`` is."""
+    at, belief = updated.at, updated.belief
+    return Estimate(
+        time,
+        at.model.state,
+        belief.mean,
+        belief.root,
+        at.model.real(belief.mean, updated.shape),
+        updated.innovations,
+        updated.normalised_square,
+        updated.log_likelihood,
+        prior_stddev,
+        at,
+    )

@@ -1,0 +1,224 @@
+"""From a state to the shape of the arm, and its derivatives by the state.
+
+Statics depend on E through the ratios of tensions and loads to it, so an arm of another E is
+solved as the one described, under tensions and loads divided by the ratio of both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.core.arm.profile import Constant, Linear
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.estimation.scaled_loads import ScaledLoads
+from octo_arm_model.estimation.unknowns import State, Unknowns
+
+# A step of the estimator that leads where the arm is followed for longer is too long.
+BUDGET = Budget(iterations=60)
+_UNIT: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_PIECES = 64  # of the table of a current along an arm that is no cone
+
+
+class ArmModel:
+    """One arm whose tensions, loads and E are a state.
+
+    Attributes:
+        arm: the arm.
+        state: what the vector holds.
+        solver: of the arm as described.
+        loads: that act besides those of the state.
+        unit_loads: loads of magnitude one of which the state holds the magnitudes, from
+            ``state.point_forces`` to ``state.current``.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        unknowns: Unknowns,
+        model: str = 'exact',
+        *,
+        loads: Loads = Loads(),
+        **options: Any,
+    ) -> None:
+        """Prepare ``arm`` for ``unknowns``; ``loads`` and ``options`` are those of `Solver`.
+
+        Raises:
+            ConfigError: as `Solver`; if external forces are unknown and the model has no loads; if
+                E is, and there are loads of a kind that has no magnitude, or sheaths; if tendons
+                have friction.
+            MeasurementError: if a point force is not on the arm.
+        """
+        self.arm, self.loads = arm, loads
+        self.state = state = State(unknowns, arm)
+        if loads.others and unknowns.log_modulus is not None:
+            raise ConfigError('loads.others do not go with an unknown log_modulus')
+        if arm.sheath_stiffness and unknowns.log_modulus is not None:
+            raise ConfigError(
+                'sheath_stiffness, which is not in proportion to E, does not go with '
+                'an unknown log_modulus'
+            )
+        if arm.friction:
+            # The shape follows from the course of the tensions, not from the state.
+            raise ConfigError('friction of tendons is not covered by the estimator')
+        self._known_wrench = loads.tip_wrench
+        dead = dataclasses.replace(loads, tip_force=_ZERO, tip_moment=_ZERO)
+        unit = [
+            Loads(points=(PointLoad(point.s, axis),))
+            for point in unknowns.point_forces
+            for axis in _UNIT
+        ]
+        if unknowns.current is not None:
+            unit += [Loads(distributed=(_current(arm, axis),)) for axis in _UNIT]
+        self.unit_loads = tuple(unit)
+        scaled = list(unit)
+        # Weight changes with E too, in parts of the stiffness.
+        self._scales_dead = unknowns.log_modulus is not None and dead.any
+        if self._scales_dead:
+            scaled.append(dead)
+            dead = Loads()
+        self._scaled = ScaledLoads(arm, scaled) if scaled else None
+        if self._scaled is not None:
+            dead = dataclasses.replace(dead, others=(*dead.others, self._scaled))
+        options.setdefault('budget', BUDGET)
+        self.solver = Solver(arm, model, loads=dead, **options)
+        self._wrench_parts = [
+            state.tip_force.stop > state.tip_force.start,
+            state.tip_moment.stop > state.tip_moment.start,
+        ]
+        if any(self._wrench_parts):
+            self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
+
+    def tip_wrench(self, x: FloatArray) -> FloatArray:
+        """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
+        wrench = self._known_wrench.copy()
+        for part, where in (
+            (slice(0, 3), self.state.tip_force),
+            (slice(3, 6), self.state.tip_moment),
+        ):
+            if where.stop > where.start:
+                wrench[part] += x[where]
+        return wrench
+
+    def stiffness(self, x: FloatArray) -> float:
+        """E in ``x`` over that of the arm as described."""
+        return float(np.exp(x[self.state.log_modulus].sum()))
+
+    def solve(self, x: FloatArray, start: Backbone | None) -> Backbone:
+        """Shape in ``x``, followed from ``start``; of the arm as described, see the module.
+
+        Raises:
+            OctoArmError: as `Solver.solve`.
+        """
+        ratio = self._set_magnitudes(x)
+        tensions = x[self.state.tension].reshape(self.arm.tension_shape) / ratio
+        wrench = self.tip_wrench(x)
+        return self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
+
+    def derivatives(self, x: FloatArray, backbone: Backbone) -> Change:
+        """Change of the shape ``backbone`` in ``x`` per unit of each component of the state.
+
+        Raises:
+            OctoArmError: as `Solver.sensitivity`.
+        """
+        ratio, state = self._set_magnitudes(x), self.state
+        by = self.solver.sensitivity(backbone)
+        parts = [(state.tension, by.by_tension, slice(None), ratio)]
+        if any(self._wrench_parts):
+            assert by.by_tip_wrench is not None
+            parts.append((state.tip_force, by.by_tip_wrench, slice(0, 3), ratio))
+            parts.append((state.tip_moment, by.by_tip_wrench, slice(3, 6), ratio))
+        parts.append((state.log_modulus, by.by_youngs_modulus, slice(None), 1.0))
+        if self.unit_loads:
+            by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
+            where = slice(state.point_forces.start, state.current.stop)
+            parts.append((where, by_loads, slice(None), ratio))
+        shape = backbone.s.size, len(self.arm.tendons)
+        pose, strain, length = (
+            np.zeros((*size, state.size)) for size in ((shape[0], 6), (shape[0], 4), shape[1:])
+        )
+        for where, change, columns, unit in parts:
+            if where.stop > where.start:
+                pose[..., where] = change.pose[..., columns] / unit
+                strain[..., where] = change.strain[..., columns] / unit
+                length[..., where] = change.tendon_length[..., columns] / unit
+        return Change(pose, strain, length)
+
+    def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
+        """``backbone`` with the tensions and the wrench on the tip of ``x``."""
+        tensions = x[self.state.tension].reshape(self.arm.tension_shape)
+        return dataclasses.replace(backbone, tensions=tensions, tip_wrench=self.tip_wrench(x))
+
+    def _set_magnitudes(self, x: FloatArray) -> float:
+        """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
+        ratio, state = self.stiffness(x), self.state
+        if self._scaled is not None:
+            unknown = x[state.point_forces.start : state.current.stop]
+            known = [1.0] if self._scales_dead else []
+            self._scaled.magnitudes = np.array([*unknown, *known]) / ratio
+        return ratio
+
+
+class Prediction:
+    """What an arm is in one state; solved and differentiated where asked for.
+
+    Attributes:
+        model: the arm.
+        x: the state.
+    """
+
+    def __init__(self, model: ArmModel, x: FloatArray, start: Backbone | None) -> None:
+        """In the state ``x``, followed from the shape ``start``."""
+        self.model, self.x, self._start = model, x, start
+
+    @property
+    def shape(self) -> Backbone | None:
+        """The shape if it was solved, what to follow it from if not."""
+        return self.__dict__.get('solved', self._start)
+
+    @functools.cached_property
+    def solved(self) -> Backbone:
+        """Shape, of the arm as described.
+
+        Raises:
+            OctoArmError: as `Solver.solve`.
+        """
+        return self.model.solve(self.x, self._start)
+
+    @functools.cached_property
+    def change(self) -> Change:
+        """Change of the shape per unit of each component of the state."""
+        return self.model.derivatives(self.x, self.solved)
+
+    def forget(self) -> None:
+        """Free the memory of `change`, which is found again where asked for."""
+        self.__dict__.pop('change', None)
+
+    @functools.cached_property
+    def tendon_lengths(self) -> FloatArray:
+        """Length of every tendon [m], (tendons,)."""
+        return self.model.solver.tendon_lengths(self.solved).ravel()
+
+
+_ZERO = (0.0, 0.0, 0.0)
+
+
+def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
+    """Pressure of 1 Pa along ``axis``, times the diameter."""
+    profile = arm.body.profile
+    s = np.array([0.0, arm.length])
+    if not isinstance(profile, (Constant, Linear)):
+        inside = [knot for knot in profile.knots if 0.0 < knot < arm.length]
+        s = np.union1d(np.linspace(0.0, arm.length, _PIECES + 1), inside)
+    force = np.outer(2.0 * arm.body.radius(s), axis)
+    return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))

@@ -1,0 +1,155 @@
+"""What is estimated of an arm, and how each of it may change in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray
+
+_AXES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Prior of a quantity in time: random walk or, with a correlation time, Gauss-Markov process.
+
+    Attributes:
+        stddev: standard deviation at the start, about zero, > 0 [unit of the quantity].
+        rate: of the random walk, standard deviation of the change in a second [unit/s^0.5], >= 0.
+        correlation_time: in which a deviation from zero decays by e without measurements, > 0
+            [s]; infinite of a random walk.
+
+    Raises:
+        MeasurementError: if a value is outside its range.
+    """
+
+    stddev: float
+    rate: float = 0.0
+    correlation_time: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, value, is_fine, expected in (
+            ('stddev', self.stddev, 0.0 < self.stddev < math.inf, 'a finite number > 0'),
+            ('rate', self.rate, 0.0 <= self.rate < math.inf, 'a finite number >= 0'),
+            ('correlation_time', self.correlation_time, self.correlation_time > 0.0, '> 0 [s]'),
+        ):
+            if not is_fine:
+                raise MeasurementError(f'{name} of a walk is {value!r}, expected {expected}')
+
+    @classmethod
+    def stationary(cls, stddev: float, correlation_time: float) -> Walk:
+        """Gauss-Markov process of one standard deviation at all times."""
+        return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
+
+    def decay(self, elapsed: float) -> float:
+        """What is left of a deviation after ``elapsed`` [s]."""
+        return math.exp(-elapsed / self.correlation_time)
+
+    def variance(self, elapsed: float) -> float:
+        """Variance that comes in during ``elapsed`` [s]."""
+        half = 0.5 * self.correlation_time
+        if math.isinf(half):
+            return self.rate**2 * elapsed
+        return -(self.rate**2) * half * math.expm1(-elapsed / half)
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """An unknown force on a cross section.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: prior of each of its components in base_frame [N].
+    """
+
+    s: float
+    force: Walk
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is estimated; None is known to be zero.
+
+    Attributes:
+        tension: true tension of every tendon [N].
+        tension_bias: what every load cell shows too much [N].
+        tip_force: each component of an external force on the tip, in base_frame [N].
+        tip_moment: likewise of a moment [N m].
+        point_forces: external forces on given cross sections.
+        current: each component of the pressure of a uniform current [Pa]: a dead force per
+            reference length, pressure times diameter, whatever the inclination of the arm.
+        log_modulus: logarithm of E over that of the arm's description [-].
+    """
+
+    tension: Walk
+    tension_bias: Walk | None = None
+    tip_force: Walk | None = None
+    tip_moment: Walk | None = None
+    point_forces: tuple[PointForce, ...] = ()
+    current: Walk | None = None
+    log_modulus: Walk | None = None
+
+
+class State:
+    """The unknowns of one arm as a vector.
+
+    Attributes:
+        unknowns: what it holds.
+        names: of its components.
+        size: how many they are.
+        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus: where
+            each is in the vector; empty slices for what is not estimated.
+    """
+
+    def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
+        """Lay out ``unknowns`` of ``arm``.
+
+        Raises:
+            MeasurementError: if a point force is not on the arm.
+        """
+        self.unknowns = unknowns
+        self.names: list[str] = []
+        self._walks: list[Walk] = []
+        self.tension = self._add('tension', unknowns.tension, arm.tendon_names)
+        self.tension_bias = self._add('tension_bias', unknowns.tension_bias, arm.tendon_names)
+        self.tip_force = self._add('tip_force', unknowns.tip_force, _AXES)
+        self.tip_moment = self._add('tip_moment', unknowns.tip_moment, _AXES)
+        start = len(self.names)
+        for point in unknowns.point_forces:
+            if not 0.0 < point.s <= arm.length:
+                raise MeasurementError(
+                    f's of a point force is {point.s!r}, expected within (0, {arm.length}] [m]'
+                )
+            self._add(f'force at {point.s:.4g} m', point.force, _AXES)
+        self.point_forces = slice(start, len(self.names))
+        self.current = self._add('current', unknowns.current, _AXES)
+        self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
+        self.size = len(self.names)
+
+    def _add(self, what: str, walk: Walk | None, parts: tuple[str, ...]) -> slice:
+        start = len(self.names)
+        if walk is not None:
+            self.names += [f'{what} {part}' for part in parts]
+            self._walks += len(parts) * [walk]
+        return slice(start, len(self.names))
+
+    def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:
+        """Standard deviation of every component ``elapsed`` [s] after the start, unmeasured."""
+        return np.array([
+            math.hypot(walk.stddev * walk.decay(elapsed), math.sqrt(walk.variance(elapsed)))
+            for walk in self._walks
+        ])  # fmt: skip
+
+    def decay(self, elapsed: float) -> FloatArray:
+        """What is left of every component after ``elapsed`` [s]."""
+        return np.array([walk.decay(elapsed) for walk in self._walks])
+
+    def growth(self, elapsed: float) -> FloatArray:
+        """Standard deviation that comes to every component in ``elapsed`` [s]."""
+        return np.sqrt([walk.variance(elapsed) for walk in self._walks])

@@ -1,0 +1,259 @@
+"""The estimator on simulated arms: facts that do not depend on its code."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
+from scipy.stats import chi2
+
+from octo_arm_model import Solver, Uncertainty
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.measurements import (
+    TendonDisplacements,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
+
+AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
+FORCE_AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY)
+
+
+def truth(model: ArmModel, force: np.ndarray, tensions: np.ndarray = TENSIONS) -> Prediction:
+    x = np.zeros(model.state.size)
+    x[model.state.tension] = tensions
+    x[model.state.tip_force] = force
+    return Prediction(model, x, None)
+
+
+def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance() -> None:
+    model = rubber(Unknowns(Walk(1e4)))
+    found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
+    solver = Solver(RUBBER, 'exact', 31)
+    expected = solver.solve([TENSIONS])
+    np.testing.assert_allclose(found.backbone.position, expected.position, atol=1e-10)
+    covariance = solver.tip_covariance(expected, Uncertainty(tension=0.02))
+    np.testing.assert_allclose(
+        found.pose_covariance[-1], covariance, atol=1e-9 * np.abs(covariance).max()
+    )
+    np.testing.assert_array_equal(found.pose_covariance[0], 0.0)
+    assert not found.unlearnt
+
+
+def test_exact_measurements_give_the_wrench() -> None:
+    model = rubber(AT_TIP, loads=WEIGHT)
+    x = np.concatenate([TENSIONS, [0.008, -0.006, 0.012], [1e-4, -2e-4, 1.5e-4]])
+    at = Prediction(model, x, None)
+    shape = at.solved
+    found = Filter(model).add(
+        0.0,
+        [Tensions(TENSIONS, 1e-9), TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))],
+    )
+    known = np.array(WEIGHT.tip_force)
+    scale = np.linalg.norm(x[4:7])
+    np.testing.assert_allclose(found.tip_wrench[:3] - known, x[4:7], atol=1e-6 * scale)
+    np.testing.assert_allclose(found.tip_wrench[3:], x[7:], atol=1e-6 * 2e-4)
+    np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-8)
+
+
+def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
+    model = rubber(FORCE_AT_TIP, loads=WEIGHT)
+    at = truth(model, np.array([0.004, 0.012, -0.008]))
+    drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
+    wrench = -BaseWrench(np.zeros(6), 1.0).innovation(at)
+    measured = [
+        Tensions(TENSIONS + [0.02, 0.0, -0.01, 0.01], 0.02),
+        TendonDisplacements(drawn_in, 1e-6),
+        BaseWrench(wrench, 1e-6),
+    ]
+    found = Filter(model, gate=1.0 - 1e-12).add(0.0, measured)
+    np.testing.assert_allclose(found.tensions, TENSIONS, atol=1e-3)
+    np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
+
+
+def test_an_axial_force_on_a_straight_arm_is_not_observable() -> None:
+    unknowns = dataclasses.replace(FORCE_AT_TIP, tip_force=Walk(1e-3))
+    model = rubber(unknowns)
+    straight = truth(model, np.zeros(3), np.full(4, 0.3))
+    measured = [Tensions(np.full(4, 0.3), 1e-6), TipPosition(straight.solved.tip, 5e-4)]
+    found = Filter(model).add(0.0, measured)
+    axial, *across = np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
+    # The tip moves by F L / EA: hundredths of a millimetre for a force of the prior's size.
+    assert axial == pytest.approx(1e-3, rel=0.01)
+    assert max(across) < 0.3e-3
+    (open_direction,) = found.unlearnt
+    assert open_direction.reason == 'tip_force x keeps its prior'
+
+
+def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Prediction]]:
+    """Estimates, states and shapes of a run whose noise is as it is told."""
+    rng = np.random.default_rng(seed)
+    unknowns = Unknowns(
+        Walk(1.0, 1.0),
+        tension_bias=Walk.stationary(0.01, 1.0),
+        tip_force=Walk.stationary(3e-3, 1.0),
+        log_modulus=Walk(0.02),
+    )
+    model = rubber(unknowns, loads=WEIGHT)
+    state = model.state
+    stddev = state.prior_stddev()
+    x = stddev * rng.normal(size=state.size)
+    own, found = Filter(model, gate=1.0 - 1e-9), []
+    pull = 1.0 + rng.uniform(0.0, 1.0, 4)
+    for step in range(steps):
+        if step:
+            x = state.decay(0.1) * x + state.growth(0.1) * rng.normal(size=state.size)
+        x[state.tension] = pull + 0.3 * np.sin(step + np.arange(4))
+        at = Prediction(model, x, found[-1][2].solved if found else None)
+        shape = at.solved
+        read = x[state.tension] + x[state.tension_bias] + 2e-3 * rng.normal(size=4)
+        moved = shape.tip + 5e-4 * rng.normal(size=3)
+        drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
+        drawn_in = drawn_in + 2e-4 * rng.normal(size=4)
+        measured = [
+            Tensions(read, 2e-3), TipPosition(moved, 5e-4), TendonDisplacements(drawn_in, 2e-4),
+        ]  # fmt: skip
+        found.append((own.add(0.1 * step, measured), x.copy(), at))
+    return found
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_the_covariance_says() -> None:
+    runs, steps = 30, 3
+    squares: dict[str, list[float]] = {'state': [], 'force': [], 'tip': [], 'innovation': []}
+    inside = []
+    for seed in range(runs):
+        for found, x, at in simulated(seed, steps):
+            state = found.state
+            error = found.mean - x
+            assert found.normalised_square[1] == 11
+            squares['innovation'].append(found.normalised_square[0] / 11)
+            # Tensions are drawn from no prior; what the others tell is a part of the state.
+            rest = slice(state.tension_bias.start, state.size)
+            for name, wrong, covariance in (
+                ('state', error[rest], found.covariance[rest, rest]),
+                ('force', error[state.tip_force], found.tip_wrench_covariance[:3, :3]),
+                ('tip', found.backbone.tip - at.solved.tip, found.pose_covariance[-1, :3, :3]),
+            ):
+                square = wrong @ np.linalg.solve(covariance, wrong) / wrong.size
+                squares[name].append(float(square))
+            force = np.abs(error[state.tip_force])
+            limit = 1.96 * np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
+            inside.append(force < limit)
+    for name, size in (('state', 8), ('force', 3), ('tip', 3)):
+        # Errors of the steps of a run are not independent: as if there were one a run.
+        low, high = chi2.ppf([1e-4, 1.0 - 1e-4], runs * size) / (runs * size)
+        mean = np.mean(squares[name])
+        assert low < mean < high, (name, mean, low, high)
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], runs * steps * 11) / (runs * steps * 11)
+    # Of each first step the tensions' prior explains all of four readings.
+    expected = 1.0 - 4.0 / 11.0 / steps
+    assert low * expected < np.mean(squares['innovation']) < high, (low, high)
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_a_lying_sensor_is_refused_and_counted() -> None:
+    model = rubber(FORCE_AT_TIP)
+    at = truth(model, np.array([0.0, 0.005, -0.005]))
+    tip = at.solved.tip
+    own = Filter(model)
+    right = [Tensions(TENSIONS, 0.01), TipPosition(tip, 1e-3)]
+    for step in range(3):
+        before = own.add(0.1 * step, right)
+    wrong = [Tensions(TENSIONS, 0.01), TipPosition(tip + [0.0, 0.1, 0.0], 1e-3)]
+    after = own.add(0.3, wrong)
+    assert own.refused == {'tip position': 1}
+    refused = after.innovations[1]
+    assert not refused.is_accepted and refused.normalised_square > 100.0
+    assert after.normalised_square[1] == 4
+    np.testing.assert_allclose(after.backbone.tip, before.backbone.tip, atol=5e-3)
+    # What was accepted is worth as much as without the liar.
+    assert np.diag(after.tip_wrench_covariance)[1] > np.diag(before.tip_wrench_covariance)[1]
+
+
+def test_late_measurements_are_as_good_as_in_time() -> None:
+    model = rubber(FORCE_AT_TIP)
+    at = truth(model, np.array([0.0, 0.005, -0.005]))
+    tip = TipPosition(at.solved.tip, 1e-3)
+    in_time, late = Filter(model), Filter(model, window=0.25)
+    in_time.add(0.0, [Tensions(TENSIONS, 0.01)])
+    in_time.add(0.1, [tip])
+    for step in (2, 3):
+        expected = in_time.add(0.1 * step, [Tensions(TENSIONS, 0.01)])
+    for step in (0, 2, 3):
+        late.add(0.1 * step, [Tensions(TENSIONS, 0.01)])
+    found = late.add(0.1, [tip])
+    assert found.time == pytest.approx(0.3)
+    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-3 * 0.01)
+    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-7)
+    late.add(2.0, [Tensions(TENSIONS, 0.01)])
+    with pytest.raises(MeasurementError, match='before the window'):
+        late.add(0.05, [tip])
+    assert late.late == 1
+
+
+def test_a_slack_tendon_is_estimated_slack() -> None:
+    model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
+    found = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
+    assert found.tensions[1] == 0.0
+    assert found.backbone.tensions[0, 1] == 0.0
+    # All of it is bias then, or noise, in proportion to their variances.
+    assert found.tension_bias[1] == pytest.approx(-0.02 * 0.05**2 / (0.05**2 + 0.01**2), rel=1e-3)
+
+
+def test_sensors_lost_and_back() -> None:
+    model = rubber(FORCE_AT_TIP)
+    at = truth(model, np.array([0.0, 0.008, -0.005]))
+    own = Filter(model)
+    tensions, tip = Tensions(TENSIONS, 0.01), TipPosition(at.solved.tip, 1e-3)
+    sure = own.add(0.0, [tensions, tip])
+    unsure = own.add(10.0, [tensions])
+    # Ten times the correlation time later nothing is known of the force.
+    stddev = np.sqrt(np.diag(unsure.tip_wrench_covariance)[:3])
+    np.testing.assert_allclose(stddev, 0.01, rtol=1e-3)
+    np.testing.assert_allclose(unsure.tip_wrench[:3], 0.0, atol=1e-5)
+    assert len(unsure.unlearnt) == 3
+    again = own.add(10.1, [tensions, tip])
+    np.testing.assert_allclose(again.tip_wrench, sure.tip_wrench, atol=1e-3)
+
+
+def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
+    model = rubber(FORCE_AT_TIP)
+    own = Filter(model)
+    own.add(0.0, [Tensions(TENSIONS, 0.01)])
+    before = own.last
+    with pytest.raises(MeasurementError, match='expected 4'):
+        own.add(0.1, [Tensions([1.0], 0.01)])
+    assert own.last is before
+    for bad in (math.nan, math.inf):
+        with pytest.raises(MeasurementError, match='time'):
+            own.add(bad, [])
+    for window, gate in ((-1.0, 0.9), (1.0, 1.0)):
+        with pytest.raises(MeasurementError):
+            Filter(model, window, gate)
+
+
+def test_everything_unknown_at_once_converges() -> None:
+    model = rubber(EVERYTHING, loads=WEIGHT)
+    rng = np.random.default_rng(5)
+    x = 0.2 * model.state.prior_stddev() * rng.normal(size=model.state.size)
+    x[model.state.tension] = TENSIONS
+    shape = Prediction(model, x, None).solved
+    found = Filter(model).add(
+        0.0,
+        [
+            Tensions(TENSIONS + x[model.state.tension_bias], 0.01),
+            TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-3)),
+        ],
+    )
+    assert all(one.is_accepted for one in found.innovations)
+    np.testing.assert_allclose(found.backbone.tip, shape.tip, atol=3e-3)

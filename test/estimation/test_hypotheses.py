@@ -1,0 +1,76 @@
+"""Where an unknown force acts."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from estimation_arms import TENSIONS, rubber
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.estimation.hypotheses import Hypotheses
+from octo_arm_model.estimation.measurements import Markers, Tensions
+from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+
+UNKNOWNS = Unknowns(Walk(5.0, 1.0))
+PLACES = (0.07, 0.13, 0.19)
+FORCE = Walk.stationary(0.02, 0.2)
+
+
+def models() -> dict[str, object]:
+    found = {
+        f'{s} m': rubber(dataclasses.replace(UNKNOWNS, point_forces=(PointForce(s, FORCE),)))
+        for s in PLACES
+    }
+    return {'free': rubber(UNKNOWNS), **found}
+
+
+@pytest.mark.parametrize('place', [*PLACES, None])
+def test_the_place_is_found(place: float | None) -> None:
+    rng = np.random.default_rng(7)
+    given = models()
+    name = 'free' if place is None else f'{place} m'
+    model = given[name]
+    x = np.zeros(model.state.size)
+    x[:4] = TENSIONS
+    if place is not None:
+        x[model.state.point_forces] = [0.0, 0.02, -0.015]
+    shape = Prediction(model, x, None).solved
+    s = np.array([0.05, 0.1, 0.15, 0.2])
+    at = Markers(s, np.zeros((4, 3)), 1e-3)
+    positions = -at.innovation(Prediction(model, x, None)).reshape(4, 3)
+    bank = Hypotheses(given)
+    for step in range(3):
+        noisy = positions + 1e-3 * rng.normal(size=(4, 3))
+        ranked = bank.add(0.1 * step, [Tensions(TENSIONS, 0.01), Markers(s, noisy, 1e-3)])
+    assert sum(one.probability for one in ranked) == pytest.approx(1.0)
+    best = ranked[0]
+    assert best.name == name and best.probability > 0.9
+    np.testing.assert_allclose(best.estimate.backbone.tip, shape.tip, atol=2e-3)
+    if place is not None:
+        where = model.state.point_forces
+        error = best.estimate.mean[where] - x[where]
+        assert error @ np.linalg.solve(best.estimate.covariance[where, where], error) < 16.0
+
+
+def test_a_truth_that_changes_is_followed() -> None:
+    given = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
+    s = np.array([0.1, 0.2])
+    bank = Hypotheses(given, change_time=1.0)
+    for step, force in enumerate([0.0, 0.0, 0.02, 0.02, 0.02]):
+        model = given['0.19 m']
+        x = np.concatenate([TENSIONS, [0.0, force, 0.0]])
+        positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
+        measured = [Tensions(TENSIONS, 0.01), Markers(s, positions.reshape(2, 3), 1e-3)]
+        ranked = bank.add(0.1 * step, measured)
+        assert ranked[0].name == ('0.19 m' if force else 'free')
+        # Neither is ever beyond doubt.
+        assert ranked[1].probability > 1e-12
+    with pytest.raises(MeasurementError, match='after'):
+        bank.add(0.0, [])
+    with pytest.raises(MeasurementError, match='at least one'):
+        Hypotheses({})
+    with pytest.raises(MeasurementError, match='change_time'):
+        Hypotheses(given, 0.0)

@@ -1,0 +1,195 @@
+"""What is predicted, against the solver; its derivatives, against differences."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from differences import jacobian
+from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import DistributedLoad, Material, PointLoad, Solver
+from octo_arm_model.core.errors import ConfigError, MeasurementError
+from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.measurements import (
+    Curvatures,
+    Markers,
+    Measurement,
+    TendonDisplacements,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+
+SOME_PLACE = np.array([0.03, 0.11, 0.2])
+TURNED = Rotation.from_rotvec([0.3, -0.2, 0.5])
+MEASUREMENTS: dict[str, Callable[[], Measurement]] = {
+    'tensions': lambda: Tensions([0.5, 0.3], 0.1, ('tendon_1_3', 'tendon_1_1')),
+    'displacements': lambda: TendonDisplacements(np.zeros(4), 1e-3),
+    'tip position': lambda: TipPosition(np.zeros(3), 1e-3),
+    'tip pose': lambda: TipPose([0.1, 0.0, 0.0], TURNED.as_quat(), np.full(6, 0.1)),
+    'markers': lambda: Markers(SOME_PLACE, np.zeros((3, 3)), 1e-3),
+    'curvatures': lambda: Curvatures(SOME_PLACE, np.zeros((3, 2)), 1.0),
+    'base wrench': lambda: BaseWrench(np.zeros(6), 0.1),
+}
+
+
+def state_of(model: ArmModel) -> np.ndarray:
+    """A state in which nothing is zero."""
+    state = model.state
+    x = np.empty(state.size)
+    x[state.tension], x[state.tension_bias] = TENSIONS, [0.1, -0.05, 0.02, 0.0]
+    x[state.tip_force], x[state.tip_moment] = [0.004, -0.003, 0.006], [1e-4, 2e-4, -1e-4]
+    x[state.point_forces], x[state.current] = [0.005, 0.008, -0.004], [0.2, -0.3, 0.5]
+    x[state.log_modulus] = 0.1
+    return x
+
+
+@pytest.mark.parametrize('name', MEASUREMENTS)
+def test_derivatives_by_the_whole_state(name: str) -> None:
+    model, one = rubber(EVERYTHING, loads=WEIGHT), MEASUREMENTS[name]()
+    x = state_of(model)
+    at = Prediction(model, x, None)
+    scale = model.state.prior_stddev()
+    steps = 1e-2 * np.minimum(scale, 1.0)
+    found = one.jacobian(at) * scale
+    moved = jacobian(lambda y: one.innovation(Prediction(model, y, at.solved)), x, steps)
+    expected = -moved * scale
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
+def test_derivatives_of_the_papers_models(model: str) -> None:
+    own = rubber(Unknowns(Walk(5.0), log_modulus=Walk(0.05)), model)
+    x = np.append(TENSIONS, 0.1)
+    at = Prediction(own, x, None)
+    one = MEASUREMENTS['tip pose']()
+    moved = jacobian(lambda y: one.innovation(Prediction(own, y, None)), x, 1e-3)
+    np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
+
+
+def test_a_stiffer_arm_is_one_of_that_modulus() -> None:
+    model = rubber(EVERYTHING, loads=WEIGHT)
+    x = state_of(model)
+    found = Prediction(model, x, None)
+    stiffer = Material(1.1e5 * np.exp(0.1), 0.5, 1080.0)
+    pressure = np.array([0.2, -0.3, 0.5])
+    ends = tuple(tuple(2.0 * radius * pressure) for radius in (0.0075, 0.003))
+    loads = dataclasses.replace(
+        WEIGHT,
+        tip_force=tuple(np.array(WEIGHT.tip_force) + x[model.state.tip_force]),
+        tip_moment=tuple(x[model.state.tip_moment]),
+        points=(PointLoad(0.12, tuple(x[model.state.point_forces])),),
+        distributed=(DistributedLoad((0.0, 0.2), ends),),
+    )
+    arm = dataclasses.replace(RUBBER, material=stiffer)
+    solver = Solver(arm, 'exact', 31, loads=loads)
+    expected = solver.solve([TENSIONS])
+    np.testing.assert_allclose(found.solved.position, expected.position, atol=1e-9)
+    real = model.real(x, found.solved)
+    np.testing.assert_allclose(real.tensions, [TENSIONS])
+    np.testing.assert_allclose(real.tip_wrench, [*loads.tip_force, *loads.tip_moment])
+    lengths = solver.tendon_lengths(expected).ravel()
+    np.testing.assert_allclose(found.tendon_lengths, lengths, atol=1e-9)
+
+
+def test_exact_values_leave_no_innovation() -> None:
+    model = rubber(EVERYTHING, loads=WEIGHT)
+    at = Prediction(model, state_of(model), None)
+    shape = at.solved
+    drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
+    s = shape.s[[3, 17, 30]]
+    for one in (
+        Tensions(TENSIONS + [0.1, -0.05, 0.02, 0.0], 0.1),
+        TendonDisplacements(drawn_in[[2]], 1e-3, ('tendon_1_3',)),
+        TipPosition(shape.tip, 1e-3),
+        TipPose(shape.tip, shape.quaternion[-1], 1e-3),
+        Markers(s, shape.position[[3, 17, 30]], 1e-3),
+        Curvatures(s, np.stack([shape.xi, shape.k], axis=1)[[3, 17, 30]], 1e-3),
+    ):
+        np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-12)
+
+
+def test_markers_between_stations_lie_on_the_curve() -> None:
+    coarse, fine = (ArmModel(RUBBER, Unknowns(Walk(5.0)), stations=count) for count in (31, 301))
+    x = np.array([1.0, 0.0, 0.3, 0.2])
+    at, finer = (Prediction(model, x, None) for model in (coarse, fine))
+    between = [155, 203]
+    one = Markers(finer.solved.s[between], finer.solved.position[between], 1e-3)
+    np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-6)
+
+
+def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
+    model = rubber(EVERYTHING, loads=WEIGHT)
+    x = state_of(model)
+    at = Prediction(model, x, None)
+    found = -BaseWrench(np.zeros(6), 1.0).innovation(at)
+    # By the trapezoidal rule over many more stations.
+    fine = ArmModel(RUBBER, EVERYTHING, loads=WEIGHT, stations=2001)
+    shape = Prediction(fine, x, None).solved
+    radius = RUBBER.body.radius(shape.s)
+    per_length = np.outer(np.pi * radius**2, 80.0 * np.array(WEIGHT.gravity))
+    per_length += np.outer(2.0 * radius, x[fine.state.current])
+    steps = np.diff(shape.s)
+    weights = np.zeros(shape.s.size)
+    weights[1:] += 0.5 * steps
+    weights[:-1] += 0.5 * steps
+    forces = per_length * weights[:, np.newaxis]
+    forces[np.searchsorted(shape.s, 0.12 - 1e-9)] += x[fine.state.point_forces]
+    wrench = fine.tip_wrench(x)
+    forces[-1] += wrench[:3]
+    expected = np.concatenate([
+        forces.sum(axis=0), np.cross(shape.position, forces).sum(axis=0) + wrench[3:]
+    ])  # fmt: skip
+    scale = np.repeat([np.abs(expected[:3]).max(), np.abs(expected[3:]).max()], 3)
+    np.testing.assert_allclose(found / scale, expected / scale, atol=5e-5)
+
+
+@pytest.mark.parametrize(
+    ('make', 'message'),
+    [
+        (lambda: TipPosition([0.0, np.nan, 0.0], 1.0), 'finite'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), 'standard deviations > 0'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], [1.0, 1.0]), '3 standard deviations'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)), 'positive definite'),
+        (lambda: TipPose(np.zeros(3), [0.0, 0.0, 0.0, 2.0], 1.0), 'length 1'),
+        (lambda: Markers([0.1], np.zeros((2, 3)), 1.0), '6 numbers, expected 3'),
+        (lambda: Tensions([1.0], 0.1, ('no_such',)).innovation(_any()), 'unknown tendon no_such'),
+        (lambda: Tensions([1.0, 2.0], 0.1).innovation(_any()), 'expected 4: one for each tendon'),
+        (lambda: Markers([0.3], [[0, 0, 0]], 1.0).innovation(_any()), r'within \[0, 0.2\]'),
+        (lambda: Walk(0.0), 'stddev'),
+        (lambda: Walk(1.0, -1.0), 'rate'),
+        (lambda: Walk(1.0, 1.0, 0.0), 'correlation_time'),
+        (lambda: rubber(Unknowns(Walk(1.0), point_forces=(PointForce(0.3, LIKELY),))), '0.3'),
+    ],
+)
+def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(MeasurementError, match=message):
+        make()
+
+
+def _any() -> Prediction:
+    model = rubber(Unknowns(Walk(5.0)))
+    return Prediction(model, TENSIONS, None)
+
+
+def test_forces_take_a_model_with_loads() -> None:
+    for unknowns in (
+        Unknowns(Walk(1.0), tip_force=LIKELY),
+        Unknowns(Walk(1.0), current=LIKELY),
+    ):
+        with pytest.raises(ConfigError, match='choose exact'):
+            rubber(unknowns, 'closed_form')
+
+
+def test_what_is_no_function_of_the_state_is_refused() -> None:
+    unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
+    with pytest.raises(ConfigError, match='friction'):
+        ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
+    with pytest.raises(ConfigError, match='sheath_stiffness'):
+        ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
