@@ -8,7 +8,7 @@ from checkout import ROOT
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = sorted((ROOT / 'examples').glob('[1-4]_*.py'))
+EXAMPLES = sorted((ROOT / 'examples').glob('[1-46]_*.py'))
 
 
 @pytest.mark.parametrize('example', EXAMPLES, ids=lambda path: path.stem)

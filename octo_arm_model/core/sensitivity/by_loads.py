@@ -33,14 +33,14 @@ def by_loads(rod: LoadedRod, state: State, arm: Arm, loads: Sequence[Loads]) -> 
     columns = np.stack([_wrench(rod, state, arm, one) for one in loads], axis=1)
     twist = state.shape.twist
     response = problem.linearised(state).solve(columns[: len(twist)])
-    pose, strain = read_out(rod, state, response)
+    pose, strains = read_out(rod, state, response)
     energy = problem.energy
     local_tensions = energy.local_tensions(state.condition.tensions[np.newaxis])
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     lengthening = energy.lengthening(strain, local_tensions)[1]
     by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     length = lengths_along(by_twist * problem.collocation.weights, response.twist)
-    return Change(pose, strain, length)
+    return Change(pose, strains, length)
 
 
 def _wrench(rod: LoadedRod, state: State, arm: Arm, loads: Loads) -> FloatArray:
