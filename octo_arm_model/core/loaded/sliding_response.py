@@ -24,15 +24,12 @@ _MOST = 100  # steps
 
 
 def newton_step(problem: Equilibrium, system: System, state: State) -> Response:
-    """Answer of ``system`` to the imbalance of ``state``, exact enough for Newton's method.
+    """Response of ``system`` to the imbalance of ``state``, exact enough for Newton's method.
 
     Raises:
         ConvergenceError: if the change of tensions is not found.
     """
-    imbalance = state.imbalance[:, np.newaxis]
-    if state.sliding is None:
-        return system.solve(imbalance)
-    return _respond(problem, system, state, state.sliding, imbalance, None, _ROUGH)
+    return respond(problem, system, state, state.imbalance[:, np.newaxis], tolerance=_ROUGH)
 
 
 def respond(
@@ -40,30 +37,20 @@ def respond(
     system: System,
     state: State,
     imbalance: FloatArray,
-    direct: FloatArray | None,
+    direct: FloatArray | None = None,
+    tolerance: float = _EXACT,
 ) -> Response:
-    """Answer of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
+    """Response of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
 
     ``system`` is that of tensions that stay. With friction they change with the shape, and by
-    ``direct`` (tendons, columns, points) besides [N].
+    ``direct`` (tendons, columns, points) besides [N]; ``tolerance`` is in parts of each change.
 
     Raises:
         ConvergenceError: if the change of tensions is not found.
     """
-    if state.sliding is None:
+    sliding = state.sliding
+    if sliding is None:
         return system.solve(imbalance)
-    return _respond(problem, system, state, state.sliding, imbalance, direct, _EXACT)
-
-
-def _respond(
-    problem: Equilibrium,
-    system: System,
-    state: State,
-    sliding: Sliding,
-    imbalance: FloatArray,
-    direct: FloatArray | None,
-    tolerance: float,
-) -> Response:
     friction, energy, twist = problem.friction, problem.energy, state.shape.twist
     assert friction is not None
     strain = to_scaled(energy.law, twist[:, np.newaxis])

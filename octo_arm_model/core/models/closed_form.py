@@ -2,7 +2,7 @@
 
 A frictionless tendon's moment on a cross section is local, so K omega = sum M is a linear system
 at every s, symmetric positive definite for non-negative tensions. As offsets have no component
-along t, torsion stands alone and the two curvatures form a system of two; see `TendonSums` for
+along t, torsion is uncoupled and the two curvatures form a system of two; see `TendonSums` for
 the letters.
 """
 
@@ -29,7 +29,7 @@ class ClosedForm:
         self.stiffness = SectionStiffness.at(arm, nodes)
 
     def solve(self, tensions: FloatArray) -> Solution:
-        """Twist at every node under ``tensions`` (..., tendons) [N]; nothing is left over."""
+        """Twist at every node under ``tensions`` (..., tendons) [N]; the residual is zero."""
         return Solution(self._twist(self.weights.sums(tensions)), 0.0, 0)
 
     def local_twist(self, local_tensions: FloatArray) -> FloatArray:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Protocol
-
-import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup
+from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.kinematics import node_frames
 from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.section.elastic_laws import LAWS
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.analytic import papers_derivatives
 from octo_arm_model.core.sensitivity.results import Sensitivity
 
@@ -38,19 +33,12 @@ class Equations(Protocol):
         """
 
 
-class PapersModel:
+class PapersModel(UnloadedStatics):
     """One of the paper's models on a grid.
 
     Attributes:
         equations: from tensions to strains at the nodes of the grid.
-        takes_loads: never.
-        law: the linear one.
-        strains: four.
     """
-
-    takes_loads = False
-    law = LAWS['linear']
-    strains = 4
 
     def __init__(
         self, equations: Callable[[Arm, FloatArray, IntArray], Equations], setup: Setup
@@ -65,40 +53,17 @@ class PapersModel:
                 "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
                 'in their places'
             )
+        super().__init__(setup)
         grid = setup.grid
-        self._setup = setup
         self.equations = equations(setup.arm, grid.nodes, grid.node_section)
 
-    @functools.cached_property
-    def sections(self) -> SectionEnergy:
-        """The cross sections at the nodes; for the lengths of tendons alone."""
-        arm, grid = self._setup.arm, self._setup.grid
-        return SectionEnergy(arm, grid.nodes, grid.node_section, self.law)
-
-    def is_loaded(self, tip_wrench: FloatArray) -> bool:
-        """It never is."""
-        return False
-
-    def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Backbone | None,
-        before: FloatArray | None = None,
-    ) -> Solution:
-        """Solve for ``tensions`` (..., tendons) [N]; the others are not used.
-
-        Raises:
-            ConvergenceError: if the equations were not solved.
-        """
+    def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         return self.equations.solve(tensions)
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""
-        twist, tensions = backbone.twist, backbone.tensions.ravel()
-        assert twist is not None
-        _, frames = node_frames(twist[:, np.newaxis], self._setup.grid, self._setup.base)
-        setup = self._setup
+        twist, frames = self._twist_and_frames(backbone)
+        setup, tensions = self._setup, backbone.tensions.ravel()
         return papers_derivatives(
             self.equations.solve, self.sections, setup.grid, twist, frames, tensions, setup.batch
         )

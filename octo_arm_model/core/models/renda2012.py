@@ -158,7 +158,7 @@ class Renda2012:
 
 
 class March:
-    """Goes from the tip to the base, element by element.
+    """Integration of (10) from the tip to the base, element by element.
 
     Attributes:
         elements: from the tip; the panel that begins at the first anchorage is none of them.

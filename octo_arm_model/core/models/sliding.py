@@ -41,7 +41,7 @@ class Rods:
     ) -> Solution:
         """Balance under ``tensions`` (batch, tendons) [N] alone, with friction.
 
-        ``sections`` says how the cross sections of a rod answer; ``before`` is as in
+        ``sections`` gives the twist of the cross sections of a rod; ``before`` is as in
         `Friction.slide`.
 
         Raises:

@@ -1,4 +1,4 @@
-"""`closed_form` for tendons with friction: the same balance, at the tension that is left."""
+"""`closed_form` for tendons with friction: the same balance, at the local tension."""
 
 from __future__ import annotations
 
@@ -14,27 +14,15 @@ from octo_arm_model.core.loaded.sliding_response import tension_changes
 from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
+from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.kinematics import node_frames
 from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.section.elastic_laws import LAWS
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.analytic import from_twist_changes
 from octo_arm_model.core.sensitivity.results import Sensitivity
 
 
-class SlidingClosedForm:
-    """The closed form along a rod whose tendons have friction.
-
-    Attributes:
-        takes_loads: never.
-        law: the linear one.
-        strains: four.
-    """
-
-    takes_loads = False
-    law = LAWS['linear']
-    strains = 4
+class SlidingClosedForm(UnloadedStatics):
+    """The closed form along a rod whose tendons have friction."""
 
     def __init__(self, setup: Setup) -> None:
         """Tabulate the arm.
@@ -42,7 +30,7 @@ class SlidingClosedForm:
         Raises:
             ConfigError: if tendons dig into the body as well.
         """
-        self._setup = setup
+        super().__init__(setup)
         arm, grid, base, *_ = setup
         self._rod = functools.lru_cache(
             lambda level: LoadedRod(arm, grid, base, self.law, False, Loads(), CUTS[level])
@@ -51,31 +39,10 @@ class SlidingClosedForm:
         self._rod(0)
 
     @functools.cached_property
-    def sections(self) -> SectionEnergy:
-        """The cross sections at the nodes; for the lengths of tendons alone."""
-        arm, grid = self._setup.arm, self._setup.grid
-        return SectionEnergy(arm, grid.nodes, grid.node_section, self.law)
-
-    @functools.cached_property
     def _at_nodes(self) -> ClosedForm:
         return ClosedForm(self._setup.arm, self._setup.grid.nodes, self._setup.grid.node_section)
 
-    def is_loaded(self, tip_wrench: FloatArray) -> bool:
-        """It never is."""
-        return False
-
-    def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Backbone | None,
-        before: FloatArray | None = None,
-    ) -> Solution:
-        """Solve for ``tensions`` (..., tendons) [N], as `Statics.solve`; without loads.
-
-        Raises:
-            ConvergenceError: if the tension along the tendons is not found.
-        """
+    def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         rows = np.atleast_2d(tensions)
         solution = self._rods.slide(self._answer, rows, before)
         assert solution.tendons is not None
@@ -101,7 +68,6 @@ class SlidingClosedForm:
         shape, before = backbone.shape, backbone.point_tensions
         if shape is None or before is None:
             raise ConfigError('the backbone was solved without friction')
-        setup = self._setup
         rod = self._rod(self._rods.level_of(before))
         friction = rod.equilibrium.friction
         assert friction is not None
@@ -123,11 +89,9 @@ class SlidingClosedForm:
         )  # fmt: skip
         at_nodes = _by_tensions(self._at_nodes, rod.nodes.interpolate(sliding.tensions))
         changes = np.einsum('ijn,jcn->icn', at_nodes, rod.nodes.interpolate(change))
-        at_node = backbone.twist
-        assert at_node is not None
-        _, frames = node_frames(at_node[:, np.newaxis], setup.grid, setup.base)
+        at_node, frames = self._twist_and_frames(backbone)
         tension, young, mu = from_twist_changes(
-            self.sections, setup.grid, at_node, frames, changes, [count, 1]
+            self.sections, self._setup.grid, at_node, frames, changes, [count, 1]
         )
         return Sensitivity(tension, young, by_friction=mu)
 
@@ -144,7 +108,7 @@ def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatAr
 
 
 class _Sections:
-    """`Sections` of the closed form, which leaves nothing over."""
+    """`Sections` of the closed form, whose residual is zero."""
 
     def __init__(self, closed_form: ClosedForm) -> None:
         self._closed_form = closed_form

@@ -76,7 +76,7 @@ class Statics(Protocol):
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether anything but the tendons loads an arm, with ``tip_wrench`` (..., 6) on its tip.
 
-        What it is not, compiled kernels solve as well.
+        Compiled kernels also solve arms that are not.
         """
 
     def solve(
