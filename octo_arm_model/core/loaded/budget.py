@@ -1,4 +1,4 @@
-"""How much one solve of a loaded arm may take."""
+"""Iterations and time that one solve of a loaded arm may take."""
 
 from __future__ import annotations
 

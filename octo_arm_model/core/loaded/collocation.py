@@ -2,7 +2,7 @@
 
 A panel is what lies between two neighbouring anchorages or loads; an element is a panel or a part
 of it, with Gauss points of its own. Within an element everything is smooth, so that a few points
-tell strains to many digits. Arrays over points go from the base to the tip, element by element.
+resolve strains to many digits. Arrays over points go from the base to the tip, element by element.
 """
 
 from __future__ import annotations

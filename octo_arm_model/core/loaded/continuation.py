@@ -13,15 +13,15 @@ from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
-ON_THE_WAY = 1e-5  # residual of equilibria that are only followed further
+ON_THE_WAY = 1e-5  # residual of intermediate equilibria
 _SMALLEST_STEP = 1e-3
-# A branch bends where Newton's method turns the arm further than this from where its first step
-# led [rad]: then smaller steps make sure that it is still the same one.
+# Where the corrections after Newton's first step turn the arm by more than this [rad], they may
+# have left its branch of equilibria: a smaller load step follows the branch more closely.
 STRAY = 0.25
-_WELCOME = 0.1  # what steps are chosen to stray [rad]
+_WELCOME = 0.1  # correction that load steps are chosen for [rad]
 _PER_DESCENT = 200
-_BEYOND = 0.05  # part of the way by which a fall begins beyond the end of a branch
-_NUDGE = 0.02  # turn of the arm that makes it fall off an unstable balance [rad]
+_BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
+_NUDGE = 0.02  # perturbation of an unstable equilibrium [rad]
 _HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness of the sections
 
 
@@ -36,9 +36,9 @@ def follow(
 ) -> State:
     """From the balanced ``shape`` in ``known`` to balance in ``wanted``, within ``tolerance``.
 
-    In one step where that converges, in as many as it takes where it does not. Where the branch
-    ends on the way, or its balance is no longer stable (the arm buckles), the arm goes where it
-    would fall. Returns the balanced, stable state.
+    In one load step where that converges, in several where it does not. Where the branch ends at a
+    limit point, or becomes unstable (the arm buckles), the potential energy is minimised from
+    there. Returns the balanced, stable state.
 
     Raises:
         ConvergenceError: if no balance was found; it carries the last iterate.
@@ -59,12 +59,12 @@ def follow(
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
         if problem.loads.without_tangent:
-            # Nothing tells stable from unstable, nor where the arm would fall.
+            # Neither stability nor a direction of descent follows without the tangent.
             is_found = state.residual <= limit and strayed <= STRAY
             if not is_found and step <= _SMALLEST_STEP:
                 raise _unbalanced(state, spending.iterations)
         elif state.residual <= limit and (strayed <= STRAY or step <= _SMALLEST_STEP):
-            # Where two branches are near, Newton's method may jump to one on which no arm stays.
+            # Where two branches are near, Newton's method may converge to an unstable one.
             stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)
             if stability.is_stable is None:
@@ -74,8 +74,8 @@ def follow(
             last = shape, target - done
             step = last[1] * (_growth(strayed) if used <= 5 else 1.0)
         elif step <= _SMALLEST_STEP:
-            # The branch goes no further, or no arm follows it. Just beyond its end hardly anything
-            # pushes the arm on, and the fall would take long.
+            # The branch ends or is unstable. Just past its end the imbalance is small and descent
+            # slow, so that it begins a little further on.
             target = min(1.0, done + _BEYOND)
             condition = wanted if target == 1.0 else known.towards(wanted, target)
             state = _levenberg_marquardt(problem, condition, shape, spending, done)
@@ -85,7 +85,7 @@ def follow(
                 return state
             done, shape = target, state.shape
         else:
-            # Of a step that led astray it is known by how much; of another that it is too long.
+            # A converged step is shortened by how large its correction was, another by a factor.
             shorter = 0.25 if state.residual > limit else min(_growth(strayed), 0.7)
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
@@ -93,7 +93,7 @@ def follow(
 def _growth(strayed: float) -> float:
     """How many times as long a step should be after one that ``strayed`` so far [rad].
 
-    What is strayed grows with the square of the step.
+    That correction grows with the square of the step.
     """
     return min(max(math.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1), 2.5)
 
@@ -107,10 +107,10 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
 def _levenberg_marquardt(
     problem: Equilibrium, condition: Condition, shape: Shape, spending: Spending, part: float
 ) -> State:
-    """Down the slope of the energy to a stable balance (Levenberg and Marquardt).
+    """Minimise the potential energy, to a stable balance (Levenberg and Marquardt).
 
-    Steps as if the cross sections were stiffer, by as much as it takes for a step to lead down
-    and not far up again; where it takes nothing they are Newton's.
+    Newton's steps for cross sections stiffened by a damping, as large as it takes for a step to
+    lower the energy without going far past its minimum along the step.
 
     Raises:
         ConvergenceError: if there is none.
@@ -144,7 +144,7 @@ def _levenberg_marquardt(
         if not left > -0.5 * down:  # nor NaN
             damping = heavier
             continue
-        # Still going down at its end, the step could have been longer.
+        # Where the energy still falls at its end, the step could have been longer.
         damping *= 0.25 if left > 0.25 * down else 0.5
         damping = damping if damping > 0.1 * _LIGHT else 0.0
         state = new

@@ -1,8 +1,8 @@
 """Balance of a loaded arm: a boundary value problem, collocated and solved by Newton's method.
 
 The unknowns are twists and orientations at the points of a `Collocation`. From these follows the
-wrench that the loads put on every cross section, m' = n x u' from the tip; what each cross section
-answers with is the gradient of its energy.
+wrench of the loads at every cross section, m' = n x u' from the tip, which balances the gradient
+of its energy.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
 from octo_arm_model.core.section.strain_measures import to_scaled, unscale
 
-# A compliance this many times the others is that of something that moves freely.
+# A compliance this many times the others is that of a rigid-body motion.
 _FREE = 1e6
 
 
@@ -66,7 +66,7 @@ class Equilibrium:
     """The equations of one arm under loads.
 
     Attributes:
-        evaluate: how the cross sections answer a twist.
+        evaluate: energy of the cross sections under a twist, its derivatives.
         frames: orientations from angular twists.
         energy: of the cross sections at the points.
         collocation: the points.
@@ -131,7 +131,7 @@ class Equilibrium:
         wrench = wrench.reshape(6, count)[: len(twist)]
         imbalance = wrench - gradient
         outside = np.abs(wrench).max(axis=1, keepdims=True)
-        # NaN where a section cannot be.
+        # NaN where a strain is impossible.
         residual = float((np.abs(imbalance) / (scale + outside)).max())
         return State(
             condition, shape, rotation, tangent, moment, force, imbalance,
@@ -174,10 +174,10 @@ class Equilibrium:
     def stability(self, state: State, answer: System | TipAnswer | None = None) -> Stability:
         """Whether a balanced ``state`` is stable.
 
-        A stable arm yields to every small wrench on its tip in the direction of the wrench, and
-        the determinant of its equations has the sign it has without loads: of one mode of
-        buckling it is the other one, of two at once the compliance tells. ``answer`` is that
-        to wrenches on the tip or a system linearised about nearly the same state, if there is.
+        The compliance at the tip of a stable arm is positive definite, and the determinant of its
+        equations has the sign it has without loads: one unstable mode reverses the sign, two at
+        once leave it and show in the compliance alone. ``answer`` is that to wrenches on the tip
+        or a system linearised about nearly the same state, if there is.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
@@ -191,8 +191,8 @@ class Equilibrium:
             return Stability(True if is_known else None, answer.sign, None)
         compliance = answer.compliance
         values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
-        # What yields without end in one direction is neither: an arm that may turn about the
-        # vertical, say. Rounding gives that any sign.
+        # A direction of unbounded compliance is neutrally stable, such as the rotation of an arm
+        # that may turn about the vertical. Rounding gives that any sign.
         size = np.sort(np.abs(values))
         is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
         is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
@@ -209,7 +209,7 @@ class Equilibrium:
         return Stability(is_stable, answer.sign, softest_mode)
 
     def tip_answer(self, state: State, system: System) -> TipAnswer:
-        """How ``state`` answers wrenches on its tip, by its linearised ``system``."""
+        """Response of ``state`` to wrenches on its tip, by its linearised ``system``."""
         count = len(state.imbalance)
         wrench = self.tip_wrenches(state)[:count]
         wrench[:, 3:] *= self.collocation.length
@@ -219,7 +219,7 @@ class Equilibrium:
         return TipAnswer(compliance, twist, system.sign * self.unloaded_sign, is_definite)
 
     def tip_wrenches(self, state: State) -> FloatArray:
-        """What unit forces and moments on the tip do to all cross sections, (6, 6, points).
+        """Resultants of unit forces and moments on the tip at all cross sections, (6, 6, points).
 
         Moment and force in the axes of each; columns are the forces and the moments on the tip,
         in base_frame.

@@ -1,4 +1,4 @@
-"""Capstan friction: what is left of a tendon's tension at every cross section.
+"""Capstan friction: the tension of a tendon at every cross section.
 
 A tendon that slides loses tension with the angle by which it turns, dT = -mu T dtheta, where it
 is drawn in, and gains it where it is let out; in between it sticks (Euler and Eytelwein). theta

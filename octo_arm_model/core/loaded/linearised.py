@@ -1,4 +1,4 @@
-"""The linearised equilibrium: how a rod answers small wrenches, as one factorised system.
+"""The linearised equilibrium: changes of a rod under small wrenches, as one factorised system.
 
 Small rotations Phi of the cross sections, k = Phi' and changes d of u', all in base_frame, obey
 
@@ -6,8 +6,7 @@ Small rotations Phi of the cross sections, k = Phi' and changes d of u', all in 
 
 with the wrench (m, n) and the stiffness of the cross section. Collocated, k at the points of an
 element follow from Phi at its end towards the base and d m at the other; a banded system links
-the elements. Nothing is marched along the arm, which would multiply errors by as much as the arm
-can bend.
+the elements. Unlike in a shooting method, errors are not amplified along the arm.
 """
 
 from __future__ import annotations
@@ -47,11 +46,11 @@ class System(Protocol):
         """Sign of its determinant, 1 or -1."""
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Answer to the unit wrenches on the tip as ``imbalance``."""
+        """Response to small ``imbalance`` (n, columns, points)."""
 
 
 class TipAnswer(NamedTuple):
-    """How a rod answers unit forces, and unit moments over its length, on its tip.
+    """Response of a rod to unit forces, and unit moments over its length, on its tip.
 
     Attributes:
         compliance: work of each on the change that each makes, (6, 6).
@@ -186,7 +185,7 @@ class Linearised:
         return 1 - 2 * int((exchanges + negative) % 2)
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Answer to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
+        """Response to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
         own, rule, step = self._collocation, self._collocation.rule, self._collocation.step
         columns, count = imbalance.shape[1], own.s.size
         points, elements = rule.points.size, step.size

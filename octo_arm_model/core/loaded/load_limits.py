@@ -1,7 +1,7 @@
 """How large loads may be: what bounds them wherever they enter.
 
-No material bears a strain of a tenth of `LARGEST_STRAIN`, and with larger forces balances are not
-found any more, only searched for long.
+No material bears a strain of a tenth of `LARGEST_STRAIN`, and under larger forces the search for a
+balance only takes long and fails.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class LoadLimits:
         """For an arm of ``stiffness`` at its nodes."""
         axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
         self.force = LARGEST_STRAIN * axial
-        # The axial force is a difference of terms of this size; further up it is all rounding.
+        # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
         self.tension = 1e6 * axial
         self.moment = LARGEST_STRAIN * math.sqrt(axial * bending)
         factor = f'{LARGEST_STRAIN:.0f} times'

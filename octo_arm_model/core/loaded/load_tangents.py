@@ -1,4 +1,4 @@
-"""Loads whose resultants change with the shape: what they ask of a rod, and their stiffness."""
+"""Loads whose resultants change with the shape: the rod they act on, and their stiffness."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class WithTangents:
         return self._linearised.sign * self._sign
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Answer to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
+        """Response to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
         direct = self._linearised.solve(imbalance)
         turns = np.linalg.solve(self._system, self._turns(direct))
         return Response(

@@ -15,20 +15,20 @@ MOST = 10  # iterations
 PROGRESS = 0.7  # what each iteration must leave less than of the residual
 # Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
 _MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
-UPHILL = 3.0  # what the first, which follows the condition, may leave
-# A system serves for another step where the one before left this residual and part of it, and for
-# judging stability where no more than this has been turned since [rad].
+UPHILL = 3.0  # likewise the first, which takes up the change of the loads
+# A factorised system is used for another step where the one before left this residual and part of
+# it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
 
 
 class Iterate(NamedTuple):
-    """What Newton's method comes to.
+    """Result of Newton's method.
 
     Attributes:
         state: balanced or not.
         iterations: made.
-        strayed: how far all of them but the first, which goes along the branch, have turned the
-            arm [rad].
+        strayed: how far all of them but the first, which takes up the change of the loads, have
+            turned the arm [rad].
         system: the last one solved, or how it answers wrenches on the tip, if the state is
             balanced.
     """

@@ -18,7 +18,7 @@ _MOST = 100  # steps
 
 
 class Sections(Protocol):
-    """How cross sections answer tensions along the tendons.
+    """Twist of cross sections under given tensions along the tendons.
 
     Attributes:
         residual: what is left of their equations after the last call, relative, (batch,).

@@ -1,4 +1,4 @@
-"""What acts on a loaded rod, and what it is then."""
+"""The loads on a rod, its state under them, and the stability of that."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class State(NamedTuple):
         shape: twists and orientations.
         rotation: orientation at the points as matrices, (3, 3, points).
         tangent: u', the derivative of the position by s, (3, points) [-].
-        moment: of what lies beyond, in base_frame, (3, points) [N m].
+        moment: of the loads from there to the tip, in base_frame, (3, points) [N m].
         force: likewise [N].
-        imbalance: the part of both, in the axes of the cross section, that it does not answer,
+        imbalance: both less the gradient of the energy, in the axes of the cross section,
             (n, points).
         hessian: of the energy by the twist, (n, n, points).
         residual: largest imbalance over its scale.
@@ -69,7 +69,8 @@ class Stability(NamedTuple):
     """Stability of an equilibrium.
 
     Attributes:
-        is_stable: whether it would come back; None under moments, where that is not known.
+        is_stable: whether it returns after small perturbations; None under moments, where that is
+            not known.
         sign: of the determinant of its equations, over that without loads, 1 or -1; where it
             changes, one branch has been left for another.
         softest_mode: of what is not stable, the change of least, or most negative, stiffness,
