@@ -6,9 +6,10 @@ and YAML, and nothing of ROS.
 
 from __future__ import annotations
 
-from octo_arm_model.analysis.displacement import Wound, displacements_of, solve_displacements
+from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
+from octo_arm_model.analysis.winding import Wound
 from octo_arm_model.analysis.wound_sensitivity import WoundSensitivity, wound_sensitivity
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.core.arm.arm import Arm
@@ -30,7 +31,7 @@ from octo_arm_model.core.errors import (
 from octo_arm_model.core.once import solve
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.kinematics import Pose
-from octo_arm_model.core.section.sheath import estimate_sheath_stiffness
+from octo_arm_model.core.section.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 from octo_arm_model.core.solver import MODELS, Solver
 

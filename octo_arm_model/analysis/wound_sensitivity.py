@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import Wound, tendon_compliance
+from octo_arm_model.analysis.winding import Wound, tendon_compliance
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.tendon_sums import transmission

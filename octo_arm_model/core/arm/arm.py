@@ -8,25 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from octo_arm_model.core.arm.body import Body, ProfiledBody
+from octo_arm_model.core.arm.consistency import check_profiles, check_sections
 from octo_arm_model.core.arm.material import Material
-from octo_arm_model.core.arm.profile import as_profile
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.arm.validation import is_text, per_tendon
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
-
-# Number of arc coordinates at which profiles are checked, besides their knots.
-_CHECKED = 257
-# Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
-_ROUNDING = 1e-12
 
 
 def check_size(sections: int, tendons: int) -> None:
@@ -82,11 +76,8 @@ class Arm:
         if not self.sections:
             raise ArmDefinitionError('sections', self.sections, 'at least one section')
         check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
-        self._check_profiles()
-        previous = math.inf
-        for number, section in enumerate(self.sections, start=1):
-            self._check_section(number, section, previous)
-            previous = section.anchorage
+        check_profiles(self.material, self.body)
+        check_sections(self.sections, self.body)
         self._set_names(self.tendon_names)
         for name, what, unit in (
             ('axial_stiffness', 'stiffness', 'N'),
@@ -97,72 +88,6 @@ class Arm:
             values, count = getattr(self, name), len(self.tendons)
             checked = per_tendon(f'tendons.{name}', values, count, what, unit)
             object.__setattr__(self, name, checked)
-
-    def _check_profiles(self) -> None:
-        material = self.material
-        for name, given, low, high, expected in (
-            ('body.radius', self.body.profile, 0.0, math.inf, '> 0 [m]'),
-            ('material.youngs_modulus', material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
-            ('material.poisson_ratio', material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),
-        ):
-            profile = as_profile(given)
-            profile.cover(name, self.length)
-            s = self._places(profile.knots, self.length)
-            values = profile.value(s)
-            bad = ~((values > low) & (values <= high) & np.isfinite(values))
-            if bad.any():
-                first = int(np.argmax(bad))
-                raise ArmDefinitionError(
-                    f'{name} at s = {s[first]:.6g} m',
-                    float(values[first]),
-                    f'a finite number {expected} all along the arm',
-                )
-
-    @staticmethod
-    def _places(knots: Sequence[float], stop: float) -> FloatArray:
-        inside = [s for s in knots if s < stop]
-        return np.union1d(np.linspace(0.0, stop, _CHECKED), inside)
-
-    def _check_section(
-        self, number: int, section: Section | RoutedSection, previous: float
-    ) -> None:
-        where = f'sections[{number}]'
-        if section.anchorage > self.body.length:
-            raise ArmDefinitionError(
-                f'{where}.anchorage',
-                section.anchorage,
-                f'at most the length of the arm, {self.body.length} [m]',
-            )
-        if section.anchorage >= previous:
-            raise ArmDefinitionError(
-                f'{where}.anchorage',
-                section.anchorage,
-                f'less than that of the section before it, {previous} [m]: '
-                'sections are listed from the tip to the base',
-            )
-        if isinstance(section, Section):
-            # Both ends first, by the names they were given by; they bound a straight tendon.
-            self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
-            end = np.array([section.anchorage])
-            self._check_inside(f'{where}.offset_anchorage', section.tendons[0], end)
-        for index, tendon in enumerate(section.tendons, start=1):
-            s = self._places(tendon.knots + self.body.profile.knots, section.anchorage)
-            self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
-
-    def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
-        offset, radius = tendon.offset.value(s), self.body.radius(s)
-        limit = np.maximum(radius, self.body.disc_radius)
-        limit = limit + _ROUNDING * np.maximum(self.body.radius(0.0), limit)
-        bad = ~((offset >= 0.0) & (offset <= limit))
-        if bad.any():
-            first = int(np.argmax(bad))
-            what = 'the radius of the body'
-            if self.body.disc_radius > radius[first]:
-                what = 'the radius of the discs'
-            most = max(float(radius[first]), self.body.disc_radius)
-            raise ArmDefinitionError(
-                name, float(offset[first]), f'at most {what} at s = {s[first]} m, {most:.6g} [m]'
-            )
 
     def _set_names(self, given: Sequence[str]) -> None:
         count = len(self.tendons)

@@ -35,7 +35,7 @@ from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import transmission
 
 if TYPE_CHECKING:
-    from octo_arm_model.core.section.sheath import Condensed
+    from octo_arm_model.core.section.condensed import Condensed
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))

@@ -22,16 +22,16 @@ of effects has its size.
 from __future__ import annotations
 
 import copy
-import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import positive
-from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise
+from octo_arm_model.core.section.condensed import Condensed, Parts
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.formulas import (
@@ -43,36 +43,6 @@ from octo_arm_model.core.section.formulas import (
 
 MOST_STEPS = 30  # of Newton's method for where tendons stand
 STANDING = 1e-14  # what may be left of that, of the lever arm
-_WIDEST = 0.5  # of the radius of the body, a sheath that is still a hole in it
-
-
-def estimate_sheath_stiffness(
-    thread_radius: float, body_radius: float, shear_modulus: float
-) -> float:
-    """Stiffness k [Pa] of rubber of a ``shear_modulus`` [Pa] about a thread or its sheath.
-
-    Plane strain of an incompressible disc of ``body_radius`` [m] under a force that is spread
-    evenly over a ring of ``thread_radius`` about its centre and balanced by the shear of the beam,
-    evenly over the section. Kelvin's line force moves the ring by (1/2 - ln r) / (4 pi G) and the
-    mean of the section by (1 - ln R) / (4 pi G), and with the balance leaves the rim free of
-    traction:
-
-        k = 4 pi G / (ln(R / r) - 1/2) .
-
-    Kelvin's solution in the plane: e.g. Timoshenko and Goodier, Theory of Elasticity, section 42
-    (force at a point of a plate), for plane strain and nu = 1/2. For tapered arms with the mean
-    radius; off the centre rubber yields a little more.
-
-    Raises:
-        ArmDefinitionError: if a value is not > 0, or the thread is wider than half of the body.
-    """
-    thread = positive('thread_radius', thread_radius, 'm')
-    body = positive('body_radius', body_radius, 'm')
-    modulus = positive('shear_modulus', shear_modulus, 'Pa')
-    if thread > _WIDEST * body:
-        expected = f'at most {_WIDEST} of the radius of the body, {_WIDEST * body:.6g} [m]'
-        raise ArmDefinitionError('thread_radius', thread, expected)
-    return 4.0 * math.pi * modulus / (math.log(body / thread) - 0.5)
 
 
 def sections_of(
@@ -83,69 +53,15 @@ def sections_of(
     return kind(arm, nodes, section, law, shear)
 
 
-_Parts: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-
-
 class _Stand(NamedTuple):
     """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
 
     sections: SectionEnergy
     offset: FloatArray
-    unit: _Parts
+    unit: Parts
     over: FloatArray
     pull: tuple[FloatArray, FloatArray]
-    inverse: _Parts
-
-
-class Condensed(NamedTuple):
-    """Tendons where they stand, and how they give way to changes.
-
-    All arrays end in (tendons, batch, nodes); pairs are along n and b.
-
-    Attributes:
-        sections: the cross sections with tendons in their places.
-        offset: d [m], (2, ...).
-        pull: derivative of |u| by d [1/m], (2, ...).
-        compliance: inverse of the second derivatives by d, D^-1 [m^2/N]: nn, nb and bb, (3, ...).
-        mixed: second derivatives C by d and strain, (2, n, ...).
-        strain: what it is for, (n, batch, nodes).
-        weight: T / |u| [N].
-        unit: u / |u|, three arrays.
-    """
-
-    sections: SectionEnergy
-    offset: FloatArray
-    pull: FloatArray
-    compliance: FloatArray
-    mixed: FloatArray
-    strain: FloatArray
-    weight: FloatArray
-    unit: _Parts
-
-    def moved(self, by_offset: FloatArray) -> FloatArray:
-        """Product of D^-1 and ``by_offset`` (2, ...)."""
-        nn, nb, bb = self.compliance
-        n, b = by_offset
-        return np.stack([nn * n + nb * b, nb * n + bb * b])
-
-    def answer(self, by_offset: FloatArray) -> FloatArray:
-        """What the gradient by strain, (n, ...), loses by a change ``by_offset`` of that by d."""
-        n, b = self.moved(by_offset)
-        lost: FloatArray = self.mixed[0] * n + self.mixed[1] * b
-        return lost
-
-    def shortening(self, by_offset: FloatArray) -> FloatArray:
-        """What |u| loses by a change ``by_offset`` (2, ...) of the gradient by d."""
-        lost: FloatArray = np.add.reduce(self.pull * self.moved(by_offset))
-        return lost
-
-    def by_path(self, change: FloatArray) -> FloatArray:
-        """Change of the gradient by d, (2, ...), where u changes by ``change`` (3, ...) itself."""
-        t, n, b = self.strain[:3]
-        along = sum(e * c for e, c in zip(self.unit, change, strict=True))
-        across = np.stack(sheath_pull(t, n, b, *change))
-        moved: FloatArray = self.weight * (across - self.pull * along)
-        return moved
+    inverse: Parts
 
 
 class SheathedSections(SectionEnergy):
@@ -235,10 +151,7 @@ class SheathedSections(SectionEnergy):
         gradient, hessian = SectionEnergy.tendon_derivatives(
             found.sections, strain, local_tensions
         )
-        nn, nb, bb = found.compliance
-        mixed_n, mixed_b = found.mixed
-        moved = np.stack([nn * mixed_n + nb * mixed_b, nb * mixed_n + bb * mixed_b])
-        hessian -= np.einsum('aijbn,akjbn->ikbn', found.mixed, moved)
+        hessian -= np.einsum('aijbn,akjbn->ikbn', found.mixed, found.moved(found.mixed))
         return gradient, hessian
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
@@ -266,14 +179,8 @@ class SheathedSections(SectionEnergy):
             SolveError: if one is; the message says where.
         """
         moved = self._stand(strain, local_tensions).sections
-        outside = np.hypot(moved.x, moved.y) > self.farthest
-        if outside.any():
-            _, number, node = np.argwhere(outside)[0]
-            raise SolveError(
-                f'tensions press a tendon out of the body at s = {self.s[node]:.4g} m: its '
-                'sheath is too soft',
-                int(number),
-            )
+        outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)
+        self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
         """Refuse a balance without loads from which tendons dig in without an end.
@@ -287,10 +194,11 @@ class SheathedSections(SectionEnergy):
         unstable = np.zeros(strain.shape[1:], dtype=bool)
         for row in range(len(strain)):
             unstable |= ~(factors[row, row] > 0.0)
-        if unstable.any():
-            number, node = np.argwhere(unstable)[0]
-            raise SolveError(
-                f'tensions bend the arm without end at s = {self.s[node]:.4g} m: sheaths are too '
-                'soft',
-                int(number),
-            )
+        self._refuse(unstable, 'bend the arm without end', 'sheaths are')
+
+    def _refuse(self, where: NDArray[np.bool_], effect: str, soft: str) -> None:
+        """Raise a `SolveError` at the first of the places ``where`` (batch, nodes), if any."""
+        if where.any():
+            number, node = np.argwhere(where)[0]
+            at = f's = {self.s[node]:.4g} m'
+            raise SolveError(f'tensions {effect} at {at}: {soft} too soft', int(number))

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import Wound, solve_displacements
+from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding import Wound
 from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm

@@ -10,19 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helical_arm import HELICAL
 from hypothesis import given
 from hypothesis import strategies as st
 
 from octo_arm_model import (
     Arm,
     Backbone,
-    Body,
     Config,
     Loads,
     Material,
     PointLoad,
     ProfiledBody,
-    Section,
     SolveError,
     Solver,
     Table,
@@ -152,16 +151,6 @@ def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) ->
         for solver in (machine, numpy)
     )
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
-
-
-HELICAL = Arm(
-    Material(1.1e5, 0.45, 1080.0),
-    Body(0.4, 0.015, 0.006),
-    (
-        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-    ),
-)
 
 
 @pytest.mark.parametrize('law', ['neo_hookean', 'linear'])

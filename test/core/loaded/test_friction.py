@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from differences import jacobian
+from helical_arm import helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -56,15 +57,7 @@ def uniform(angles: tuple[float, ...] = (0.0,), friction: float = MU) -> Arm:
 
 def helical(friction: float | tuple[float, ...] = MU) -> Arm:
     """Converging helices that end in two sections of a cone, which jump at the anchorage."""
-    return Arm(
-        Material(1.1e5, 0.45, 1080.0),
-        Body(0.4, 0.015, 0.006),
-        (
-            Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-            Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-        ),
-        friction=friction if isinstance(friction, tuple) else 6 * (friction,),
-    )
+    return helical_arm(friction=friction if isinstance(friction, tuple) else 6 * (friction,))
 
 
 HELICAL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])

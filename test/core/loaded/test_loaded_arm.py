@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import reference_exact as reference
+from helical_arm import CONE, HELICAL, RUBBER
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -50,16 +51,6 @@ ROD = Arm(
     Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
     Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
     tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
-)
-RUBBER = Material(1.1e5, 0.45, 1080.0)
-CONE = Body(0.4, 0.015, 0.006)
-HELICAL = Arm(
-    RUBBER,
-    CONE,
-    (
-        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-    ),
 )
 HELICAL_TENSIONS = np.array([[0.5, 1.0, 0.0], [2.0, 0.5, 3.0]])
 ROD_TENSIONS = np.array([[3.0, 0.0, 1.0], [0.0, 4.0, 0.0]])

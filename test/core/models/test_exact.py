@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import reference_exact as reference
 from differences import jacobian
+from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, root
@@ -43,18 +44,8 @@ LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
 PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
-SILICONE = Material(1.1e5, 0.45)
-CONE = Body(0.4, 0.015, 0.006)
-HELICAL = Arm(
-    SILICONE,
-    CONE,
-    (
-        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-    ),
-)
 THREE_TENDONS = Arm(
-    SILICONE,
+    RUBBER,
     CONE,
     (Section(0.4, 0.008, 0.004, angles=THIRDS), Section(0.25, 0.01, 0.007, angles=THIRDS)),
 )
@@ -127,7 +118,7 @@ def test_so_they_are_with_shear() -> None:
 
 
 def test_beyond_the_last_anchorage_the_arm_is_as_it_was_made() -> None:
-    arm = Arm(SILICONE, CONE, (Section(0.3, 0.008, 0.004),))
+    arm = Arm(RUBBER, CONE, (Section(0.3, 0.008, 0.004),))
     backbone = Solver(arm, 'exact').solve([[1.0, 0.0, 2.0, 0.5]])
     outside = backbone.s > 0.3
     for name in ('tau', 'xi', 'k', 'q'):
@@ -138,7 +129,7 @@ def test_beyond_the_last_anchorage_the_arm_is_as_it_was_made() -> None:
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
 def test_equal_tendons_compress_by_the_scalar_equation(law: str, pull: float) -> None:
-    arm = Arm(SILICONE, CONE, (Section(0.4, 0.005, 0.005),))
+    arm = Arm(RUBBER, CONE, (Section(0.4, 0.005, 0.005),))
     backbone = Solver(arm, 'exact', 11, material=law).solve(np.full((1, 4), pull))
     for s, q in zip(backbone.s, backbone.q):
         load = 4.0 * pull / (1.1e5 * math.pi * float(arm.body.radius(s)) ** 2)
@@ -206,11 +197,11 @@ def test_the_residual_is_that_of_the_balance_where_profiles_have_corners() -> No
     # Corners that no polynomial resolves: what is interpolated must have been found to be right.
     s = np.linspace(0.0, 0.4, 9)
     body = ProfiledBody(0.4, Table(tuple(s), tuple(0.01 + 0.003 * np.cos(4.0 * np.arange(9)))))
-    arm = Arm(SILICONE, body, (Section(0.4, 0.005, 0.004),))
+    arm = Arm(RUBBER, body, (Section(0.4, 0.005, 0.004),))
     backbone = Solver(arm, 'exact').solve([[0.7, 0.0, 0.0, 0.4]])
     radius = body.radius(backbone.s)
     for i in range(0, backbone.s.size, 7):
-        local = Arm(SILICONE, Body(0.4, radius[i], radius[i]), arm.sections)
+        local = Arm(RUBBER, Body(0.4, radius[i], radius[i]), arm.sections)
         cut = reference.Cut(
             local, backbone.s[i], 1, np.array([0.7, 0, 0, 0.4]), 'neo_hookean', reference.FINE_DISC
         )
@@ -227,7 +218,7 @@ def test_the_residual_is_that_of_the_balance_where_profiles_have_corners() -> No
 def test_parallel_tendons_bend_the_arm_in_the_papers_plane_to_rounding(
     law: str, seed: int
 ) -> None:
-    arm = Arm(SILICONE, CONE, (Section(0.4, 0.005, 0.005),))
+    arm = Arm(RUBBER, CONE, (Section(0.4, 0.005, 0.005),))
     t1, t2, t3, t4 = local_tensions = np.random.default_rng(seed).uniform(0.0, 0.8, 4)
     _, n, b = Solver(arm, 'exact', material=law).solve(local_tensions[np.newaxis]).tip
     # In the axes (b, -n); the base here is the frame itself.
@@ -580,7 +571,7 @@ def test_profiles_that_describe_the_same_arm_give_the_same_shape(law: str) -> No
         'linear': CONE,
     }
     for kind, body in bodies.items():
-        arm = Arm(SILICONE, body, tuple(routed(x, kind) for x in THREE_TENDONS.sections))
+        arm = Arm(RUBBER, body, tuple(routed(x, kind) for x in THREE_TENDONS.sections))
         found = Solver(arm, 'exact', material=law).solve(THREE_TENSIONS)
         np.testing.assert_allclose(found.position, expected.position, atol=1e-8 * arm.length)
         np.testing.assert_allclose(found.q, expected.q, atol=1e-8)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import strategies
 from differences import jacobian
+from helical_arm import helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -27,24 +28,13 @@ from octo_arm_model import (
 )
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import (
-    SheathedSections,
-    estimate_sheath_stiffness,
-    sections_of,
-)
+from octo_arm_model.core.section.sheath import SheathedSections, sections_of
+from octo_arm_model.core.section.sheath_stiffness import estimate_sheath_stiffness
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
-HELICAL = Arm(
-    RUBBER,
-    Body(0.4, 0.015, 0.006),
-    (
-        Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-        Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-    ),
-    # One keeps its place.
-    sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5),
-)
+# One keeps its place.
+HELICAL = helical_arm(RUBBER, sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5))
 TENSIONS = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from differences import jacobian
+from helical_arm import CONE, HELICES
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -35,11 +36,6 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncerta
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 # Away from nu = 0.5, beyond which there is no material.
 RUBBER = Material(1.1e5, 0.4, 1080.0)
-CONE = Body(0.4, 0.015, 0.006)
-HELICAL = (
-    Section(0.4, 0.008, 0.004, angles=(0.3, 2.0, 4.0), twist=(3.0, -5.0, 1.0)),
-    Section(0.25, 0.01, 0.007, angles=(0.0, 1.5, 3.0), twist=(0.0, 4.0, 4.0)),
-)
 STRAIGHT = (Section(0.4, 0.008, 0.004), Section(0.25, 0.01, 0.007))
 RAOS = tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2))
 HELICAL_TENSIONS = ((0.3, 0.6, 0.1), (1.0, 0.4, 1.5))
@@ -119,12 +115,12 @@ ROD = Case(
 )
 CASES = {
     'rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean'),
-    'helical rubber': Case(HELICAL, HELICAL_TENSIONS, 'neo_hookean'),
-    'helical': Case(HELICAL, HELICAL_TENSIONS, 'linear'),
-    'helical with shear': Case(HELICAL, HELICAL_TENSIONS, 'linear', True),
+    'helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean'),
+    'helical': Case(HELICES, HELICAL_TENSIONS, 'linear'),
+    'helical with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True),
     'loaded rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean', loads=EVERYTHING),
-    'loaded helical rubber': Case(HELICAL, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
-    'loaded with shear': Case(HELICAL, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
+    'loaded helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'loaded with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
     'loaded rod': ROD,
 }
 
