@@ -76,13 +76,15 @@ def _run(options: argparse.Namespace) -> int:
             notes.append(f'{model} is not compared: {error}')
     result = as_dict(comparisons, observations, notes)
     if out is not None:
-        from octo_arm_model.experiment.compare_figures import draw
+        from octo_arm_model.experiment.compare_figures import pictures_of
         from octo_arm_model.experiment.csv_output import write_tables
+        from octo_arm_model.experiment.figure_files import save_all
 
         (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
         write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
+        pictures = pictures_of(comparisons)
         with Bar('pictures') as bar:
-            pictures = draw(comparisons, out, bar.on_terminal)
+            save_all(pictures, out, bar.on_terminal)
         tables = write_tables(out, comparisons, config.arm.tendon_names)
         files = ', '.join(['compare.csv', *tables, 'compare.json'])
         notes.append(f'{files} and {len(pictures)} pictures are in {out}')

@@ -111,11 +111,12 @@ def _run(options: argparse.Namespace) -> int:
     best = best_of(list(fitted.values()))
     notes += disagreements(list(fitted.values()))
     if options.pictures is not None:
-        from octo_arm_model.experiment.identify_figures import draw
+        from octo_arm_model.experiment.figure_files import save_all
+        from octo_arm_model.experiment.identify_figures import pictures_of
 
+        pictures = pictures_of(list(fitted.values()), observations.shapes)
         with Bar('pictures') as bar:
-            known = list(fitted.values())
-            pictures = draw(known, observations.shapes, options.pictures, bar.on_terminal)
+            save_all(pictures, options.pictures, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
         options.out.write_text(

@@ -5,8 +5,8 @@ Needs matplotlib.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.error_figures import draw_errors
-from octo_arm_model.experiment.figure_files import TensionColours, new_figure, save
+from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
@@ -26,37 +26,21 @@ _FLAT = 0.05
 _MOST_FRAMES = 30
 
 
-def draw(
-    comparisons: Sequence[ModelComparison],
-    folder: Path,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[Path]:
-    """Draw ``comparisons`` of the same steps into ``folder``; returns the paths.
-
-    ``progress`` is called with the numbers of pictures done and of all.
-
-    Raises:
-        OSError: if a file cannot be written.
-    """
+def pictures_of(comparisons: Sequence[ModelComparison]) -> dict[str, Callable[[], Any]]:
+    """What draws each picture of ``comparisons`` of the same steps, by name; see `save_all`."""
     axes = _axes(comparisons)
     steps: dict[int, list[tuple[ModelComparison, StepComparison]]] = {}
     for comparison in comparisons:
         for step in comparison.steps:
             steps.setdefault(step.number, []).append((comparison, step))
     limits = _limits(comparisons, axes)
-    paths: list[Path] = []
-    for number, shown in sorted(steps.items()):
-        progress(len(paths), len(steps) + 1)
-        path = folder / f'step_{number:02}.png'
-        save(_draw_step(shown, axes, limits), path)
-        paths.append(path)
-    for name, picture in (
-        ('all_steps', _draw_all(comparisons, axes, limits)),
-        ('error_over_tension', draw_errors(comparisons)),
-    ):
-        paths.append(folder / f'{name}.png')
-        save(picture, paths[-1])
-    return paths
+    pictures: dict[str, Callable[[], Any]] = {
+        f'step_{number:02}': functools.partial(_draw_step, shown, axes, limits)
+        for number, shown in sorted(steps.items())
+    }
+    pictures['all_steps'] = lambda: _draw_all(comparisons, axes, limits)
+    pictures['error_over_tension'] = lambda: draw_errors(comparisons)
+    return pictures
 
 
 def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,12 +18,23 @@ def new_figure(
     return Figure(figsize=(width, height), layout=layout)
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a ``figure`` of `new_figure` to ``path``."""
+def save_all(
+    pictures: Mapping[str, Callable[[], Any]], folder: Path, progress: Callable[[int, int], None]
+) -> None:
+    """Draw ``pictures`` that each make a figure of `new_figure`; write them to ``folder`` by name.
+
+    ``progress`` is called with the numbers of pictures done and of all.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=120, bbox_inches='tight', pad_inches=0.1)
+    for done, (name, picture) in enumerate(pictures.items()):
+        progress(done, len(pictures))
+        figure = picture()
+        FigureCanvasAgg(figure)
+        figure.savefig(folder / f'{name}.png', dpi=120, bbox_inches='tight', pad_inches=0.1)
 
 
 class TensionColours:

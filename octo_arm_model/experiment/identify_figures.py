@@ -6,13 +6,12 @@ Needs matplotlib.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
-from octo_arm_model.experiment.figure_files import TensionColours, new_figure, save
+from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.fitting.identify import Identification
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
@@ -22,19 +21,10 @@ from octo_arm_model.reproduce.plotting import LINES
 _FEW = 2  # points: tips have no residuals along the arm
 
 
-def draw(
-    fitted: Sequence[Identification],
-    shapes: Sequence[MeasuredShape],
-    folder: Path,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[Path]:
-    """Draw the ``fitted`` models of ``shapes`` into ``folder``; returns the paths.
-
-    ``progress`` is called with the numbers of pictures done and of all.
-
-    Raises:
-        OSError: if a file cannot be written.
-    """
+def pictures_of(
+    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]
+) -> dict[str, Callable[[], Any]]:
+    """What draws each picture of the ``fitted`` models of ``shapes``, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
     if names:
@@ -42,12 +32,7 @@ def draw(
     known = [one for one in fitted if one.after is not None]
     if known and all(len(shape.points) > _FEW for shape in shapes):
         pictures['residuals_along_s'] = lambda: _draw_residuals(known, shapes)
-    paths: list[Path] = []
-    for name, picture in pictures.items():
-        progress(len(paths), len(pictures))
-        paths.append(folder / f'{name}.png')
-        save(picture(), paths[-1])
-    return paths
+    return pictures
 
 
 def _shown(fitted: Sequence[Identification]) -> list[str]:
