@@ -202,20 +202,28 @@ class TipPose(Measurement):
         return self._rotation * Rotation.from_quat(np.array(at.solved.quaternion[-1])).inv()
 
 
-class Markers(Measurement):
+class _AtPlaces(Measurement):
+    """As many numbers at each of some s as there are ``components``."""
+
+    components: ClassVar[tuple[str, ...]]
+
+    def __init__(self, s: ArrayLike, value: ArrayLike, noise: ArrayLike) -> None:
+        """At ``s`` (n,) [m] a ``value`` (n, components).
+
+        Raises:
+            MeasurementError: as `Measurement`; if there is not one value for each s.
+        """
+        super().__init__(value, noise)
+        self.s = _numbers(f'{self.name}: s', s)
+        expected = len(self.components) * self.s.size
+        self._check_size(expected, f'{", ".join(self.components)} at each s')
+
+
+class Markers(_AtPlaces):
     """Positions of points of the midline at known s, in base_frame, (n, 3) [m]."""
 
     name = 'markers'
-
-    def __init__(self, s: ArrayLike, position: ArrayLike, noise: ArrayLike) -> None:
-        """Points at ``s`` (n,) [m] with their ``position`` (n, 3) [m].
-
-        Raises:
-            MeasurementError: as `Measurement`; if there is not one position for each s.
-        """
-        super().__init__(position, noise)
-        self.s = _numbers('markers: s', s)
-        self._check_size(3 * self.s.size, 'x, y, z of each marker')
+    components = ('x', 'y', 'z')
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (3 n,) [m]."""
@@ -227,20 +235,14 @@ class Markers(Measurement):
         return moved.reshape(self.value.size, -1)
 
 
-class Curvatures(Measurement):
-    """Curvatures xi about n and k about b at stations, as fibre sensors tell, (n, 2) [1/m]."""
+class Curvatures(_AtPlaces):
+    """Curvatures xi about n and k about b at the stations nearest to known s, (n, 2) [1/m].
+
+    As fibre sensors measure them.
+    """
 
     name = 'curvatures'
-
-    def __init__(self, s: ArrayLike, curvature: ArrayLike, noise: ArrayLike) -> None:
-        """At the stations nearest to ``s`` (n,) [m], ``curvature`` (n, 2) [1/m].
-
-        Raises:
-            MeasurementError: as `Measurement`; if there are not two curvatures for each s.
-        """
-        super().__init__(curvature, noise)
-        self.s = _numbers('curvatures: s', s)
-        self._check_size(2 * self.s.size, 'xi and k at each s')
+    components = ('xi', 'k')
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (2 n,) [1/m]."""
