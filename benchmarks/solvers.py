@@ -131,22 +131,21 @@ class PaperWay:
 
 def seconds(work: Callable[[], object], repeats: int) -> float:
     """Median processor time of ``work`` [s], which other programs hardly change."""
-    times = []
-    for _ in range(min(repeats, MOST_REPEATS)):
-        start = time.process_time()
-        work()
-        times.append(time.process_time() - start)
-    return float(np.median(times))
+    return float(np.median(_times(work, repeats)))
 
 
 def least(work: Callable[[], object], repeats: int) -> float:
     """Least processor time of ``work`` [s]: what it takes on a machine that is not busy."""
+    return min(_times(work, repeats))
+
+
+def _times(work: Callable[[], object], repeats: int) -> list[float]:
     times = []
     for _ in range(min(repeats, MOST_REPEATS)):
         start = time.process_time()
         work()
         times.append(time.process_time() - start)
-    return min(times)
+    return times
 
 
 def main() -> None:

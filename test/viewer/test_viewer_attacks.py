@@ -302,22 +302,23 @@ def test_of_a_control_a_page_sets_the_value_alone(viewer, label):
     viewer.still_obeys()
 
 
-@pytest.mark.parametrize('value', [0, 0.05, -1.0, NAN, INF, 1e300, 'x'], ids=repr)
-def test_no_speed_but_those_of_the_slider_is_played_at(viewer, value):
+def assert_plays(viewer, *updates):
+    """Assert that a listed profile is played after ``updates`` (label, value) of the page."""
     with viewer.page() as page:
-        page.update('Play', value=True)
-        page.update('Speed', value=value)
+        for label, value in updates:
+            page.update(label, value=value)
         viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the profile')
     viewer.still_obeys()
 
 
+@pytest.mark.parametrize('value', [0, 0.05, -1.0, NAN, INF, 1e300, 'x'], ids=repr)
+def test_no_speed_but_those_of_the_slider_is_played_at(viewer, value):
+    assert_plays(viewer, ('Play', True), ('Speed', value))
+
+
 @pytest.mark.parametrize('name', ['/etc/passwd', '/etc/passwd.csv', '../x.yaml', '', 1, None])
 def test_profiles_are_played_by_their_listed_names_alone(viewer, name):
-    with viewer.page() as page:
-        page.update('Movement', value=name)
-        page.update('Play', value=True)
-        viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the one listed')
-    viewer.still_obeys()
+    assert_plays(viewer, ('Movement', name), ('Play', True))
 
 
 @pytest.mark.parametrize(
