@@ -8,10 +8,11 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from octo_arm_model.analysis.winding import Winding
 from octo_arm_model.config.config import parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.follower import FrictionMemory
+from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
@@ -22,7 +23,6 @@ from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.node.tension_inputs import TensionInputs
 from octo_arm_model.ros.node.tension_subscription import LatestSubscription, TensionInput
 from octo_arm_model.ros.node.tip_wrench import TipWrench
-from octo_arm_model.ros.node.winding import Winding
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
