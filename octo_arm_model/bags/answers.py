@@ -8,16 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.inverse import default_highest
+from octo_arm_model.analysis.wound_sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.follower import Follower
+from octo_arm_model.core.errors import OctoArmError, SolveError
+from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'
+ESTIMATES = 'tendon_tension_estimates'
 _ARRAYS = (
     'position',
     'quaternion',
@@ -31,65 +33,74 @@ _TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `defau
 
 
 class Answer(NamedTuple):
-    """The answer to one message of tensions.
+    """The answer to one message of tensions or displacements.
 
     Attributes:
-        messages: bytes of the message on each of the topics, in their order; none where there is
-            no trustworthy answer.
+        messages: bytes of the message on each of the topics, in their order, but on `ESTIMATES`,
+            the last, only where tendons are driven by length; none where there is no trustworthy
+            answer.
         reason: why there is none, or ''.
-        is_failure: whether the model had no answer, and not the message no tensions.
+        is_failure: whether the model had no answer, and not the message nothing for the arm.
+        tensions: those of all tendons that hold the shape [N]; None if the message had them.
     """
 
     messages: Sequence[bytes | memoryview]
     reason: str = ''
     is_failure: bool = False
+    tensions: FloatArray | None = None
 
 
 class Answers:
-    """Answers tensions of one arm in their order, byte for byte like the node.
+    """Answers tensions and displacements of one arm in their order, byte for byte like the node.
 
     Attributes:
         topics: what it answers on, of `ANSWERS`.
         is_quick: whether sets are solved in batches, many times quicker than one by one.
     """
 
-    def __init__(self, config: Config, lengths: bool = False) -> None:
-        """Answer for the arm of ``config``, with the lengths of its tendons if wanted.
+    def __init__(self, config: Config, lengths: bool = False, displacements: bool = False) -> None:
+        """Answer for the arm of ``config``.
+
+        ``lengths`` says whether with those of its tendons, and ``displacements`` whether any come.
 
         Raises:
             ConfigError: if the model does not cover the arm or its loads.
         """
-        self._uncertainty = config.uncertainty
+        self._config = config
         self._solver = config.solver()
-        self.topics = tuple(topic for topic in ANSWERS if lengths or topic != LENGTHS)
-        self._follower = Follower(self._solver, config.friction_memory)
+        wanted = {LENGTHS: lengths, ESTIMATES: displacements}
+        self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
+        self._winding = WoundSequence(FrictionMemory())
         grid = self._solver.grid
         described = config.base_frame, config.model, grid.s, grid.section
         self._writer = BackboneWriter(*described, config.arm.tendon_names)
         self._batch_writer = BackboneBatchWriter(*described)
         is_plain = not (
-            config.loads.any or config.arm.friction or lengths or config.uncertainty.is_any
-        )
+            config.loads.any or config.arm.friction or config.uncertainty.is_any
+            or lengths or displacements
+        )  # fmt: skip
         self.is_quick = is_plain and self._is_alike()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
-        good = [reading for reading in readings if reading.tensions is not None]
+        good = [reading for reading in readings if not reading.is_refused]
         found = (
             iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
         )
         return [
-            Answer((), reading.reason) if reading.tensions is None else next(found)
+            Answer((), reading.reason) if reading.is_refused else next(found)
             for reading in readings
         ]
 
     def _answer_alone(self, reading: Reading) -> Answer:
-        assert reading.tensions is not None
         try:
-            backbone = self._follower.follow(reading.tensions, reading.stamp_ns)
-            covariance = self._solver.tip_covariance(backbone, self._uncertainty)
-        except SolveError as error:
-            return Answer((), str(error), is_failure=True)
+            backbone, covariance = self._winding.answer(
+                self._solver, self._config, None, reading.stamp_ns,
+                reading.tensions, reading.displacements,
+            )  # fmt: skip
+        except OctoArmError as error:
+            # Of displacements the model may have nothing to say at all, as with friction.
+            return Answer((), str(error), is_failure=isinstance(error, SolveError))
         writer, stamp = self._writer, reading.stamp
         messages = [
             writer.path(backbone, *stamp),
@@ -100,7 +111,9 @@ class Answers:
         if LENGTHS in self.topics:
             lengths = self._solver.tendon_lengths(backbone)
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
-        return Answer(messages)
+        if self._winding.displacements:
+            messages.append(writer.tensions(backbone.tensions, *stamp))
+        return Answer(messages, tensions=backbone.tensions)
 
     def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
         if not readings:

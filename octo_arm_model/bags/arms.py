@@ -1,4 +1,4 @@
-"""Which arms a bag holds tensions of, and what they are."""
+"""Which arms a bag holds tensions or displacements of, and what they are."""
 
 from __future__ import annotations
 
@@ -6,30 +6,34 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, names
 from octo_arm_model.config.config import parse_parameters
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.wire.displacement_messages import TOPIC
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 STRING = 'std_msgs/msg/String'
 
 
 class RecordedArm(NamedTuple):
-    """An arm whose tensions are in a bag.
+    """An arm whose tensions or displacements are in a bag.
 
     Attributes:
         prefix: namespace of its topics, with the slash.
-        topics: those of its tensions.
+        topics: those of both.
         parameters: what it is, see `Config.from_parameters`.
         fields: what holds the tensions, of topics where that is not the usual field.
+        displacements: those of ``topics`` that hold displacements.
     """
 
     prefix: str
     topics: tuple[str, ...]
     parameters: Mapping[str, Any]
     fields: Mapping[str, str] = MappingProxyType({})
+    displacements: frozenset[str] = frozenset()
 
 
 def find_arms(
@@ -39,12 +43,12 @@ def find_arms(
     model: str | None = None,
     tendons: Sequence[str] = (),
 ) -> list[RecordedArm]:
-    """The arms in a bag, one for each namespace of tensions.
+    """The arms in a bag, one for each namespace of tensions or displacements.
 
     Args:
         reader: the bag.
-        topics: those of the tensions, or TOPIC:FIELD; if none, all with the names that the node
-            listens to, or else the only one there is.
+        topics: those of both, or TOPIC:FIELD; if none, all with the names that the node listens
+            to, or else the only one there is.
         parameters: of the arms; None for the arm_description in the bag.
         model: model instead of theirs.
         tendons: what the tendons are called there, in place of tension_names.
@@ -54,15 +58,18 @@ def find_arms(
         ConfigError: if there is no description.
     """
     if topics:
-        picked = dict(pick_tensions(reader, topic) for topic in topics)
+        picked = dict(_pick(reader, topic) for topic in topics)
         found = list(picked)
     else:
         found = [
             topic
             for topic, type_name in reader.topics.items()
-            if any(
-                names(topic, usual) and type_name == kind.type_name
-                for usual, kind in TENSION_TOPICS.items()
+            if (
+                any(
+                    names(topic, usual) and type_name == kind.type_name
+                    for usual, kind in TENSION_TOPICS.items()
+                )
+                or holds_displacements(topic, type_name)
             )
             and reader.count([topic])
         ]
@@ -79,13 +86,26 @@ def find_arms(
         if tendons:
             values['tension_names'] = list(tendons)
         fields = {topic: picked[topic] for topic in own if picked[topic]}
-        arms.append(RecordedArm(prefix, tuple(own), values, fields))
+        displacements = frozenset(
+            topic
+            for topic in own
+            if topic not in fields and holds_displacements(topic, reader.topics[topic])
+        )
+        arms.append(RecordedArm(prefix, tuple(own), values, fields, displacements))
     return arms
 
 
+def _pick(reader: BagReader, wanted: str) -> tuple[str, str]:
+    """Topic of tensions and its field, see `pick_tensions`, or one of displacements."""
+    topic = wanted if wanted in reader.topics else f'/{wanted}'
+    if holds_displacements(topic, reader.topics.get(topic, '')):
+        return topic, ''
+    return pick_tensions(reader, wanted)
+
+
 def _prefix(topic: str) -> str:
-    """Namespace of a ``topic`` of tensions, with the slash."""
-    for usual in TENSION_TOPICS:
+    """Namespace of a ``topic`` of tensions or displacements, with the slash."""
+    for usual in (*TENSION_TOPICS, TOPIC):
         if names(topic, usual):
             return topic.removesuffix(usual)
     return topic[: topic.rfind('/') + 1]

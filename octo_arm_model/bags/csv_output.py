@@ -58,7 +58,7 @@ class CsvAnswers:
         Raises:
             OSError: if it cannot be written.
         """
-        if not answer.messages or reading.tensions is None:
+        if not answer.messages:
             return
         if self._origin is None:
             self._origin = reading.stamp_ns
@@ -67,7 +67,9 @@ class CsvAnswers:
             self._begun.add(topic)
             header = ('time [s]', *(f'{name} [N]' for name in tendons))
             self._tensions[topic].writerow(header)
-        self._tensions[topic].writerow([round(time, 9), *reading.tensions.ravel().tolist()])
+        tensions = reading.tensions if answer.tensions is None else answer.tensions
+        assert tensions is not None
+        self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
         types = known_types()
         found: dict[str, Any] = {}
         for name, data in zip(topics, answer.messages):

@@ -1,4 +1,4 @@
-"""A bag of tensions replayed: the answers of the node added to it."""
+"""A bag of tensions or displacements replayed: the answers of the node added to it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from rosbags.interfaces import Connection
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import STRING, RecordedArm
 from octo_arm_model.bags.csv_output import CsvAnswers
+from octo_arm_model.bags.displacements import DisplacementTopic
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.replay_report import Report, TopicReport, check_answered
@@ -33,12 +34,12 @@ def replay(
     table: CsvAnswers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Report:
-    """Write the answers to all tensions, with their stamps and received when these were.
+    """Write the answers to what drives the arms, with its stamps and received when it was.
 
     Args:
         reader: the bag to read.
         writer: the bag to write.
-        arms: whose tensions they are, see `find_arms`.
+        arms: whose tensions and displacements they are, see `find_arms`.
         copy: whether to copy what is in the bag already.
         lengths: whether to answer with the lengths of the tendons too.
         table: where answers go besides.
@@ -88,7 +89,7 @@ class _Output:
     """Writes the answers of one arm into a bag.
 
     Attributes:
-        topics: those of its tensions.
+        topics: those of its tensions and displacements.
         written: those written for it.
         model: what answers.
         connections: where the answers go.
@@ -100,11 +101,14 @@ class _Output:
         config = Config.from_parameters(arm.parameters)
         self.topics, self.model = arm.topics, config.model
         self._tendons = config.arm.tendon_names
-        self._tensions = {
-            topic: TensionTopic(reader, config, arm.fields.get(topic, '')) for topic in arm.topics
+        self._inputs = {
+            topic: DisplacementTopic(reader, config.arm)
+            if topic in arm.displacements
+            else TensionTopic(reader, config, arm.fields.get(topic, ''))
+            for topic in arm.topics
         }
         self._newest: dict[str, int] = {}
-        self._answers = Answers(config, lengths)
+        self._answers = Answers(config, lengths, bool(arm.displacements))
         description = writer.add(arm.prefix + DESCRIPTION, STRING, latched=True)
         self.connections = [
             writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers.topics
@@ -120,9 +124,9 @@ class _Output:
     ) -> dict[int, Answer]:
         """Answers to those of ``records`` that are of this arm, by their places."""
         readings: dict[int, Reading] = {}
-        for topic, tensions in self._tensions.items():
+        for topic, given in self._inputs.items():
             places = [i for i, record in enumerate(records) if record.topic == topic]
-            readings.update(zip(places, tensions.read([records[i] for i in places])))
+            readings.update(zip(places, given.read([records[i] for i in places])))
         places = sorted(readings)
         answers = self._answers.answer([readings[place] for place in places])
         for place, answer in zip(places, answers):

@@ -22,12 +22,12 @@ class Skip(NamedTuple):
 
 @dataclass
 class TopicReport:
-    """How the messages of one topic of tensions were answered.
+    """How the messages of one topic of tensions or displacements were answered.
 
     Attributes:
         model: what answered them.
         answered: how many have an answer.
-        refused: how many hold no tensions of this arm.
+        refused: how many hold nothing that drives this arm.
         failed: how many the model had no trustworthy answer to.
         unsorted: how many have a stamp before that of the last one.
         skips: the first of those refused and failed.
@@ -62,7 +62,7 @@ class Report:
     """The result of a replay.
 
     Attributes:
-        topics: how the messages of each topic of tensions were answered.
+        topics: how the messages of each topic of tensions or displacements were answered.
         copied: how many messages were copied.
         not_copied: topics that were to be and were not, and why.
         notes: what else there is to know.

@@ -26,17 +26,25 @@ _LISTED = 20
 
 
 class Reading(NamedTuple):
-    """Tensions of a message, or why it was refused.
+    """Tensions or displacements of a message, or why it was refused.
 
     Attributes:
         stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
-        tensions: of `Arm.tension_shape` [N]; None if it was refused.
+        tensions: of `Arm.tension_shape` [N]; None if it was refused, or has displacements.
         reason: why it was refused, or ''.
+        displacements: length reeled in [m] by name of the tendons driven by length; None if it
+            has none of them to say.
     """
 
     stamp: Stamp
     tensions: FloatArray | None
     reason: str
+    displacements: dict[str, float] | None = None
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether it says neither."""
+        return self.tensions is None and self.displacements is None
 
     @property
     def stamp_ns(self) -> int:
@@ -114,7 +122,7 @@ class TensionTopic:
         """Tensions of each of ``records``, or why it was refused."""
         readings = self._read_alike(records)
         return [
-            _stampable(readings[number] if number in readings else self._read_alone(record))
+            stampable(readings[number] if number in readings else self._read_alone(record))
             for number, record in enumerate(records)
         ]
 
@@ -173,9 +181,9 @@ class TensionTopic:
         return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
 
 
-def _stampable(reading: Reading) -> Reading:
+def stampable(reading: Reading) -> Reading:
     """The ``reading``, refused where no stamp can hold the time of its receipt."""
-    if reading.tensions is None or -(2**31) <= reading.stamp.sec < 2**31:
+    if reading.is_refused or -(2**31) <= reading.stamp.sec < 2**31:
         return reading
     reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
-    return reading._replace(tensions=None, reason=reason)
+    return Reading(reading.stamp, None, reason)

@@ -15,6 +15,7 @@ ANSWERS: dict[str, str] = {
     'strains': 'octo_arm_msgs/msg/SectionStrains',
     'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
     'tendon_lengths': 'sensor_msgs/msg/JointState',
+    'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'

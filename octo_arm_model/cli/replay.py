@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from octo_arm_model.bags.replay_report import Report
 
 _DESCRIPTION = """\
-Answer every message of tensions in a bag as the node would, byte for byte, and write a new bag:
-backbone/path, backbone/poses, strains and tip_pose, in the namespace of the tensions and with
-their stamps, beside what the old bag holds. ROS is not needed, and all messages are answered,
+Answer every message of tensions or tendon_displacements in a bag as the node would, byte for byte,
+and write a new bag: backbone/path, backbone/poses, strains and tip_pose, and where tendons are
+driven by length tendon_tension_estimates, in the namespace of the inputs and with their stamps,
+beside what the old bag holds. ROS is not needed, and all messages are answered,
 however fast they were recorded.
 """
 _EPILOG = """\
@@ -39,6 +40,7 @@ examples:
   octo-arm replay experiment exact_shapes --model exact --config renda2012_prototype
   octo-arm replay rosbag2_2024_05_02 shapes --topics /arm_1/tendon_tensions --storage sqlite3
   octo-arm replay experiment.mcap shapes --no-copy --json
+  octo-arm replay experiment shapes --topics /tendon_tensions     # without tendon_displacements
 
 IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. The arm
 is that of --config, or else of the topic arm_description, which the node publishes. Messages that
@@ -74,8 +76,9 @@ def add_command(commands: Any) -> None:
         nargs='+',
         default=[],
         metavar='TOPIC[:FIELD]',
-        help='topics of tensions, or any numeric field of any (default: all with the names that '
-        'the node listens to, in whatever namespace, or else the only one of such a type)',
+        help='topics of tensions or displacements, or any numeric field of any (default: all with '
+        'the names that the node listens to, in whatever namespace, or else the only one of such '
+        'a type)',
     )
     add_tendons(parser)
     parser.add_argument(

@@ -46,6 +46,7 @@ class BackboneWriter:
         self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
         self._tip = Template(_pose_with_covariance(frame))
         self._lengths = Template(_joint_state(frame, tendon_names))
+        self._tensions = Template(_tendon_tensions(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message geometry_msgs/PoseArray."""
@@ -87,6 +88,12 @@ class BackboneWriter:
         if counts != (self._tendons, self._tendons):
             raise ConfigError(f'{counts} lengths and tensions, expected {self._tendons} of each')
         return self._lengths.write(sec, nanosec, lengths.ravel(), tensions.ravel())
+
+    def tensions(self, tensions: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
+        if tensions.size != self._tendons:
+            raise ConfigError(f'{tensions.size} tensions, expected {self._tendons}')
+        return self._tensions.write(sec, nanosec, tensions.ravel())
 
     def _check(self, backbone: Backbone) -> None:
         if backbone.position.shape != self._position_shape:
@@ -160,10 +167,15 @@ def _pose_with_covariance(frame: bytes) -> Layout:
     return layout
 
 
-def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
+def _tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
     layout = Layout(frame)
     layout.strings([text_field('tendon name', name) for name in names])
     layout.sequence(len(names))
+    return layout
+
+
+def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
+    layout = _tendon_tensions(frame, names)  # but that the numbers are positions
     layout.count(0)  # no velocities
     layout.sequence(len(names))
     return layout

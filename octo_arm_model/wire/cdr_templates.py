@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -26,7 +28,7 @@ class Template:
         self._slots = [slot.view(memory, _FIELDS, 1, size)[0] for slot in layout.slots]
         self._stamps = [slot.view(memory, _FIELDS, 1, size)[0] for slot in layout.stamp_slots()]
 
-    def write(self, sec: int, nanosec: int, *values: FloatArray) -> bytes:
+    def write(self, sec: int, nanosec: int, *values: NDArray[Any]) -> bytes:
         """Copy of the message with a stamp and the ``values`` of its slots, in their order.
 
         Raises:

@@ -1,16 +1,15 @@
-"""The publishers of the node: backbone, strains, tip, tendon lengths, frames and markers."""
+"""The publishers of the node: backbone, strains, tip, tendons, frames and markers."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
@@ -18,13 +17,14 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.frames import make_broadcaster
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr_backbone import BackboneWriter
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.cdr_tension_profiles import TOPIC as PROFILES_TOPIC
+from octo_arm_model.wire.cdr_tension_profiles import TensionProfilesWriter
 from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -52,14 +52,15 @@ class BackbonePublishers:
         self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
         self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
         self._estimates = self._open(TendonTensions, ESTIMATES_TOPIC, OUTPUT_QOS)
+        self._profiles = self._open(PointCloud2, PROFILES_TOPIC, OUTPUT_QOS)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
         self._drawing = MarkerPublisher(node, self._markers)
         self._transforms = make_broadcaster(node)
         self._writer: BackboneWriter | None = None
+        self._profiles_writer: TensionProfilesWriter | None = None
         self._frames: FramesWriter | None = None
         self._solver: Solver | None = None
-        self._frame = ''
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
         return create_publisher(self._node, kind, topic, qos)
@@ -67,7 +68,7 @@ class BackbonePublishers:
     def close(self) -> None:
         """Destroy the publishers."""
         self._drawing.stop()
-        of_tendons = (self._lengths, self._estimates)
+        of_tendons = (self._lengths, self._estimates, self._profiles)
         others = (self._description, self._markers, self._transforms)
         for publisher in (*self._publishers, *of_tendons, *others):
             if publisher is not None:
@@ -80,8 +81,9 @@ class BackbonePublishers:
     def describe(self, solver: Solver, config: Config) -> None:
         """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
         arm, grid, frame = solver.arm, solver.grid, config.base_frame
-        self._solver, self._frame = solver, frame
+        self._solver = solver
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._profiles_writer = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
         self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
         markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
         self._drawing.describe(markers, config.markers_rate)
@@ -91,7 +93,7 @@ class BackbonePublishers:
         self._description.publish(String(data=description))
 
     def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Stamp) -> None:
-        """Publish one backbone; tendon lengths and markers only if there is a subscription."""
+        """Publish one backbone; what is of tendons, and markers, only if someone subscribed."""
         assert self._writer is not None and self._solver is not None
         writer = self._writer
         # Published before the next one is serialised, for the least latency of each.
@@ -106,12 +108,12 @@ class BackbonePublishers:
         if self._lengths.get_subscription_count():
             lengths = self._solver.tendon_lengths(backbone)
             self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if self._profiles.get_subscription_count():
+            assert self._profiles_writer is not None
+            self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
         self._drawing.publish(backbone, stamp)
 
     def publish_estimates(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""
-        if self._solver is None or not self._estimates.get_subscription_count():
-            return
-        time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-        arm = self._solver.arm
-        self._estimates.publish(tensions_message(backbone.tensions, arm, time, self._frame))
+        if self._writer is not None and self._estimates.get_subscription_count():
+            self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 
 from octo_arm_model.config.build import DiagnosticLimits
 from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
-from octo_arm_model.core.follower import FrictionMemory
+from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals

@@ -8,7 +8,9 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from clouds import profiles_of
 from live_nodes import CONFIG, CONFIG_FILE, running, tip_of
+from sensor_msgs.msg import PointCloud2
 
 from octo_arm_model import Solver
 from octo_arm_model.config.config import Config, load_parameters
@@ -34,10 +36,12 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
     ]
     with running('ros.node.main', *options) as client:
         client.connect()
+        profiles = client.hear(PointCloud2, 'tendon_tension_profiles')
         # From the start: time goes back.
         client.stamps = itertools.count(1)
         client.ask('tendon_tensions', HIGH)
         np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
+        assert_profiles(client, profiles, LOW, down)
         _, values = client.status('solver')
         assert values['friction history kept'] == 'True'
         forgotten = int(values['friction history forgotten after a gap'])
@@ -49,3 +53,22 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         assert int(values['friction history forgotten after a gap']) == forgotten + 1
         refused = (False, 'friction_memory is -1.0, expected a finite time >= 0 [s]')
         assert client.change(friction_memory=-1.0) == refused
+
+
+def assert_profiles(client, profiles, tensions, expected):
+    """The tensions along the tendons come with the shape, once the subscription is found."""
+    client.stamps = itertools.count(1)
+
+    def arrived():
+        client.ask('tendon_tensions', HIGH)
+        stamp = client.ask('tendon_tensions', tensions)[0].header.stamp
+        client.spin()
+        return profiles and profiles[-1].header.stamp == stamp
+
+    client.wait(arrived, 'the tensions along the tendons')
+    assert profiles[-1].header.frame_id == CONFIG.base_frame
+    found = profiles_of(profiles[-1])
+    np.testing.assert_array_equal(found[:, 3], expected.s)
+    np.testing.assert_allclose(found[:, 4:], expected.tendon_tensions, rtol=1e-9, atol=1e-12)
+    # Unloaded, tendons are tighter inside the arm than at the base.
+    assert (found[5:, 4:] > 1.02 * found[0, 4:]).any()

@@ -1,4 +1,4 @@
-"""Tendons that are driven by length: what winches report, and the shapes that hold it."""
+"""Tendons driven by length or by tension, message by message: what node and replay do alike."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.follower import FrictionMemory
+from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
@@ -25,7 +25,7 @@ class Answer(NamedTuple):
     covariance: FloatArray
 
 
-class Winding:
+class WoundSequence:
     """Follows an arm of which winches drive some tendons by length, the others by tension.
 
     Attributes:

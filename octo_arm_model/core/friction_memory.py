@@ -1,13 +1,10 @@
-"""One arm through a sequence of tensions: what the node and a replay of its bags do alike."""
+"""For how long the history of tendons with friction counts in a sequence of tensions."""
 
 from __future__ import annotations
 
 import dataclasses
 
-from numpy.typing import ArrayLike
-
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
 
 
 class FrictionMemory:
@@ -40,29 +37,3 @@ class FrictionMemory:
         self.forgotten += 1
         # A loaded arm is still followed from there.
         return dataclasses.replace(last, point_tensions=None)
-
-
-class Follower:
-    """Solves each set of tensions from the last, with the history of tendons with friction.
-
-    Attributes:
-        memory: what counts how often that was forgotten.
-    """
-
-    def __init__(self, solver: Solver, seconds: float) -> None:
-        """Begin with slack tendons; ``seconds`` is as in `FrictionMemory.recall`."""
-        self._solver, self._seconds = solver, seconds
-        self._last: Backbone | None = None
-        self.memory = FrictionMemory()
-
-    def follow(
-        self, tensions: ArrayLike, time_ns: int, tip_wrench: ArrayLike | None = None
-    ) -> Backbone:
-        """Shape under ``tensions`` at ``time_ns`` [ns]; see `Solver.follow`.
-
-        Raises:
-            OctoArmError: as `Solver.solve`.
-        """
-        self._last = self.memory.recall(self._last, time_ns, self._seconds)
-        self._last = self._solver.follow(tensions, self._last, tip_wrench)
-        return self._last

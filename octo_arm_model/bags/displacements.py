@@ -1,0 +1,43 @@
+"""Displacements of winches read from a bag, message by message, refusals included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import Record, stamp_of
+from octo_arm_model.bags.tensions import Reading, stampable
+from octo_arm_model.bags.topics import names
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME, read_displacements
+from octo_arm_model.wire.stamp import Stamp
+
+
+class DisplacementTopic:
+    """Reads the messages of one topic as the node reads them."""
+
+    def __init__(self, reader: BagReader, arm: Arm) -> None:
+        """Read from ``reader`` for ``arm``."""
+        self._reader, self._arm = reader, arm
+
+    def read(self, records: Sequence[Record]) -> list[Reading]:
+        """Displacements of each of ``records``, or why it was refused."""
+        return [stampable(self._read(record)) for record in records]
+
+    def _read(self, record: Record) -> Reading:
+        stamp = Stamp.from_ns(record.received_ns)
+        try:
+            message = self._reader.decode(record)
+            stamp = stamp_of(message, record.received_ns)
+            return Reading(stamp, None, '', read_displacements(message, self._arm))
+        except OctoArmError as error:
+            return Reading(stamp, None, str(error))
+        except (AttributeError, TypeError, ValueError) as error:
+            # The bag defines the type otherwise: fields are missing or of other types.
+            return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
+
+
+def holds_displacements(topic: str, type_name: str) -> bool:
+    """Whether messages of a type on ``topic`` are displacements for the node."""
+    return names(topic, TOPIC) and type_name == TYPE_NAME

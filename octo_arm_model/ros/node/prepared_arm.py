@@ -1,0 +1,52 @@
+"""An arm ready to be solved, as the parameters of the node describe it."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, NamedTuple
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ContinuationError
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.wire.tension_messages import FieldMessage
+
+
+class Prepared(NamedTuple):
+    """An arm ready to be solved, swapped as a whole.
+
+    Attributes:
+        values: the parameters it was made from.
+        config: what they say.
+        solver: its solver.
+    """
+
+    values: dict[str, Any]
+    config: Config
+    solver: Solver
+
+    @property
+    def field(self) -> FieldMessage | None:
+        """Where further messages hold tensions; None where no type of messages is named."""
+        config = self.config
+        given = FieldMessage(config.tension_type, config.tension_field)
+        return given if config.tension_type else None
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Prepared:
+        """Prepare the arm that ``values`` describe.
+
+        Raises:
+            OctoArmError: if they do not describe one; the message says why.
+        """
+        config = Config.from_parameters(values)
+        if config.tension_type:
+            message_class(config.tension_type)
+        solver = config.solver(budget=config.solve_budget)
+        # What is tabulated or loaded at its first use is so before messages come. Whether a solve
+        # keeps to its budget is told when they do.
+        with contextlib.suppress(ContinuationError):
+            backbone = solver.solve(0.0 * solver.rest_lengths)
+            solver.tendon_lengths(backbone)
+            solver.sensitivity(backbone)
+        return cls(values, config, solver)

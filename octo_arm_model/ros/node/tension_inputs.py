@@ -1,0 +1,105 @@
+"""All topics that tensions come on, the one of a type that the parameters name among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.ros.node.prepared_arm import Prepared
+from octo_arm_model.ros.node.tension_subscription import (
+    FIELD_TOPIC,
+    TOPICS,
+    TensionInput,
+    TensionSubscription,
+)
+from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.wire.tension_messages import FieldMessage
+
+
+class TensionInputs:
+    """The subscriptions of a node to tensions while it is active."""
+
+    def __init__(
+        self,
+        node: Node,
+        work: WorkQueue,
+        diagnostics: Diagnostics,
+        current: Callable[[], Prepared | None],
+        answer: Callable[[TensionInput], None],
+    ) -> None:
+        """Subscribe to nothing yet.
+
+        Args:
+            node: the node that subscribes.
+            work: has the turns in which messages are answered.
+            diagnostics: told who publishes.
+            current: returns the arm that tensions are for, which is there while active.
+            answer: called with what the latest message of a topic says.
+        """
+        self._node, self._work, self._diagnostics = node, work, diagnostics
+        self._current, self._answer = current, answer
+        self._inputs: list[TensionSubscription] = []
+        self._field_input: TensionSubscription | None = None
+        self._is_active = False
+
+    def open(self) -> None:
+        """Subscribe."""
+        self._inputs = [self._subscribe(topic) for topic in TOPICS]
+        self._is_active = True
+        self._subscribe_to_field()
+
+    def close(self) -> None:
+        """Unsubscribe from all."""
+        self._is_active = False
+        for subscription in self._inputs:
+            subscription.close()
+        self._inputs = []
+        self._unsubscribe_from_field()
+
+    def change_field(self) -> None:
+        """Subscribe to messages of another type, of the arm to come, in the place of the last."""
+        if self._is_active:
+            # A topic may have another type once the executor has let go of the subscription.
+            self._unsubscribe_from_field()
+            self._work.add(self._subscribe_to_field)
+
+    def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
+        return TensionSubscription(
+            self._node, topic, self._arm, self._answer, self._work,
+            names=self._names, message=message,
+        )  # fmt: skip
+
+    def _subscribe_to_field(self) -> bool:
+        """Subscribe to messages of the type that the parameters name, if they name one."""
+        prepared = self._current()
+        assert prepared is not None
+        if (field := prepared.field) is not None and self._field_input is None:
+            try:
+                self._field_input = self._subscribe(FIELD_TOPIC, field)
+            except OctoArmError as error:
+                self._node.get_logger().error(f'{FIELD_TOPIC} is not subscribed to: {error}')
+        self._count_publishers()
+        return False
+
+    def _unsubscribe_from_field(self) -> None:
+        if self._field_input is not None:
+            self._field_input.close()
+        self._field_input = None
+        self._count_publishers()
+
+    def _count_publishers(self) -> None:
+        inputs = [*self._inputs, *filter(None, [self._field_input])]
+        self._diagnostics.publishers = {one.topic: one.count_publishers for one in inputs}
+
+    def _names(self) -> tuple[str, ...]:
+        prepared = self._current()
+        return prepared.config.load_cells.names if prepared is not None else ()
+
+    def _arm(self) -> Arm:
+        prepared = self._current()
+        assert prepared is not None  # it subscribes only while configured
+        return prepared.config.arm
