@@ -99,20 +99,28 @@ def real_numbers(value: object) -> FloatArray | None:
 
     Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts.
     """
-    if isinstance(value, (list, tuple)) and _holds_bool(value):
-        return None
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different length
         return None
     if array.dtype.kind not in 'fiu':
         return None
+    if isinstance(value, (list, tuple)) and _holds_bool(value, array.ndim):
+        return None
     return array.astype(np.float64, copy=False)
 
 
-def _holds_bool(value: list[object] | tuple[object, ...]) -> bool:
-    """Whether nested lists contain a boolean; level by level, which is fast for plain numbers."""
+def _holds_bool(value: list[Any] | tuple[Any, ...], axes: int) -> bool:
+    """Whether nested lists, of which NumPy makes so many ``axes``, contain a boolean."""
     level: Iterable[Any] = value
+    for _ in range(axes - 1):
+        level = itertools.chain.from_iterable(level)
+    try:
+        if _NUMBERS.issuperset(map(type, level)):
+            return False  # Plain numbers, which are nearly always given, in one look.
+    except TypeError:  # of an element that NumPy takes for an array, and is none to iterate over
+        pass
+    level = value
     for _ in range(_DEEPEST):
         kinds = set(map(type, level))
         if kinds <= _NUMBERS:

@@ -12,6 +12,7 @@ import numpy as np
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.numba_build import (
     evaluate_sections,
+    find_exact_shapes,
     find_minima,
     find_shapes,
     find_turn,
@@ -20,11 +21,17 @@ from octo_arm_model.core.compiled.numba_build import (
     read_rod,
 )
 from octo_arm_model.core.compiled.section_tables import (
+    ExactTables,
     SectionTables,
     exact_tables,
     section_tables,
 )
-from octo_arm_model.core.compiled.tables import Tables, march_tables, no_arm, packed
+from octo_arm_model.core.compiled.tables import (
+    GridTables,
+    PapersTables,
+    grid_tables,
+    papers_tables,
+)
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Evaluate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -50,27 +57,17 @@ class Compiled:
             ModuleNotFoundError: if numba is not installed.
             Exception: whatever a numba that does not work raises.
         """
-        self._find_shapes, self._read_out = find_shapes(), read_out()
-        a, b = (complex(part) for part in base.rotation)
-        tables = no_arm()._replace(
-            step=grid.step,
-            station_node=grid.station_node,
-            base=np.array([*base.position, a.real, a.imag, b.real, b.imag]),
-        )
-        if isinstance(statics, Exact):
-            tables = tables._replace(exact=exact_tables(statics))
-        elif isinstance(statics, PapersModel):
-            equations = statics.equations
-            assert isinstance(equations, ClosedForm | Renda2012)
-            tables = tables._replace(
-                weights=packed(equations.weights.matrices),
-                stiffness=np.array(equations.stiffness),
-            )
-            if isinstance(equations, Renda2012):
-                tables = tables._replace(march=march_tables(equations.march))
-        self._tables: Tables = _own(tables)
-
-        if isinstance(statics, Exact):
+        self._read_out = read_out()
+        self._grid: GridTables = _own(grid_tables(grid, base))
+        self._tables: PapersTables | ExactTables
+        if isinstance(statics, PapersModel):
+            assert isinstance(statics.equations, ClosedForm | Renda2012)
+            self._find_shapes = find_shapes()
+            self._tables = _own(papers_tables(statics.equations))
+        else:
+            assert isinstance(statics, Exact)
+            self._find_shapes = find_exact_shapes()
+            self._tables = _own(exact_tables(statics))
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
             for made in (newton, read_rod, find_turn, find_minima):
                 made()
@@ -80,7 +77,7 @@ class Compiled:
         self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
     ) -> None:
         """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
-        self._read_out(self._tables, np.ascontiguousarray(twist), strains, position, quaternion)
+        self._read_out(self._grid, np.ascontiguousarray(twist), strains, position, quaternion)
 
     @staticmethod
     def covers(statics: Statics) -> bool:
@@ -107,11 +104,15 @@ class Compiled:
         Returns:
             Numbers of the arms that have no answer, and have to be solved otherwise.
         """
-        strains, others = results.strains, results.arrays
+        strains, (position, quaternion, residual, iterations) = results.strains, results.arrays
         if results.is_one:
-            strains = strains[:, np.newaxis]
-            others = tuple(array[np.newaxis] for array in others)
-        without = self._find_shapes(self._tables, tensions, results.twist, strains, *others)
+            strains = strains[:, None]
+            position, quaternion = position[None], quaternion[None]
+            residual, iterations = residual[None], iterations[None]
+        without = self._find_shapes(
+            self._tables, self._grid, tensions, results.twist, strains, position, quaternion,
+            residual, iterations,
+        )  # fmt: skip
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.section_kernels import find_minima
 from octo_arm_model.core.compiled.section_tables import ExactTables
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.exact import RESOLVED
 
 
@@ -56,3 +58,22 @@ def find_exact_twist(
     for i in range(twist.shape[1]):
         twist[3, i] += 1.0
     return residual, steps
+
+
+def find_exact_shapes(
+    tables: ExactTables, grid: GridTables, tensions: FloatArray, twist: FloatArray,
+    strains: FloatArray, position: FloatArray, quaternion: FloatArray, residual: FloatArray,
+    iterations: IntArray,
+) -> int:  # fmt: skip
+    """As `kernels.find_shapes`, by the model exact.
+
+    An entry of its own, as every table that is passed makes a call slower.
+    """
+    without = 0
+    for arm in range(len(tensions)):
+        residual[arm], iterations[arm] = find_exact_twist(tables, tensions[arm], twist)
+        if iterations[arm] >= 0:
+            read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm])
+        else:
+            without += 1
+    return without

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.tables import Tables
+from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import displacement, product
 from octo_arm_model.core.rod.kinematics import (
@@ -16,13 +16,13 @@ from octo_arm_model.core.rod.kinematics import (
 
 
 def integrate_twist(
-    tables: Tables, twist: FloatArray, position: FloatArray, quaternion: FloatArray
+    grid: GridTables, twist: FloatArray, position: FloatArray, quaternion: FloatArray
 ) -> None:
     """Fill in ``position`` (stations, 3) and ``quaternion`` (stations, 4) of the stations."""
-    base, intervals = tables.base, tables.step.size
+    base, intervals = grid.base, grid.step.size
     mean, motion = np.empty(4), np.empty((intervals, 8))
     for first in range(intervals):
-        last, middle, step = first + 1, intervals + 1 + first, tables.step[first]
+        last, middle, step = first + 1, intervals + 1 + first, grid.step[first]
         for k in range(4):
             mean[k] = mean_twist(twist[k, first], twist[k, middle], twist[k, last], step)
         x, y, z, q, r = commutator(
@@ -44,7 +44,7 @@ def integrate_twist(
             a, b = product(a, b, complex(w, x), complex(y, z))
             further = displacement(moved[0], moved[1], a, b)
             along, aside = along + further[0], aside + further[1]
-        while station < len(position) and tables.station_node[station] == end:
+        while station < len(position) and grid.station_node[station] == end:
             position[station, 0] = along + base[0]
             position[station, 1] = aside.real + base[1]
             position[station, 2] = aside.imag + base[2]
@@ -54,7 +54,7 @@ def integrate_twist(
 
 
 def read_out(
-    tables: Tables, twist: FloatArray, strains: FloatArray, position: FloatArray,
+    grid: GridTables, twist: FloatArray, strains: FloatArray, position: FloatArray,
     quaternion: FloatArray,
 ) -> bool:  # fmt: skip
     """Fill in the shape of one arm under a ``twist`` (4, nodes), as `Results` has it.
@@ -62,10 +62,10 @@ def read_out(
     Returns:
         Whether no cross section is turned inside out.
     """
-    integrate_twist(tables, twist, position, quaternion)
+    integrate_twist(grid, twist, position, quaternion)
     is_fine = True
-    for station in range(tables.station_node.size):
-        node = tables.station_node[station]
+    for station in range(grid.station_node.size):
+        node = grid.station_node[station]
         stretched = twist[3, node]
         for k in range(3):
             strains[k, station] = twist[k, node] / stretched

@@ -1,4 +1,4 @@
-"""Shapes node by node: what `numba_build` compiles.
+"""The paper's models, node by node: what `numba_build` compiles.
 
 These are loops alone. All formulas are those that NumPy evaluates for whole arrays, imported from
 their modules, so that each is written once. The functions run as plain Python as well, a thousand
@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.exact_kernels import find_exact_twist
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.tables import MarchTables, Tables, Weights
+from octo_arm_model.core.compiled.tables import GridTables, MarchTables, PapersTables, Weights
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import (
     MAX_SWEEPS,
@@ -152,10 +151,8 @@ def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> 
     return residual, sweeps
 
 
-def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple[float, int]:
+def find_twist(tables: PapersTables, tensions: FloatArray, twist: FloatArray) -> tuple[float, int]:
     """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
-    if tables.exact.sections.axial.size:
-        return find_exact_twist(tables.exact, tensions, twist)
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
     if len(tables.march.elements):
@@ -177,8 +174,9 @@ def find_twist(tables: Tables, tensions: FloatArray, twist: FloatArray) -> tuple
 
 
 def find_shapes(
-    tables: Tables, tensions: FloatArray, twist: FloatArray, strains: FloatArray,
-    position: FloatArray, quaternion: FloatArray, residual: FloatArray, iterations: IntArray,
+    tables: PapersTables, grid: GridTables, tensions: FloatArray, twist: FloatArray,
+    strains: FloatArray, position: FloatArray, quaternion: FloatArray, residual: FloatArray,
+    iterations: IntArray,
 ) -> int:  # fmt: skip
     """Fill in the shapes of arms under ``tensions`` (batch, tendons), as `Results` has them.
 
@@ -192,5 +190,5 @@ def find_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        read_out(tables, twist, strains[:, arm], position[arm], quaternion[arm])
+        read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm])
     return without

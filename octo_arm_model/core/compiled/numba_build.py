@@ -8,16 +8,14 @@ wrong otherwise is logged, and NumPy solves.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import importlib
 import inspect
 import logging
-import os
 import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +34,16 @@ from octo_arm_model.core.compiled import (
     state_kernels,
     system_kernels,
 )
+from octo_arm_model.core.compiled.kernel_cache import (
+    forget,
+    is_whole,
+    kept_files,
+    one_at_a_time,
+    write_checksums,
+)
 from octo_arm_model.core.compiled.rod_tables import no_rod
-from octo_arm_model.core.compiled.tables import no_arm
+from octo_arm_model.core.compiled.section_tables import no_exact
+from octo_arm_model.core.compiled.tables import no_arm, no_grid
 
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
@@ -78,13 +84,23 @@ def find_shapes() -> Callable[..., int]:
         ModuleNotFoundError: if numba is not installed.
         Exception: whatever a numba that does not work raises.
     """
-    none = np.zeros((0, 0))
+    return _made(_entry, (no_arm(), *_no_shapes()))
+
+
+@functools.cache
+def find_exact_shapes() -> Callable[..., int]:
+    """`exact_kernels.find_exact_shapes`, compiled; raises as `find_shapes`."""
     return _made(
-        _entry,
-        (
-            no_arm(), none, np.zeros((4, 0)), np.zeros((4, 0, 0)), np.zeros((0, 0, 3)),
-            np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0, np.int64),
-        ),
+        functools.partial(_entry, function=exact_kernels.find_exact_shapes),
+        (no_exact(), *_no_shapes()),
+    )
+
+
+def _no_shapes() -> tuple[Any, ...]:
+    """Other arguments of both, of no arm."""
+    return (
+        no_grid(), np.zeros((0, 0)), np.zeros((4, 0)), np.zeros((4, 0, 0)), np.zeros((0, 0, 3)),
+        np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0, np.int64),
     )  # fmt: skip
 
 
@@ -92,7 +108,7 @@ def find_shapes() -> Callable[..., int]:
 def evaluate_sections() -> Callable[..., None]:
     """`section_kernels.evaluate_sections`, compiled; raises as `find_shapes`."""
     none = np.zeros((4, 0))
-    sections = no_arm().exact.sections
+    sections = no_exact().sections
     return _made(
         functools.partial(_entry, function=section_kernels.evaluate_sections),
         (sections, np.zeros(0), none, none, np.zeros((4, 4, 0)), none),
@@ -125,7 +141,7 @@ def find_minima() -> Callable[..., tuple[float, int]]:
     """`section_kernels.find_minima`, compiled; raises as `find_shapes`."""
     return _made(
         functools.partial(_entry, function=section_kernels.find_minima),
-        (no_arm().exact.sections, np.zeros(0), np.zeros((4, 0))),
+        (no_exact().sections, np.zeros(0), np.zeros((4, 0))),
     )
 
 
@@ -148,7 +164,7 @@ def read_out() -> Callable[..., bool]:
     none = np.zeros((4, 0))
     return _made(
         functools.partial(_entry, function=frame_kernels.read_out),
-        (no_arm(), none, none, np.zeros((0, 3)), np.zeros((0, 4))),
+        (no_grid(), none, none, np.zeros((0, 3)), np.zeros((0, 4))),
     )
 
 
@@ -168,7 +184,7 @@ def _made(entry: Callable[[Any], types.FunctionType], arguments: tuple[Any, ...]
                 raise
             if getattr(machine, 'signatures', None):
                 return machine  # Compiled all right, only not kept.
-            _forget(machine)  # Kept by a numba that cannot read it again.
+            forget(machine)  # Kept by a numba that cannot read it again.
         else:
             return machine
     raise AssertionError  # The last round returns or raises.
@@ -227,63 +243,11 @@ def _processor() -> str:
 
 def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
     """Have ``machine`` solve nothing, for which it has to be there, loaded or compiled."""
-    with _one_at_a_time(machine):
-        if not all(map(_is_whole, _kept(machine))):
-            _forget(machine)
-        if not _kept(machine):
+    with one_at_a_time(machine):
+        if not all(map(is_whole, kept_files(machine))):
+            forget(machine)
+        if not kept_files(machine):
             _LOG.info('compiling the models: some ten seconds, once on this machine')
         machine(*arguments)
         if sum(machine.stats.cache_misses.values()):
-            _write_checksums(machine)
-
-
-def _kept(machine: Any) -> list[Path]:
-    """Files in which ``machine`` is kept."""
-    folder = machine.stats.cache_path if machine is not None else None
-    return list(Path(folder).glob(f'*.{machine.py_func.__qualname__}-*.nb[ci]')) if folder else []
-
-
-def _checksum_of(kept: Path) -> Path:
-    """Where the checksum of the file ``kept`` is."""
-    return kept.with_name(f'{kept.name}.sha256')
-
-
-def _is_whole(kept: Path) -> bool:
-    """Whether the file ``kept`` is as it was written.
-
-    Numba would run a flipped bit of it.
-    """
-    try:
-        expected = _checksum_of(kept).read_text()
-        return hashlib.sha256(kept.read_bytes()).hexdigest() == expected
-    except (OSError, UnicodeDecodeError):
-        return False
-
-
-def _write_checksums(machine: Any) -> None:
-    """Write the checksum of every file in which ``machine`` has just been kept."""
-    with contextlib.suppress(OSError):  # What has none is compiled anew the next time.
-        for kept in _kept(machine):
-            digest = hashlib.sha256(kept.read_bytes()).hexdigest()
-            # Nobody may read half of it, locked or not.
-            written = kept.with_name(f'{kept.name}.{os.getpid()}.tmp')
-            written.write_text(digest)
-            written.replace(_checksum_of(kept))
-
-
-def _forget(machine: Any) -> None:
-    """Remove the files in which ``machine`` is kept, and their checksums."""
-    for kept in _kept(machine):
-        kept.unlink(missing_ok=True)
-        _checksum_of(kept).unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def _one_at_a_time(machine: Any) -> Iterator[None]:
-    """Wait for other processes that do the same, so that one compiles and the others load."""
-    with contextlib.ExitStack() as stack:
-        with contextlib.suppress(ImportError, OSError, TypeError):
-            fcntl = importlib.import_module('fcntl')
-            lock = stack.enter_context(open(Path(machine.stats.cache_path) / 'octo_arm.lock', 'w'))
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
+            write_checksums(machine)

@@ -169,8 +169,8 @@ def balance(
 
 
 def solve_symmetric(matrix: FloatArray, right: FloatArray) -> None:
-    """Solve in place with the lower half of a definite ``matrix`` (n, n), by L D L^T."""
-    n = right.size
+    """Solve in place with the lower half of a definite ``matrix`` (4, 4), by L D L^T."""
+    n = 4  # A constant, for the compiler to unroll the loops.
     for j in range(n):
         over = 1.0 / matrix[j, j]
         for i in range(j + 1, n):

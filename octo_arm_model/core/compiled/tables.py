@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.compiled.section_tables import ExactTables, no_exact
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.picard import COLLOCATION_POINTS
-from octo_arm_model.core.models.renda2012 import March
+from octo_arm_model.core.models.renda2012 import March, Renda2012
 from octo_arm_model.core.numerics.vectors import runs_of
+from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.kinematics import Frame
 
 
 class Weights(NamedTuple):
@@ -55,26 +57,51 @@ class MarchTables(NamedTuple):
     to_nodes: FloatArray
 
 
-class Tables(NamedTuple):
-    """An arm as it is tabulated for a solver.
+class PapersTables(NamedTuple):
+    """An arm as it is tabulated for the paper's models.
 
     Attributes:
         weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
         stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
-        march: of the model renda2012; without elements for the others.
-        exact: of the model exact; without sections for the others.
-        step: length of each interval [m], (intervals,).
-        station_node: node of each station, (stations,).
-        base: position of the base [m] and its orientation w, x, y, z, (7,).
+        march: of the model renda2012; without elements for closed_form.
     """
 
     weights: Weights
     stiffness: FloatArray
     march: MarchTables
-    exact: ExactTables
+
+
+class GridTables(NamedTuple):
+    """What the twist at the nodes is integrated along.
+
+    Attributes:
+        step: length of each interval [m], (intervals,).
+        station_node: node of each station, (stations,).
+        base: position of the base [m] and its orientation w, x, y, z, (7,).
+    """
+
     step: FloatArray
     station_node: IntArray
     base: FloatArray
+
+
+def papers_tables(equations: ClosedForm | Renda2012) -> PapersTables:
+    """What ``equations`` evaluate."""
+    return PapersTables(
+        weights=packed(equations.weights.matrices),
+        stiffness=np.array(equations.stiffness),
+        march=march_tables(equations.march) if isinstance(equations, Renda2012) else no_march(),
+    )
+
+
+def grid_tables(grid: StationGrid, base: Frame) -> GridTables:
+    """An arm's ``grid``, and the pose ``base`` it stands on."""
+    a, b = (complex(part) for part in base.rotation)
+    return GridTables(
+        step=grid.step,
+        station_node=grid.station_node,
+        base=np.array([*base.position, a.real, a.imag, b.real, b.imag]),
+    )
 
 
 def march_tables(march: March) -> MarchTables:
@@ -117,17 +144,14 @@ def no_march() -> MarchTables:
     )
 
 
-def no_arm() -> Tables:
+def no_arm() -> PapersTables:
     """Of an arm without anything."""
-    return Tables(
-        weights=packed(np.zeros((1, 0, 0))),
-        stiffness=np.zeros((3, 0)),
-        march=no_march(),
-        exact=no_exact(),
-        step=np.zeros(0),
-        station_node=np.zeros(0, np.int64),
-        base=np.zeros(7),
-    )
+    return PapersTables(packed(np.zeros((1, 0, 0))), np.zeros((3, 0)), no_march())
+
+
+def no_grid() -> GridTables:
+    """Of an arm of no length."""
+    return GridTables(np.zeros(0), np.zeros(0, np.int64), np.zeros(7))
 
 
 def packed(matrices: FloatArray) -> Weights:

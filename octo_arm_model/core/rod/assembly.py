@@ -137,7 +137,7 @@ class Results:
         position, quaternion, strains = self.position, self.quaternion, self.strains
         residual, iterations = self.residual, self.iterations
         # Not of a batch, whose nodes would take most of the memory.
-        twist = self.twist.reshape(len(self.twist), -1) if lead == () else None
+        twist = self.twist if lead == () else None
         if residual.shape != lead:
             count = self._grid.s.size
             position = position.reshape(*lead, count, 3)

@@ -168,9 +168,9 @@ def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
 
 def largest_of(tensions: FloatArray) -> float:
     """The largest of ``tensions`` [N]; zero if there are none."""
-    if tensions.size <= _FEW:
-        return max(tensions.ravel().tolist(), default=0.0)
-    return float(tensions.max())
+    if 0 < tensions.size <= _FEW:
+        return max(tensions.ravel().tolist())
+    return float(tensions.max(initial=0.0))
 
 
 def _is_fine(array: FloatArray) -> bool:

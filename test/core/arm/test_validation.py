@@ -43,3 +43,12 @@ def test_one_element_that_is_none_refuses_all(
 )  # fmt: skip
 def test_what_is_no_array_of_numbers_is_none(value: object) -> None:
     assert real_numbers(value) is None
+
+
+def test_an_element_that_only_numpy_takes_for_an_array_is_one() -> None:
+    class Pair:
+        def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+            return np.array([1.0, 2.0])
+
+    np.testing.assert_array_equal(real_numbers([Pair(), [3, 4.0]]), [[1.0, 2.0], [3.0, 4.0]])
+    assert real_numbers([Pair(), [3, True]]) is None

@@ -30,7 +30,7 @@ from octo_arm_model import (
 from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled import frame_kernels, kernels, numba_build
+from octo_arm_model.core.compiled import frame_kernels, kernel_cache, kernels, numba_build
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
@@ -266,13 +266,13 @@ def test_two_stations_at_one_node_are_both_filled_in() -> None:
     solver = TABLE_4.solver('closed_form', 11, compiled=True)
     assert solver._compiled is not None
     found = solver.solve(FETCHING_IN_SPACE)
-    tables = solver._compiled._tables
-    station_node = tables.station_node.copy()
+    grid = solver._compiled._grid
+    station_node = grid.station_node.copy()
     station_node[3] = station_node[2]
     position, quaternion = np.full((11, 3), np.nan), np.full((11, 4), np.nan)
     twist = np.array(found.twist)
     frame_kernels.integrate_twist(
-        tables._replace(station_node=station_node), twist, position, quaternion
+        grid._replace(station_node=station_node), twist, position, quaternion
     )
     expected = found.position.copy()
     expected[3] = expected[2]
@@ -307,7 +307,7 @@ def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
 
 def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
     machine = numba_build.find_shapes()
-    assert numba_build._kept(machine)
+    assert kernel_cache.kept_files(machine)
     # Loaded, and so nothing to say.
     assert sum(machine.stats.cache_hits.values()) == 1 and not nothing_known
 
