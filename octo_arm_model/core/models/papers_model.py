@@ -18,7 +18,7 @@ from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.analytic import papers_derivatives
-from octo_arm_model.core.sensitivity.results import Sensitivity
+from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 
 class Equations(Protocol):
@@ -92,6 +92,10 @@ class PapersModel:
             ConvergenceError: if the equations were not solved.
         """
         return self.equations.solve(tensions)
+
+    def tip_by(self, backbone: Backbone) -> TipBy:
+        """Derivatives of the tip of ``backbone``, see `Statics`."""
+        return self.sensitivity(backbone).tip_by
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""
