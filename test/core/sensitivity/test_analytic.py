@@ -408,7 +408,7 @@ def assert_covariance(solver: Solver, backbone: Backbone, uncertainty: Uncertain
     # In units in which all are of one size.
     unit = np.array(3 * [1.0] + 3 * [solver.arm.length])
     expected, found = (part * unit[:, np.newaxis] * unit for part in (expected, found))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
 def test_no_uncertainty_is_none() -> None:
