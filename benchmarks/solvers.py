@@ -22,7 +22,17 @@ from brief import IS_BRIEF, make_parser
 from loaded_bvp import LoadedBvp
 from scipy.integrate import solve_ivp
 
-from octo_arm_model import MODELS, Arm, Body, Config, Loads, Section, Solver, load_config
+from octo_arm_model import (
+    MODELS,
+    Arm,
+    Body,
+    Config,
+    Loads,
+    Section,
+    Solver,
+    Uncertainty,
+    load_config,
+)
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled.numba_build import is_available
@@ -30,6 +40,7 @@ from octo_arm_model.core.models import exact
 
 STATIONS = 101
 GRAVITY = (0.0, 0.0, -9.81)
+UNCERTAIN = Uncertainty(tension=0.02, youngs_modulus=0.05)
 BATCH = 100 if IS_BRIEF else 10_000
 MOST_REPEATS = 2 if IS_BRIEF else 1000
 
@@ -242,7 +253,10 @@ def hanging(config: Config, ways: list[bool]) -> None:
     unit = least(lambda: closed_form.solve(tensions), 1000)
     name = 'compiled closed_form' if ways[-1] else 'closed_form'
     print(f'\nFigure 15 and the weight of the arm, in times of one {name}, {unit * 1e6:.1f} us')
-    names = ('one', 'warm, 1 %', 'sensitivities', 'batch, warm', 'batch, cold', 'tip error / L')
+    names = (
+        'one', 'warm, 1 %', 'sensitivities', 'covariance', 'batch, warm', 'batch, cold',
+        'tip error / L',
+    )  # fmt: skip
     print(f'{"exact":24}' + ''.join(f'{name:>15}' for name in names))
     for is_compiled in ways:
         for medium, loads in (
@@ -260,7 +274,7 @@ def hanging(config: Config, ways: list[bool]) -> None:
 
 
 def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
-    """Seconds of a solve, from the last shape, all derivatives, and per arm of a batch."""
+    """Seconds of a solve, from the last shape, derivatives, covariance, and a batch per arm."""
     last = solver.solve(tensions)
     parts = 1.0 + 0.01 * np.sin(np.arange(1000.0))
     moving = itertools.cycle(parts)
@@ -269,6 +283,7 @@ def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
         least(lambda: solver.solve(tensions), 100),
         least(lambda: solver.solve(next(moving) * tensions, start=last), 400),
         least(lambda: solver.sensitivity(last), 100),
+        least(lambda: solver.tip_covariance(last, UNCERTAIN), 100),
         least(lambda: solver.solve(batch, start=last), 3) / len(batch),
         least(lambda: solver.solve(batch[:100]), 3) / len(batch[:100]),
     ]

@@ -266,7 +266,8 @@ class Solver:
         """
         if not uncertainty.is_any:
             return np.zeros((6, 6))
-        return self.sensitivity(backbone).tip_covariance(uncertainty)
+        self._own_twist(backbone)
+        return uncertainty.tip_covariance(self._statics.tip_by(backbone))
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
         """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.

@@ -12,7 +12,6 @@ import math
 import sys
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -119,19 +118,19 @@ class Readout:
         rule, start, step = collocation.rule, collocation.start, collocation.step
         places = (s - start[element]) / step[element]
         count = rule.points.size
-        columns = (element[:, np.newaxis] * count + np.arange(count)).ravel()
-        rows = np.arange(0, count * s.size + 1, count)
-        shape = (s.size, collocation.s.size)
-        values = rule.interpolate(places)
-        self._values = csr_matrix((values.ravel(), columns, rows), shape)
-        within = rule.integrate(places) * step[element, np.newaxis]
-        within[places == 0.0] = 0.0  # but for rounding it is
-        self.values, self.within = values, within
-        self._within = csr_matrix((within.ravel(), columns, rows), shape)
+        # Places of one element each, next to each other, and its points.
+        edges = [0, *(np.flatnonzero(np.diff(element)) + 1).tolist(), s.size]
+        self._runs = [
+            (slice(first, last), slice(element[first] * count, (element[first] + 1) * count))
+            for first, last in itertools.pairwise(edges)
+        ]
+        self.values = rule.interpolate(places)
+        self.within = rule.integrate(places) * step[element, np.newaxis]
+        self.within[places == 0.0] = 0.0  # but for rounding it is
 
     def interpolate(self, values: FloatArray) -> FloatArray:
         """Values (..., n) from those at the points (..., points)."""
-        return self._apply(self._values, values)
+        return self._apply(self.values, values)
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integrals (..., n) from the base, of values at the points (..., points)."""
@@ -139,9 +138,13 @@ class Readout:
         before = np.zeros((*values.shape[:-1], own.step.size))
         whole = (own.by_element(values) @ own.rule.weights) * own.step
         np.add.accumulate(whole[..., :-1], axis=-1, out=before[..., 1:])
-        return before[..., self.element] + self._apply(self._within, values)
+        found = self._apply(self.within, values)
+        found += before[..., self.element]
+        return found
 
-    @staticmethod
-    def _apply(matrix: csr_matrix, values: FloatArray) -> FloatArray:
+    def _apply(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
         flat = values.reshape(-1, values.shape[-1])
-        return np.asarray((matrix @ flat.T).T).reshape(*values.shape[:-1], -1)
+        found = np.empty((len(flat), len(matrix)))
+        for places, points in self._runs:
+            found[:, places] = flat[:, points] @ matrix[places].T
+        return found.reshape(*values.shape[:-1], len(matrix))

@@ -185,8 +185,8 @@ class Equilibrium:
         self.require_tangents('the stability check')
         if not isinstance(answer, TipAnswer):
             answer = self.tip_answer(state, answer or self.linearised(state))
-        # A moment that keeps its direction has no energy, and nothing follows from compliance.
-        is_known = not (self.loads.has_moments or state.condition.tip_wrench[3:].any())
+        # Without an energy nothing follows from compliance.
+        is_known = self.loads.has_energy(state.condition.tip_wrench)
         if answer.sign > 0 and (answer.is_definite or not is_known):
             return Stability(True if is_known else None, answer.sign, None)
         compliance = answer.compliance

@@ -95,6 +95,13 @@ class LoadTable:
             force, moment = force + more.force, moment + more.moment
         return Resultants(force, moment)
 
+    def has_energy(self, tip_wrench: FloatArray) -> bool:
+        """Whether all loads derive from an energy, with ``tip_wrench`` (6,) on the tip.
+
+        A moment that keeps its direction does not.
+        """
+        return not (self.has_moments or tip_wrench[3:].any())
+
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
         """How they change with the shape, where that is known; see ``without_tangent``."""
         found = (load.tangents(rod) for load in self.others)

@@ -38,7 +38,8 @@ from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.by_loads import by_loads
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
+from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
 POINTS = 20  # in each panel
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
@@ -276,12 +277,24 @@ class Exact:
         """First derivatives of ``backbone``, by all there is."""
         return derivatives(*self._balanced(backbone))
 
+    def tip_by(self, backbone: Backbone) -> TipBy:
+        """Derivatives of the tip of ``backbone``, by reciprocity where that holds."""
+        rod, condition, shape = self._balance_of(backbone)
+        if not is_reciprocal(rod, condition):
+            return self.sensitivity(backbone).tip_by
+        return tip_derivatives(rod, condition, shape)
+
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of ``backbone`` per unit of each of ``loads``."""
         return by_loads(*self._balanced(backbone), self._setup.arm, loads)
 
     def _balanced(self, backbone: Backbone) -> tuple[LoadedRod, State]:
         """The rod that a ``backbone`` is a solution of, and its state."""
+        rod, condition, shape = self._balance_of(backbone)
+        return rod, rod.equilibrium.state(condition, shape)
+
+    def _balance_of(self, backbone: Backbone) -> tuple[LoadedRod, Condition, Shape]:
+        """The rod that a ``backbone`` is a solution of, what acts on it and its shape."""
         tensions = backbone.tensions.ravel()
         condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0
@@ -292,8 +305,7 @@ class Exact:
                 shape = self._rod(level).unloaded(tensions)
         else:
             level = self._rods.level_of(shape.twist)
-        rod = self._rod(level)
-        return rod, rod.equilibrium.state(condition, shape)
+        return self._rod(level), condition, shape
 
 
 def _sections(rod: LoadedRod) -> ExactSections:

@@ -13,7 +13,7 @@ from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.sensitivity.analytic import papers_derivatives
-from octo_arm_model.core.sensitivity.results import Sensitivity
+from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 
 class Equations(Protocol):
@@ -59,6 +59,10 @@ class PapersModel(UnloadedStatics):
 
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         return self.equations.solve(tensions)
+
+    def tip_by(self, backbone: Backbone) -> TipBy:
+        """Derivatives of the tip of ``backbone``, see `Statics`."""
+        return self.sensitivity(backbone).tip_by
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""

@@ -18,7 +18,7 @@ from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.sensitivity.analytic import from_twist_changes
-from octo_arm_model.core.sensitivity.results import Sensitivity
+from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 
 class SlidingClosedForm(UnloadedStatics):
@@ -58,6 +58,10 @@ class SlidingClosedForm(UnloadedStatics):
     def _closed_form(self, rod: LoadedRod) -> ClosedForm:
         own = rod.equilibrium.collocation
         return ClosedForm(self._setup.arm, own.s, own.section)
+
+    def tip_by(self, backbone: Backbone) -> TipBy:
+        """Derivatives of the tip of ``backbone``, see `Statics`."""
+        return self.sensitivity(backbone).tip_by
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions, E and friction.

@@ -17,7 +17,7 @@ from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.sensitivity.results import Sensitivity
+from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 # Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
 # stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
@@ -98,3 +98,6 @@ class Statics(Protocol):
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this model."""
+
+    def tip_by(self, backbone: Backbone) -> TipBy:
+        """Those of the tip alone, of which each costs little or is found when asked for."""

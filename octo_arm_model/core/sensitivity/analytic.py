@@ -24,7 +24,7 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
+from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
@@ -39,35 +39,27 @@ def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
     local_tensions, direct = energy.local_tensions(tensions[np.newaxis]), None
+    if state.sliding is not None:
+        local_tensions = state.sliding.tensions
     count, tendons = len(twist), tensions.size
-    strain = to_scaled(energy.law, twist[:, np.newaxis])
-    # What each change of a parameter leaves unbalanced, in the axes of each cross section.
-    by_sheath = parameters.gradient_by_sheath(strain, local_tensions)
-    elastic, _ = energy.material(strain)
-    lengthening = energy.lengthening(strain, local_tensions)[1]
-    pulls, more = lengthening * energy.transmission, by_sheath.shape[1]
+    left = Imbalance(energy, parameters, twist, local_tensions)
+    strain, by_sheath = left.strain, left.by_sheath_stiffness
+    more = by_sheath.shape[1]
     if state.sliding is not None:
         # What tendons pull with changes along them, and their friction adds columns.
-        more, local_tensions = tendons, state.sliding.tensions
-        pulls, direct = np.zeros_like(pulls), _direct(rod, state, state.sliding, strain)
+        more, direct = tendons, _direct(rod, state, state.sliding, strain)
     columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
-    for part, gradient in (
-        (slice(0, tendons), pulls),
-        (slice(tendons + 6, tendons + 7), elastic[:, np.newaxis]),
-        (slice(tendons + 7, tendons + 8), parameters.gradient_by_poisson(strain)[:, np.newaxis]),
-        (
-            slice(tendons + 8, 2 * tendons + 8),
-            parameters.gradient_by_offset(strain, local_tensions),
-        ),
-        (slice(2 * tendons + 8, 2 * tendons + 8 + by_sheath.shape[1]), by_sheath),
-    ):
-        columns[:count, part] = -unscale_gradient(energy, twist[:, np.newaxis], gradient)[:, :, 0]
+    if state.sliding is None:
+        columns[:count, :tendons] = left.by_tension
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
+    columns[:count, tendons + 6, np.newaxis] = left.by_youngs_modulus
+    columns[:count, tendons + 7, np.newaxis] = left.by_poisson_ratio
+    columns[:count, tendons + 8 : 2 * tendons + 8] = left.by_offset
+    columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + by_sheath.shape[1]] = by_sheath
     response = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = read_out(rod, state, response)
-    by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
     weights = problem.collocation.weights
-    length = lengths_along(by_twist * weights, response.twist)
+    length = lengths_along(left.length_by_twist * weights, response.twist)
     # What changes the length of a tendon at a given twist.
     at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
     tendon = np.arange(tendons)

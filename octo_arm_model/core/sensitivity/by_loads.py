@@ -14,8 +14,8 @@ from octo_arm_model.core.loaded.load_resultants import dead_resultants
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.vectors import cross
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 from octo_arm_model.core.sensitivity.analytic import lengths_along, read_out
+from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change
 
 
@@ -36,10 +36,8 @@ def by_loads(rod: LoadedRod, state: State, arm: Arm, loads: Sequence[Loads]) -> 
     pose, strains = read_out(rod, state, response)
     energy = problem.energy
     local_tensions = energy.local_tensions(state.condition.tensions[np.newaxis])
-    strain = to_scaled(energy.law, twist[:, np.newaxis])
-    lengthening = energy.lengthening(strain, local_tensions)[1]
-    by_twist = unscale_gradient(energy, twist[:, np.newaxis], lengthening)[:, :, 0]
-    length = lengths_along(by_twist * problem.collocation.weights, response.twist)
+    stretch = Imbalance(energy, rod.parameters, twist, local_tensions).length_by_twist
+    length = lengths_along(stretch * problem.collocation.weights, response.twist)
     return Change(pose, strains, length)
 
 

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
+
+# Derivative of the tip's position and rotation vector by a quantity, (6, n): 'tension',
+# 'youngs_modulus', 'poisson_ratio' or 'offset'; None if the model has none.
+TipBy: TypeAlias = Callable[[str], FloatArray | None]
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,29 @@ class Uncertainty:
         """Whether anything is uncertain."""
         return self != Uncertainty()
 
+    def tip_covariance(self, tip_by: TipBy) -> FloatArray:
+        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+
+        Only what is uncertain is asked of ``tip_by``.
+
+        Raises:
+            ConfigError: if there is no derivative by something that is uncertain.
+        """
+        covariance = np.diag(np.repeat((self.model_position, self.model_rotation), 3) ** 2)
+        for name, deviation, quantity in (
+            ('tension', self.tension, 'tension'),
+            ("Young's modulus", self.youngs_modulus, 'youngs_modulus'),
+            ("Poisson's ratio", self.poisson_ratio, 'poisson_ratio'),
+            ("the tendons' offsets", self.offset, 'offset'),
+        ):
+            if not deviation:
+                continue
+            change = tip_by(quantity)
+            if change is None:
+                raise ConfigError(f'the model has no derivative by {name}: choose exact')
+            covariance += deviation**2 * change @ change.T
+        return covariance
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -94,23 +123,15 @@ class Sensitivity:
             raise ConfigError('the model has no loads, so no compliance: choose exact')
         return self.by_tip_wrench.tip
 
+    def tip_by(self, quantity: str) -> FloatArray | None:
+        """A `TipBy`."""
+        change: Change | None = getattr(self, f'by_{quantity}')
+        return None if change is None else change.tip
+
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
-        model = (uncertainty.model_position, uncertainty.model_rotation)
-        covariance = np.diag(np.repeat(model, 3) ** 2)
-        for name, deviation, change in (
-            ('tension', uncertainty.tension, self.by_tension),
-            ("Young's modulus", uncertainty.youngs_modulus, self.by_youngs_modulus),
-            ("Poisson's ratio", uncertainty.poisson_ratio, self.by_poisson_ratio),
-            ("the tendons' offsets", uncertainty.offset, self.by_offset),
-        ):
-            if not deviation:
-                continue
-            if change is None:
-                raise ConfigError(f'the model has no derivative by {name}: choose exact')
-            covariance += deviation**2 * change.tip @ change.tip.T
-        return covariance
+        return uncertainty.tip_covariance(self.tip_by)

@@ -68,6 +68,7 @@ class Case(NamedTuple):
         poisson: float = 0.0,
         farther: np.ndarray | None = None,
         rougher: np.ndarray | None = None,
+        compiled: bool | None = False,
     ) -> Solver:
         """The arm with E and nu changed, each tendon ``farther`` from the midline and rougher."""
         friction = self.friction if rougher is None else tuple(self.friction + rougher)
@@ -102,6 +103,7 @@ class Case(NamedTuple):
             material=self.law,
             shear=self.shear,
             loads=self.loads,
+            compiled=compiled,
         )
 
 
@@ -379,6 +381,30 @@ def test_the_tips_covariance_is_that_of_many_samples_to_first_order() -> None:
     spread = np.cov(np.array(samples).T)
     # Of 200 samples a variance is known to 10 %.
     np.testing.assert_allclose(spread, covariance[:3, :3], atol=0.25 * np.abs(spread).max())
+
+
+@pytest.mark.parametrize('quantity', ['tension', 'youngs_modulus', 'poisson_ratio', 'offset'])
+@pytest.mark.parametrize('name', CASES)
+def test_the_tip_alone_is_that_of_the_whole_arm(name: str, quantity: str) -> None:
+    case = conservative(CASES[name])
+    for compiled in (False, None):
+        solver = case.solver(compiled=compiled)
+        backbone = solver.solve(case.tensions)
+        assert_covariance(solver, backbone, Uncertainty(**{quantity: 0.01}))
+
+
+def test_the_tip_alone_where_nothing_is_reciprocal(solved: Solved) -> None:
+    # Dead moments and friction have no energy.
+    assert_covariance(solved.solver, solved.backbone, Uncertainty(0.01, 0.02, 0.03, 1e-4))
+
+
+def assert_covariance(solver: Solver, backbone: Backbone, uncertainty: Uncertainty) -> None:
+    expected = solver.sensitivity(backbone).tip_covariance(uncertainty)
+    found = solver.tip_covariance(backbone, uncertainty)
+    # In units in which all are of one size.
+    unit = np.array(3 * [1.0] + 3 * [solver.arm.length])
+    expected, found = (part * unit[:, np.newaxis] * unit for part in (expected, found))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
 def test_no_uncertainty_is_none() -> None:

@@ -1,0 +1,77 @@
+"""What a change of a parameter leaves unbalanced at the cross sections, while these stay."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
+
+
+class Imbalance:
+    """Moments and forces per unit of each quantity, (n, quantities, points).
+
+    In the axes of the cross sections, on which they act.
+
+    Attributes:
+        strain: scaled strain, (n, 1, points).
+    """
+
+    def __init__(
+        self,
+        energy: SectionEnergy,
+        parameters: ParameterDerivatives,
+        twist: FloatArray,
+        local_tensions: FloatArray,
+    ) -> None:
+        """At ``twist`` (n, points) and ``local_tensions`` (tendons, 1, points) [N]."""
+        self._energy, self._parameters = energy, parameters
+        self._twist, self._local_tensions = twist[:, np.newaxis], local_tensions
+        self.strain = to_scaled(energy.law, self._twist)
+
+    def _left_by(self, gradient: FloatArray) -> FloatArray:
+        """Of ``gradient`` (n, quantities, 1, points) of the energy by the scaled strain."""
+        return -unscale_gradient(self._energy, self._twist, gradient)[:, :, 0]
+
+    @functools.cached_property
+    def _lengthening(self) -> FloatArray:
+        return self._energy.lengthening(self.strain, self._local_tensions)[1]
+
+    @property
+    def length_by_twist(self) -> FloatArray:
+        """Gradient of every tendon's stretch by the twist, (n, tendons, points)."""
+        return -self._left_by(self._lengthening)
+
+    @property
+    def by_tension(self) -> FloatArray:
+        """Per newton of each tendon's tension at the base, without friction."""
+        return self._left_by(self._lengthening * self._energy.transmission)
+
+    @property
+    def by_youngs_modulus(self) -> FloatArray:
+        """Per relative change of E."""
+        elastic, _ = self._energy.material(self.strain)
+        return self._left_by(elastic[:, np.newaxis])
+
+    @property
+    def by_poisson_ratio(self) -> FloatArray:
+        """Per unit of nu."""
+        return self._left_by(self._parameters.gradient_by_poisson(self.strain)[:, np.newaxis])
+
+    @property
+    def by_offset(self) -> FloatArray:
+        """Per metre of each tendon's distance from the midline."""
+        return self._left_by(
+            self._parameters.gradient_by_offset(self.strain, self._local_tensions)
+        )
+
+    @property
+    def by_sheath_stiffness(self) -> FloatArray:
+        """Per pascal of each tendon's sheath; of no tendon where all keep their places."""
+        return self._left_by(
+            self._parameters.gradient_by_sheath(self.strain, self._local_tensions)
+        )
