@@ -1,6 +1,6 @@
 """The loops of `kernels` as machine code, where numba is installed and works.
 
-Compiling takes some ten seconds, once: numba keeps the result beside this package or, where
+Compiling takes up to a minute, once: numba keeps the result beside this package or, where
 nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
 could not be kept, has another checksum or cannot be read again is compiled anew. Whatever goes
 wrong otherwise is logged, and NumPy solves.
@@ -247,7 +247,7 @@ def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
         if not all(map(is_whole, kept_files(machine))):
             forget(machine)
         if not kept_files(machine):
-            _LOG.info('compiling the models: some ten seconds, once on this machine')
+            _LOG.info('compiling the models: up to a minute, once on this machine')
         machine(*arguments)
         if sum(machine.stats.cache_misses.values()):
             write_checksums(machine)
