@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import abc
 import functools
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.core.arm.validation import real_numbers
@@ -258,6 +260,21 @@ class Curvatures(_AtPlaces):
         s = at.model.solver.grid.s
         _check_on_arm(self.name, self.s, at)
         return np.searchsorted(0.5 * (s[1:] + s[:-1]), self.s)
+
+
+def residuals(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
+    """Innovations of all ``measurements``, one after the other."""
+    return np.concatenate([one.innovation(at) for one in measurements])
+
+
+def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
+    """Their Jacobians, one below the other."""
+    return np.concatenate([one.jacobian(at) for one in measurements])
+
+
+def noise_root(measurements: Sequence[Measurement]) -> FloatArray:
+    """Root of the covariance of all ``measurements`` together."""
+    return np.asarray(block_diag(*(one.noise_root for one in measurements)))
 
 
 def _numbers(name: str, value: ArrayLike) -> FloatArray:

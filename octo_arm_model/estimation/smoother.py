@@ -17,15 +17,14 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Belief, gain, lower_root
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, first_step, next_step, predict, prior
-from octo_arm_model.estimation.measurements import Measurement
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.update import (
-    TOLERANCE,
+from octo_arm_model.estimation.measurements import (
+    Measurement,
     jacobians,
-    nearest_possible,
     noise_root,
     residuals,
 )
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.update import TOLERANCE, nearest_possible
 
 MAX_RECORDED = 100_000  # times
 _MOST = 20  # passes

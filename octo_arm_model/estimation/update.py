@@ -1,7 +1,8 @@
 """What measurements of one time make of a belief: the step of the filter and of the smoother.
 
 Linear measurements are exact and cost no shape, so they come first; the others by Gauss-Newton
-iteration from there (iterated extended Kalman filter, Bell and Cathey 1993).
+iteration from there (iterated extended Kalman filter, Bell and Cathey 1993) to the most probable
+state, and on to the mean, which `posterior_mean` tells apart.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -22,7 +22,13 @@ from octo_arm_model.estimation.belief import (
     gain,
     normalised_square,
 )
-from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.estimation.measurements import (
+    Measurement,
+    jacobians,
+    noise_root,
+    residuals,
+)
+from octo_arm_model.estimation.posterior_mean import shift_to_mean
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 
 # Where the next step is shorter than this part of a standard deviation there is none.
@@ -105,7 +111,10 @@ def update(
                     root = np.asarray(np.linalg.cholesky(innovation.covariance), np.float64)
                     log_likelihood -= 0.5 * (limit + _volume(root))
         if used:
-            belief, at, best = _most_probable(belief, used, at)
+            before = belief
+            belief, at, best = _most_probable(before, used, at)
+            if not is_linear:
+                belief, at = _about_mean(before, used, at)
             square, size = square + best.square, size + best.size
             log_likelihood -= 0.5 * (best.square + best.volume)
     innovations = tuple(found[id(one)] for one in measurements)
@@ -127,21 +136,6 @@ def nearest_possible(model: ArmModel, belief: Belief, mean: FloatArray) -> Float
     return found
 
 
-def residuals(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
-    """Innovations of all ``measurements``, one after the other."""
-    return np.concatenate([one.innovation(at) for one in measurements])
-
-
-def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
-    """Their Jacobians, one below the other."""
-    return np.concatenate([one.jacobian(at) for one in measurements])
-
-
-def noise_root(measurements: Sequence[Measurement]) -> FloatArray:
-    """Root of the covariance of all ``measurements`` together."""
-    return np.asarray(block_diag(*(one.noise_root for one in measurements)))
-
-
 def _judged(one: Measurement, at: Prediction, belief: Belief, gate: float) -> Innovation:
     """The innovation of ``one`` measurement, judged by the ``gate``."""
     value = one.innovation(at)
@@ -154,6 +148,21 @@ def _judged(one: Measurement, at: Prediction, belief: Belief, gate: float) -> In
         except SolveError:
             square = np.inf
     return Innovation(one.name, value, root @ root.T, square, square <= limit)
+
+
+def _about_mean(
+    prior: Belief, measurements: Sequence[Measurement], at: Prediction
+) -> tuple[Belief, Prediction]:
+    """The posterior of a ``prior`` whose mode is ``at``: of its mean, linearised about that."""
+    noise, left = noise_root(measurements), residuals(measurements, at)
+    by = gain(prior.root, jacobians(measurements, at), noise)
+    posterior = Belief(at.x, by.root)
+    shift = shift_to_mean(prior, measurements, at, by)
+    new = Prediction(at.model, nearest_possible(at.model, posterior, at.x + shift), at.shape)
+    # Back to where the measurements are met as well as before.
+    x = new.x + by.gain @ (residuals(measurements, new) - left)
+    new = Prediction(at.model, nearest_possible(at.model, posterior, x), new.shape)
+    return Belief(new.x, gain(prior.root, jacobians(measurements, new), noise).root), new
 
 
 class _Fit(NamedTuple):
