@@ -47,6 +47,8 @@ def test_what_is_no_array_of_numbers_is_none(value: object) -> None:
 
 def test_an_element_that_only_numpy_takes_for_an_array_is_one() -> None:
     class Pair:
+        """Two numbers, to NumPy alone."""
+
         def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
             return np.array([1.0, 2.0])
 
