@@ -21,8 +21,14 @@ from octo_arm_model.estimation.unknowns import Unknowns, Walk
 ROD = Arm(
     Material.from_moduli(40e9, 15e9),
     Body(0.25, 0.0006, 0.0006, disc_radius=0.01),
-    (Section(0.25, 0.01, 0.01),),
-)
+    (
+        Section(
+            0.25, 0.01, 0.01,
+            angles=(0.0, math.pi, 1.5 * math.pi, 0.0),
+            twist=(2.0 * math.pi, 0.0, 0.0, 0.0),
+        ),
+    ),
+)  # fmt: skip
 
 
 def test_the_shift_is_the_gradient_of_the_determinant() -> None:
@@ -58,7 +64,7 @@ def test_a_filter_that_remembers_is_as_sure_as_it_should_be() -> None:
         tip_force=Walk.stationary(0.05, 1.0),
     )
     model = ArmModel(ROD, unknowns, material='linear', stations=31)
-    state, runs, steps, period = model.state, 5, 40, 1.0 / 30.0
+    state, runs, steps, period = model.state, 5, 60, 1.0 / 30.0
     squares, errors = [], []
     for seed in range(runs):
         rng, own, shape = np.random.default_rng(seed), Filter(model), None
