@@ -48,6 +48,7 @@ from octo_arm_model.core.compiled.tables import no_arm, no_grid
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
+_ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
@@ -247,7 +248,11 @@ def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
         if not all(map(is_whole, kept_files(machine))):
             forget(machine)
         if not kept_files(machine):
-            _LOG.info('compiling the models: up to a minute, once on this machine')
+            name = machine.__name__
+            # One line for all entries together.
+            if not _ANNOUNCED or name in _ANNOUNCED:
+                _LOG.info('compiling the models: up to a minute, once on this machine')
+            _ANNOUNCED.add(name)
         machine(*arguments)
         if sum(machine.stats.cache_misses.values()):
             write_checksums(machine)

@@ -52,6 +52,7 @@ def both(config: Config, model: str) -> tuple[Solver, Solver]:
 def nothing_known(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
     """As if numba had not been looked for yet, now and afterwards; what is logged then."""
     caches = numba_build.find_shapes, numba_build.fault
+    monkeypatch.setattr(numba_build, '_ANNOUNCED', set())
     logger = logging.getLogger('octo_arm_model')
     for name in ('handlers', 'level', 'propagate'):
         monkeypatch.setattr(logger, name, getattr(logger, name))
