@@ -43,10 +43,10 @@ def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, Fri
 def test_a_sequence_goes_on_from_the_last_shape(rubbing: Config) -> None:
     solver, follow, memory = following(rubbing, 2.0)
     pulled = follow(5 * SECOND, tensions=HIGH)
-    np.testing.assert_array_equal(pulled.position, solver.solve(HIGH).position)
+    np.testing.assert_allclose(pulled.position, solver.solve(HIGH).position, rtol=0.0, atol=1e-12)
     released = follow(7 * SECOND, tensions=LOW)
     expected = solver.follow(LOW, pulled)
-    np.testing.assert_array_equal(released.position, expected.position)
+    np.testing.assert_allclose(released.position, expected.position, rtol=0.0, atol=1e-12)
     assert np.linalg.norm(released.tip - solver.solve(LOW).tip) > 1e-3
     assert memory.forgotten == 0
 
@@ -62,7 +62,7 @@ def test_after_a_gap_the_history_is_forgotten(
     pulled = follow(SECOND, tensions=HIGH)
     found = follow(SECOND + round(gap * SECOND), tensions=LOW)
     expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
-    np.testing.assert_array_equal(found.position, expected.position)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
     assert memory.forgotten == forgets
 
 
@@ -70,7 +70,7 @@ def test_where_time_starts_over_so_does_the_arm(rubbing: Config) -> None:
     solver, follow, _ = following(rubbing)
     follow(10 * SECOND, tensions=HIGH)
     found = follow(9 * SECOND, tensions=LOW)
-    np.testing.assert_array_equal(found.position, solver.solve(LOW).position)
+    np.testing.assert_allclose(found.position, solver.solve(LOW).position, rtol=0.0, atol=1e-12)
 
 
 def test_without_friction_there_is_no_history(prototype: Config) -> None:
@@ -108,4 +108,6 @@ def test_what_is_refused_leaves_what_is_known(prototype: Config, rubbing: Config
     with pytest.raises(ConfigError, match='displacements of tendons are for those without'):
         follow(1, displacements={prototype.arm.tendon_names[0]: 0.01})
     released = follow(2, tensions=LOW)
-    np.testing.assert_array_equal(released.position, solver.follow(LOW, pulled).position)
+    np.testing.assert_allclose(
+        released.position, solver.follow(LOW, pulled).position, rtol=0.0, atol=1e-12
+    )

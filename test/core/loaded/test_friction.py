@@ -102,7 +102,8 @@ def test_without_friction_nothing_changes(model: str) -> None:
     assert zero == without
     assert zero.friction == ()
     plain = Solver(without, model).solve(HELICAL)
-    np.testing.assert_array_equal(Solver(zero, model).solve(HELICAL).position, plain.position)
+    again = Solver(zero, model).solve(HELICAL)
+    np.testing.assert_allclose(again.position, plain.position, rtol=0.0, atol=1e-12)
     little = Solver(helical(1e-11), model).solve(HELICAL)
     np.testing.assert_allclose(little.position, plain.position, atol=2e-10)
     np.testing.assert_allclose(little.tendon_tensions, plain.tendon_tensions, atol=1e-10)
@@ -280,11 +281,10 @@ def test_a_single_solution_knows_of_no_history() -> None:
     solver = Solver(uniform(), 'exact')
     fresh = solver.solve([[0.6]])
     released = solver.follow([[0.6]], solver.solve([[1.0]]))
-    np.testing.assert_array_equal(solver.solve([[0.6]]).position, fresh.position)
+    np.testing.assert_allclose(solver.solve([[0.6]]).position, fresh.position, rtol=0, atol=1e-12)
     assert np.linalg.norm(released.tip - fresh.tip) > 0.01
-    np.testing.assert_array_equal(
-        solver.solve([[0.6]], start=solver.solve([[1.0]])).position, fresh.position
-    )
+    started = solver.solve([[0.6]], start=solver.solve([[1.0]]))
+    np.testing.assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
 
 
 def test_a_released_tendon_is_slack_all_along() -> None:
@@ -441,7 +441,7 @@ def test_displacements_are_for_tendons_without_friction() -> None:
     # What does not stretch is reeled in by as much as its path gets shorter.
     backbone = solver.solve([[1.0]])
     shorter = solver.rest_lengths - solver.tendon_lengths(backbone)
-    np.testing.assert_array_equal(displacements_of(solver, backbone), shorter)
+    np.testing.assert_allclose(displacements_of(solver, backbone), shorter, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('model', MODELS)
