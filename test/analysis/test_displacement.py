@@ -175,7 +175,7 @@ def test_tensions_come_back_of_any_arm(arm: tuple[Arm, np.ndarray], stiffness: f
     wound = solve_displacements(solver, asked)
     reached = wound.displacement.ravel()
     np.testing.assert_allclose(reached, list(asked.values()), atol=1e-9 * described.length)
-    # Displacements are rounded to parts of the length, which a tendon's own stiffness makes newtons.
+    # Lengths are rounded, which a tendon's own stiffness turns into newtons.
     rounding = 1e-14 * stiffness
     np.testing.assert_allclose(
         wound.backbone.tensions, tensions, atol=1e-9 * float(tensions.max()) + rounding
