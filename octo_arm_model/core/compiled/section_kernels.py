@@ -81,10 +81,9 @@ def is_held(
 ) -> bool:  # fmt: skip
     """Whether tendons of section ``i`` stay in the body, at a minimum of the energy.
 
-    As `check_tendons` and `check_stable` ask; ``hessian`` (4, 4) is that of the balance and lost.
+    As `check_tendons` and `check_stable` ask; ``hessian`` (4, 4) is that of the balance, as
+    `solve_symmetric` leaves it: the diagonal is that of D.
     """
-    if tables.give.size == 0:
-        return True
     width = widening(tables, strain[3])[0]
     for tendon in pulled:
         gives = tables.transmission[i, tendon] * tensions[tendon] * tables.give[i, tendon]
@@ -94,7 +93,6 @@ def is_held(
         )  # fmt: skip
         if not x * x + y * y <= tables.farthest[i, tendon] ** 2:
             return False
-    solve_symmetric(hessian, np.zeros(4))
     for k in range(4):
         if not hessian[k, k] > 0.0:
             return False
@@ -227,7 +225,8 @@ def minimise_section(
 ) -> tuple[float, int]:  # fmt: skip
     """Move ``strain`` (4,) of section ``i`` to least energy, as `minimise` does.
 
-    The others, (4,) and (4, 4), are room to work in.
+    The others, (4,) and (4, 4), are room to work in; ``hessian`` ends as `solve_symmetric` leaves
+    it.
 
     Returns:
         What is left of the balance, relative, and the number of steps; -1 without balance.
@@ -278,7 +277,7 @@ def find_minima(
         What is left of the balance, relative, and the most steps; -1 where there is none, or a
         fibre would be compressed to nothing.
     """
-    pulled = np.flatnonzero(tensions)
+    pulled, gives = np.flatnonzero(tensions), tables.give.size > 0
     residual, steps = 0.0, 0
     strain, gradient, step, hessian = np.empty(4), np.empty(4), np.empty(4), np.empty((4, 4))
     for i in range(tables.axial.size):
@@ -288,7 +287,7 @@ def find_minima(
         )
         if count < 0:
             return left, -1
-        if not is_held(tables, i, tensions, pulled, strain, hessian):
+        if gives and not is_held(tables, i, tensions, pulled, strain, hessian):
             return np.inf, -1
         residual, steps = max(residual, left), max(steps, count)
         if tables.widens:

@@ -31,6 +31,7 @@ from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled import frame_kernels, kernel_cache, kernels, numba_build
+from octo_arm_model.core.compiled.section_tables import section_tables
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
@@ -425,6 +426,19 @@ def test_a_numba_told_not_to_compile_is_done_without(
     monkeypatch.setattr(sys.modules['numba'].config, 'DISABLE_JIT', 1)
     assert not TABLE_4.solver(compiled=None).is_compiled
     assert numba_build.fault() == 'RuntimeError: NUMBA_DISABLE_JIT is set'
+
+
+def test_sections_with_sheaths_are_settled_at_large_bends() -> None:
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    stiffness = 5.0 * float(arm.material.youngs_modulus)
+    arm = dataclasses.replace(arm, sheath_stiffness=(stiffness,) * len(arm.tendons))
+    tensions = np.array([0.0, 0.0, 16.0, 16.0])
+    statics = Solver(arm, 'exact')._statics
+    assert isinstance(statics, Exact)
+    tables = section_tables(statics.at_points)
+    twist = np.empty((4, tables.axial.size))
+    residual, steps = numba_build.find_minima()(tables, tensions, twist)
+    assert residual <= TOLERANCE and steps >= 0
 
 
 def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
