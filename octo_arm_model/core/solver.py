@@ -23,7 +23,6 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
-from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.assembly import Results
@@ -249,7 +248,6 @@ class Solver:
         """
         self._own_twist(backbone)
         self._check_loads(True)
-        assert isinstance(self._statics, Exact)
         for one in loads:
             one.check_inside(self.arm.length)
             if one.others:

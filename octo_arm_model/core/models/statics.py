@@ -5,6 +5,7 @@ A new model is a module with a `Statics` and an entry in `catalogue.MODELS`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from octo_arm_model.core.arm.arm import Arm
@@ -17,7 +18,7 @@ from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 
 # Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
 # stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
@@ -101,3 +102,6 @@ class Statics(Protocol):
 
     def tip_by(self, backbone: Backbone) -> TipBy:
         """Those of the tip alone, of which each costs little or is found when asked for."""
+
+    def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
+        """Change of a single solution of this model, which `takes_loads`, per unit of each."""

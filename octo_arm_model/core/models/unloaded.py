@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import abc
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -15,6 +17,7 @@ from octo_arm_model.core.rod.kinematics import node_frames
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.sensitivity.results import Change
 
 
 class UnloadedStatics(abc.ABC):
@@ -61,6 +64,10 @@ class UnloadedStatics(abc.ABC):
     @abc.abstractmethod
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         """Solve for ``tensions`` (..., tendons) [N], with ``before`` as of `solve`."""
+
+    def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
+        """Never called, as no loads are taken."""
+        raise NotImplementedError
 
     def _twist_and_frames(self, backbone: Backbone) -> tuple[FloatArray, Quaternions]:
         """Twist (4, nodes) of a single ``backbone``, and the frames that follow from it."""
