@@ -81,8 +81,8 @@ def observe(
     """
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
-    frames = _base_first(recording, pairing, config, known, notes)
-    offset = _offset(recording, pairing, config, frames, notes, progress)
+    frames = base_first(recording, pairing, config, known, notes)
+    offset = camera_offset(recording, pairing, config, frames, notes, progress)
     time, sampled = recording.tension_time, recording.tensions
     if pairing.is_ramp:
         windows = ramp_windows(time, sampled, pairing.ramp_width)
@@ -132,7 +132,7 @@ def observe(
     return Observations(tuple(shapes), offset, tuple(notes))
 
 
-def _base_first(
+def base_first(
     recording: Recording,
     pairing: Pairing,
     config: Config,
@@ -150,13 +150,13 @@ def _base_first(
     return [points[::-1] for points in recording.frames] if tip_first else recording.frames
 
 
-def _offset(
+def camera_offset(
     recording: Recording,
     pairing: Pairing,
     config: Config,
     frames: Sequence[FloatArray],
     notes: list[str],
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> float:
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
