@@ -53,6 +53,12 @@ def tendon_compliance(solver: Solver) -> FloatArray:
     return solver.arm.tendon_compliance(solver.rest_lengths.ravel())
 
 
+def stretching_lengths(solver: Solver) -> FloatArray:
+    """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
+    rest = solver.rest_lengths.ravel()
+    return rest + np.array(solver.arm.free_length or np.zeros(rest.size))
+
+
 class Winding:
     """Newton's method on the tensions of the driven tendons."""
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
+from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
@@ -45,8 +46,9 @@ def pick_topic(
 
     ``types`` are None where ``wanted`` may be of any.
 
-    What the model answers with is none unless wanted. Of several topics that with messages is
-    taken, or with a usual name such as tendon_tensions, in whatever namespace.
+    What the model answers with is none unless wanted, nor are displacements. Of several topics
+    that with messages is taken, or with a usual name such as tendon_tensions, in whatever
+    namespace.
 
     Raises:
         BagError: if there is none, or several; the message lists what is there.
@@ -66,7 +68,7 @@ def pick_topic(
     found = [
         topic
         for topic, type_name in reader.topics.items()
-        if type_name in (types or ()) and not is_answer(topic)
+        if type_name in (types or ()) and not is_answer(topic) and not names(topic, DISPLACEMENTS)
     ]
     for narrower in (
         [topic for topic in found if reader.count([topic])],

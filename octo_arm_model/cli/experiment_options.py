@@ -14,10 +14,11 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.recording.csv_table import read_columns
 from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
 from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
+from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
@@ -93,6 +94,13 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='TOPIC[:FIELD]',
         help='tensions, or any numeric field of any topic; by default the only ones there',
     )
+    parser.add_argument(
+        '--displacements',
+        metavar='TOPIC',
+        help='lengths that winches have reeled in, as encoders read them '
+        '(sensor_msgs/JointState, position [m] by name); by default tendon_displacements; where '
+        'no tensions were recorded these follow from them (model exact)',
+    )
     add_tendons(parser)
     parser.add_argument(
         '--align',
@@ -102,12 +110,14 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
     )
     tables = parser.add_argument_group(
-        'CSV files', 'in place of topics; with both of them there is no BAG'
+        'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
     )
     text = 'tensions: time [s] and a column for each tendon [N]'
     add_path(tables, '--tension-csv', 'CSV', text)
     text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
     add_path(tables, '--midline-csv', 'CSV', text)
+    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
+    add_path(tables, '--displacement-csv', 'CSV', text)
     tables.add_argument(
         '--columns',
         nargs='+',
@@ -188,8 +198,11 @@ def read_options(
             options.config,
             options.tensions,
             measured,
-            CsvSources(options.tension_csv, options.midline_csv, columns),
+            CsvSources(
+                options.tension_csv, options.midline_csv, options.displacement_csv, columns
+            ),
             options.tendons,
+            options.displacements,
             progress=bar.on_terminal,
         )
     config = Config.from_parameters(recording.parameters)

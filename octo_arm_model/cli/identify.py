@@ -17,9 +17,10 @@ from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.fitted_file import as_config
 from octo_arm_model.experiment.fitting.held_back import AUTO
-from octo_arm_model.experiment.fitting.identify import Identification, identify
+from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
-from octo_arm_model.experiment.fitting.unknowns import FITS
+from octo_arm_model.experiment.fitting.unknown import FITS
 
 _DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
@@ -28,7 +29,8 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
   {'  '.join(FITS)}
 
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
-renda2012 and steps that were loaded and unloaded. The alignment is fitted as well where --align is
+renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
+encoder readings of tendons under tension, with an unknown zero for each. The alignment is fitted as well where --align is
 'fit', or not given while the midlines are not in base_frame. What the data cannot tell is left as
 it is, one parameter at a time, and said.
 """
@@ -39,6 +41,7 @@ examples:
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
   octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
   octo-arm identify experiment --model exact --fit youngs_modulus friction
+  octo-arm identify experiment --model exact --fit youngs_modulus axial_stiffness
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
 degrees of freedom are one less than the loads that matter. They hold what differs from one load

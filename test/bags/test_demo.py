@@ -36,7 +36,7 @@ PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
 
 CLEAN = Experiment(
     clock_offset=0.25, hold=1.0, ramp=0.5, camera_rate=4.0, tension_noise=0.0, midline_noise=0.0,
-    dropped=0.0, outliers=0.0,
+    dropped=0.0, outliers=0.0, encoder_noise=0.0,
 )  # fmt: skip
 
 
@@ -130,6 +130,7 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
+        (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffness >= 0'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
     ):
         assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2

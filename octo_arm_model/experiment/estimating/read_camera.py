@@ -57,7 +57,7 @@ def read_camera(
     points = MeasuredPoints(measured, config.arm.length)
     topics = MeasuredTopics(reader, measured, points, config.base_frame)
     frames = list(topics.read(skips, Count()))
-    recording = assemble({}, tensions, frames, topic, measured, points, skips, notes)
+    recording = assemble({}, tensions, None, frames, topic, measured, points, skips, notes)
     if alignment is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
     elif alignment is None:
