@@ -13,11 +13,11 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 
 
 from octo_arm_model import Config, displacements_of, load_config
-from octo_arm_model.bags.demo import (
+from octo_arm_model.bags.demo import add_demo
+from octo_arm_model.bags.demo_experiment import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
     Experiment,
-    add_demo,
     custom_data,
 )
 from octo_arm_model.bags.reader import BagReader
@@ -130,7 +130,10 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
-        (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffness >= 0'),
+        (
+            ['--axial-stiffness', '-1'],
+            '--axial-stiffness is -1.0, expected a finite stiffness >= 0',
+        ),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
     ):
         assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2

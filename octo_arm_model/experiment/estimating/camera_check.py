@@ -13,12 +13,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.recording.alignment import Alignment, align
-from octo_arm_model.experiment.recording.curves import along
+from octo_arm_model.experiment.recording.curves import along, nearest
 from octo_arm_model.experiment.recording.midlines import midline_errors
 
 LONGEST = 0.1  # [s] from a frame to the next estimate
 _OUTLYING = 3.0  # times the median distance: what is left out of a fitted alignment
-_FITS = 3  # of the alignment, each without the outliers of the one before
+_FITS = 4  # of the alignment, each without the outliers of the one before
 
 
 class CameraFrames(NamedTuple):
@@ -135,13 +135,16 @@ def _fitted(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignm
             'tips alone do not tell the pose of the camera, expected --align with its pose'
         )
     seen = np.concatenate(lines)
-    there = np.concatenate([
-        along(shape, np.linspace(0.0, 1.0, len(line)))
-        for line, shape in zip(lines, shapes, strict=True)
-    ])  # fmt: skip
+    fractions = [np.linspace(0.0, 1.0, len(line)) for line in lines]
     kept = np.ones(len(seen), dtype=bool)
     for _ in range(_FITS):
+        there = np.concatenate(list(map(along, shapes, fractions)))
         alignment = align(seen[kept], there[kept])
         away = np.linalg.norm(alignment.to_base(seen) - there, axis=1)
         kept = away <= _OUTLYING * np.median(away)
+        # From the second fit on each point belongs to the nearest one, and the tip to the tip.
+        fractions = [
+            np.append(nearest(alignment.to_base(line[:-1]), shape)[1], 1.0)
+            for line, shape in zip(lines, shapes, strict=True)
+        ]
     return alignment

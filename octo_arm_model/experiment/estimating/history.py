@@ -14,7 +14,7 @@ from octo_arm_model.experiment.estimating.estimates import TimedEstimate
 from octo_arm_model.experiment.estimating.touches import (
     Touch,
     find_touches,
-    is_force_significant,
+    is_touched,
 )
 
 _NONE = np.full(6, np.nan)
@@ -53,10 +53,9 @@ def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
         return Moment(
             time, estimate.backbone.tip, tip_stddev, np.nan, _NONE, _NONE, one.hypothesis, False
         )
-    is_significant = is_force_significant(contact.wrench[:3], contact.covariance[:3, :3])
     return Moment(
         time, estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
-        np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_significant,
+        np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_touched(estimate),
     )  # fmt: skip
 
 

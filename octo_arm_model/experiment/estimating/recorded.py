@@ -20,7 +20,6 @@ from octo_arm_model.bags.sensor_topics import (
 )
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, MeasurementError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.estimation.prediction import ArmModel
@@ -116,7 +115,7 @@ def read_recorded(
     count = Count(progress)
     count.expect(reader.count(sensors.all))
     tensions = read_tension_rows(reader, sensors, config, skips, count.add)
-    time: FloatArray = 1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1])
+    time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
     recorded = tension_statistics(time, tensions.rows) if len(time) else None
     settings = EstimatorSettings.from_parameters(own, config, recorded)
     models = settings.models(config)

@@ -10,8 +10,10 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import chi_square_limit
+from octo_arm_model.estimation.estimate import Estimate
 
 SURE = 0.999  # probability of no false alarm at one time
+LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts
 GAP = 0.5  # [s] without a significant force that ends a touch
 SHORTEST = 0.1  # [s]
 
@@ -34,12 +36,25 @@ class Touch(NamedTuple):
     hypothesis: str
 
 
-def is_force_significant(force: FloatArray, covariance: FloatArray) -> bool:
-    """Whether a ``force`` (3,) with a ``covariance`` (3, 3) is not zero."""
-    if not covariance.any():
+def is_touched(estimate: Estimate) -> bool:
+    """Whether the unknown force of a contact is not zero, as far as anything was learnt of it.
+
+    Along a straight arm, as an example, nothing is: a force that is found there is what the prior
+    makes of others that would have been seen.
+    """
+    state = estimate.state
+    parts = state.tip_force, state.point_forces, state.current
+    where = next((part for part in parts if part.stop > part.start), slice(0, 0))
+    where = slice(where.start, min(where.start + 3, where.stop))
+    if where.stop == where.start:
         return False
-    square = float(force @ np.linalg.solve(covariance, force))
-    return square > chi_square_limit(SURE, 3)
+    variances, axes = np.linalg.eigh(estimate.covariance[where, where])
+    learnt = variances <= (LEARNT * estimate.prior_stddev[where].min()) ** 2
+    if not learnt.any():
+        return False
+    along = axes.T @ estimate.mean[where]
+    square = float((along[learnt] ** 2 / variances[learnt]).sum())
+    return square > chi_square_limit(SURE, int(learnt.sum()))
 
 
 def find_touches(
@@ -55,7 +70,7 @@ def find_touches(
         time: ascending (n,) [s].
         force: (n, 3) [N].
         stddev: (n, 3) [N].
-        significant: whether each is, see `is_force_significant`.
+        significant: whether each is, see `is_touched`.
         hypotheses: by which each was found.
     """
     at = np.flatnonzero(significant)
