@@ -21,8 +21,8 @@ PRESET = 'renda2012_prototype'
 CAMERA_POSITION = (0.12, 0.05, 0.60)  # [m]
 CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
 TOUCH_DIRECTION = (0.0, 0.6, 0.8)  # in base_frame
-# A touch begins so long after its tension is reached, grows for so long, and ends likewise [s].
-_TOUCH_AFTER, _TOUCH_GROWS = 0.5, 0.25
+# Parts of the time that a tension is held: before a touch, and while it grows; it ends likewise.
+_TOUCH_AFTER, _TOUCH_GROWN = 0.125, 0.1875
 
 
 @dataclass(frozen=True)
@@ -105,10 +105,8 @@ class Experiment:
 
     def touches(self, time: FloatArray, corners: FloatArray) -> FloatArray:
         """Force on the tip at each ``time`` (n,) [s], (n, 3) [N]; ``corners`` of the tension."""
-        begin = corners[2 * (len(corners) // 4)]
-        end = begin + self.hold
-        at = [begin + _TOUCH_AFTER, begin + _TOUCH_AFTER + _TOUCH_GROWS,
-              end - _TOUCH_AFTER - _TOUCH_GROWS, end - _TOUCH_AFTER]  # fmt: skip
+        parts = [_TOUCH_AFTER, _TOUCH_GROWN, 1.0 - _TOUCH_GROWN, 1.0 - _TOUCH_AFTER]
+        at = corners[2 * (len(corners) // 4)] + self.hold * np.array(parts)
         return np.outer(np.interp(time, at, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
 
 

@@ -187,8 +187,9 @@ def read_tension_rows(
                     times.append((reading.stamp_ns, record.received_ns))
                     rows.append(reading.tensions.ravel())
             done(len(some))
+    table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
     stamps, received = np.array(times, np.int64).reshape(-1, 2).T
-    return RecordedTensions(stamps, received, np.array(rows).reshape(len(rows), -1))
+    return RecordedTensions(stamps, received, table)
 
 
 def read_measured(

@@ -155,7 +155,7 @@ def test_derivatives_are_those_of_differences(has_cells: bool) -> None:
     x[unknowns.names.index('poisson_ratio')] = 0.4
     for step in range(len(steps)):
         got = problem.weighed_change(x, step)
-        expected = jacobian(lambda x: problem.weighed(x, step), x, 1e-5 * sizes)  # noqa: B023
+        expected = jacobian(lambda x: problem.weighed(x, step), x, 1e-5 * sizes)
         close = np.isclose(got * sizes, expected * sizes, rtol=1e-4, atol=1e-6 * np.abs(got).max())
         assert close.mean() > 0.97
         assert close[: len(got) - len(steps[step].points)].all()
