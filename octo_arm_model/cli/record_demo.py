@@ -66,7 +66,7 @@ def add_command(commands: Any) -> None:
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
     add_number(parser, '--sheath', 0.0, sheath, 'K')
-    stretch = "true E A of the tendons themselves [N]; 0 for that of the config"
+    stretch = 'true E A of the tendons themselves [N]; 0 for that of the config'
     add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
     add_number(
         parser,

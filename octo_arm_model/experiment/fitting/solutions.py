@@ -87,9 +87,7 @@ class Solutions:
                 self._differences[..., number] = (np.array(there) - here) / by
         return np.asarray(self._differences[step])
 
-    def _change(
-        self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]
-    ) -> FloatArray:
+    def _change(self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]) -> FloatArray:
         """Derivative of what ``of`` takes of a `Change`, (..., unknowns), at fixed alignment."""
         unknowns, backbone, solver = self._unknowns, self.backbone(x, step), self._solver_at(x)
         by_displacement: FloatArray | None = None

@@ -72,9 +72,7 @@ def csv_tensions(
     return kept, tensions
 
 
-def csv_displacements(
-    table: CsvTable, arm: Arm, skip: Skip
-) -> tuple[list[int], list[FloatArray]]:
+def csv_displacements(table: CsvTable, arm: Arm, skip: Skip) -> tuple[list[int], list[FloatArray]]:
     """Stamps [ns] and encoder readings (tendons,) [m] of the rows, NaN of tendons without.
 
     ``skip`` is called with rows that have none.
