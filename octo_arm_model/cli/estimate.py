@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.cli.estimate_options import add_estimator, read_estimator
 from octo_arm_model.cli.estimate_report import as_dict, summary
-from octo_arm_model.cli.experiment_options import read_alignment
 from octo_arm_model.cli.options import (
     add_config_option,
     add_json,
@@ -25,6 +24,7 @@ from octo_arm_model.cli.options import (
     unwritten,
 )
 from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS

@@ -6,10 +6,11 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording, read_options
+from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording
 from octo_arm_model.cli.fit_report import as_dict, summary
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.read_experiment import read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import compare
@@ -30,9 +31,9 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
 renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
-encoder readings of tendons under tension, with an unknown zero for each. The alignment is fitted as well where --align is
-'fit', or not given while the midlines are not in base_frame. What the data cannot tell is left as
-it is, one parameter at a time, and said.
+encoder readings of tendons under tension, with an unknown zero for each. The alignment is fitted
+as well where --align is 'fit', or not given while the midlines are not in base_frame. What the
+data cannot tell is left as it is, one parameter at a time, and said.
 """
 _EXAMPLES = """\
 examples:

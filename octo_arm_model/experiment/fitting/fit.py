@@ -10,7 +10,6 @@ from scipy.optimize import least_squares
 
 from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.fitting.pairing import (
     first_alignment,
@@ -43,33 +42,30 @@ class Problem:
         shapes: the measurements.
         unknowns: the parameters to fit.
         length: of the arm [m].
+        solutions: of the model.
     """
 
     def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
         """Fit ``unknowns`` to ``shapes``."""
         self.shapes, self.unknowns = tuple(shapes), unknowns
         self.length = unknowns.arm.length
-        self._solutions = Solutions(unknowns)
+        self.solutions = Solutions(unknowns)
         self._weight, self._is_weighed = 1.0, False
-
-    def backbone(self, x: FloatArray, step: int) -> Backbone:
-        """Solution for a ``step`` at ``x``, see `Solutions.backbone`."""
-        return self._solutions.backbone(x, step)
 
     def residuals(self, x: FloatArray, step: int) -> FloatArray:
         """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
         measured = self.unknowns.alignment(x).to_base(self.shapes[step].points)
-        return shape_residuals(self.shapes[step], measured, self.backbone(x, step))
+        return shape_residuals(self.shapes[step], measured, self.solutions.backbone(x, step))
 
     def change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `residuals` by x, (m, 3, unknowns)."""
-        points, backbone = self.shapes[step].points, self.backbone(x, step)
+        points, backbone = self.shapes[step].points, self.solutions.backbone(x, step)
         alignment, columns = self.unknowns.alignment(x), self.unknowns.alignment_columns
         by_measured = np.zeros((*points.shape, x.size))
         if columns:
             parts = alignment.by_parameters(points)[..., self.unknowns.alignment_parts]
             by_measured[..., columns] = parts
-        by_model = self._solutions.position_change(x, step)
+        by_model = self.solutions.position_change(x, step)
         measured = alignment.to_base(points)
         return shape_residuals_change(self.shapes[step], measured, by_measured, backbone, by_model)
 
@@ -82,7 +78,7 @@ class Problem:
         camera = self.residuals(x, step)
         if not self.unknowns.reads_encoders:
             return camera
-        encoders = self._solutions.encoder_residuals(x, step)
+        encoders = self.solutions.encoder_residuals(x, step)
         return np.concatenate([self._as_points(encoders), camera])
 
     def weighed_change(self, x: FloatArray, step: int) -> FloatArray:
@@ -90,7 +86,7 @@ class Problem:
         camera = self.change(x, step)
         if not self.unknowns.reads_encoders:
             return camera
-        return np.concatenate([self._as_points(self._solutions.encoder_change(x, step)), camera])
+        return np.concatenate([self._as_points(self.solutions.encoder_change(x, step)), camera])
 
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
         """Derivative of what is `weighed` of each step by x, (m + taut, 3, unknowns)."""
@@ -104,7 +100,7 @@ class Problem:
 
     def encoder_scale(self, x: FloatArray) -> float:
         """Scale of the residuals of encoders at ``x`` [m]: their accuracy, as far as it shows."""
-        away = [self._solutions.encoder_residuals(x, step) for step in range(len(self.shapes))]
+        away = [self.solutions.encoder_residuals(x, step) for step in range(len(self.shapes))]
         least = ENCODERS_FINEST * self.length
         return robust_loss.scale_of(np.concatenate(away)[:, np.newaxis], least)
 
@@ -123,7 +119,7 @@ class Problem:
 
     def _count(self, step: int) -> int:
         """Number of coordinates that are `weighed` in a ``step``."""
-        taut = len(self._solutions.taut(step)) if self.unknowns.reads_encoders else 0
+        taut = len(self.solutions.taut(step)) if self.unknowns.reads_encoders else 0
         return 3 * taut + self.shapes[step].points.size
 
     def minimise(
@@ -139,7 +135,9 @@ class Problem:
         """
         chosen = range(len(self.shapes)) if steps is None else steps
         for step in chosen:
-            self.backbone(x, step)  # Without a solution here it is an error, not a rejected trial.
+            self.solutions.backbone(
+                x, step
+            )  # Without a solution here it is an error, not a rejected trial.
 
         def fun(x: FloatArray) -> FloatArray:
             try:
@@ -196,7 +194,7 @@ class Problem:
             if shape.s is not None:
                 continue
             measured = self.unknowns.alignment(x).to_base(shape.points)
-            fraction_at_start(measured, self.backbone(x, step).position, check=True)
+            fraction_at_start(measured, self.solutions.backbone(x, step).position, check=True)
         return x, found
 
 

@@ -212,7 +212,8 @@ def _identification(
         parameters=unknowns.parameters(x),
         alignment=unknowns.alignment(x),
         tensions=np.array([
-            problem.backbone(x, step).tensions.ravel() for step in range(len(problem.shapes))
+            problem.solutions.backbone(x, step).tensions.ravel()
+            for step in range(len(problem.shapes))
         ]),
     )  # fmt: skip
 

@@ -42,7 +42,7 @@ def pick_topics(
     if files.tensions is not None:
         return None, encoders
     try:
-        return pick_tensions(reader, tensions), encoders
+        return pick_tensions(reader, tensions, encoders), encoders
     except BagError:
         if tensions is not None or (encoders is None and files.displacements is None):
             raise

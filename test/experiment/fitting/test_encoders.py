@@ -96,7 +96,7 @@ def test_without_load_cells_the_shape_tells_the_tension() -> None:
 
 
 def test_without_load_cells_only_the_ratio_of_stiffnesses_shows() -> None:
-    """Twice as stiff an arm with twice as stiff tendons takes the same shape at the same length."""
+    """Twice as stiff an arm with twice as stiff tendons has the same shape at equal lengths."""
     guess = {**STIFF, 'tendons.axial_stiffness': [700.0]}
     steps = without_cells(winches(), guess)
     fitted = identify(steps, guess, 'exact', BOTH, Alignment.none())
@@ -127,18 +127,18 @@ def test_one_load_does_not_tell_a_stretch_from_a_zero() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('has_cells', [True, False])
 def test_intervals_hold_the_truth_as_often_as_they_say(has_cells: bool) -> None:
-    """Of 40 experiments at most 6 miss: more do at 95 % in 1.4 % of all such counts."""
+    """Of 24 experiments at most 4 miss: more do at 95 % in 0.6 % of all such counts."""
     guess = {**STIFF, 'tendons.axial_stiffness': [700.0]}
     missed, deviations = 0, []
-    for seed in range(40):
-        steps = winches(seed, pulls=ALL[::2] if has_cells else ALL)
+    for seed in range(24):
+        steps = winches(seed)
         steps = steps if has_cells else without_cells(steps, guess)
         fitted = identify(steps, guess, 'exact', STRETCH, Alignment.none(), loss='linear')
         found = fitted.estimates['axial_stiffness']
         low, high = found.interval95
         missed += not low < THREAD < high
         deviations.append((found.value - THREAD) / found.stddev)
-    assert missed <= 6
+    assert missed <= 4
     assert 0.3 < np.sqrt(np.mean(np.square(deviations))) < 1.8
 
 
