@@ -6,7 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.section_kernels import find_minima
+from octo_arm_model.core.compiled.minimum_kernels import find_minima
 from octo_arm_model.core.compiled.section_tables import ExactTables
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray

@@ -11,6 +11,8 @@ from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.sheath import SheathedSections
 
+LANES = 64  # sections in each block that the kernels evaluate at once
+
 
 class SectionTables(NamedTuple):
     """Cross sections of the model exact, as `SectionEnergy` has them.
@@ -20,14 +22,16 @@ class SectionTables(NamedTuple):
         torsion: G I [N m^2], likewise.
         squared: square of the radius [m^2], likewise.
         lever_max: see `SectionEnergy`, likewise [m].
-        x: offset of each tendon along n [m], (sections, tendons).
+        x: offset of each tendon along n [m], (tendons, sections).
         y: along b.
         dx: slope of ``x``.
         dy: slope of ``y``.
         transmission: part of its tension that each tendon has there.
-        give: 1 / k of each tendon's sheath [1/Pa], see `SheathedSections`; of no tendon where all
-            keep their places.
-        farthest: how far from the midline a tendon may stand there [m], likewise.
+        acting: how many sections of each block of `LANES` lie before the last one that a tendon
+            acts in, (tendons, blocks).
+        sheath_compliance: of each tendon's sheath [1/Pa], see `SheathedSections`; of no tendon where all
+            are rigid.
+        farthest: largest distance of a tendon from the midline there [m], likewise.
         widens: whether the law is neo_hookean; else it is linear.
         planar: whether tendons cannot twist the arm.
     """
@@ -41,7 +45,8 @@ class SectionTables(NamedTuple):
     dx: FloatArray
     dy: FloatArray
     transmission: FloatArray
-    give: FloatArray
+    acting: IntArray
+    sheath_compliance: FloatArray
     farthest: FloatArray
     widens: bool
     planar: bool
@@ -68,11 +73,11 @@ class ExactTables(NamedTuple):
 def section_tables(energy: SectionEnergy) -> SectionTables:
     """The cross sections of ``energy``."""
     x, y, dx, dy, transmission = (
-        table[:, 0].T for table in (energy.x, energy.y, energy.dx, energy.dy, energy.transmission)
+        table[:, 0] for table in (energy.x, energy.y, energy.dx, energy.dy, energy.transmission)
     )
-    give = farthest = np.zeros((0, 0))
+    sheath_compliance = farthest = np.zeros((0, 0))
     if isinstance(energy, SheathedSections):
-        give, farthest = energy.give[:, 0].T, energy.farthest[:, 0].T
+        sheath_compliance, farthest = energy.sheath_compliance[:, 0], energy.farthest[:, 0]
     return SectionTables(
         axial=energy.stiffness.axial,
         torsion=energy.stiffness.torsion,
@@ -83,11 +88,22 @@ def section_tables(energy: SectionEnergy) -> SectionTables:
         dx=dx,
         dy=dy,
         transmission=transmission,
-        give=give,
+        acting=_acting(transmission),
+        sheath_compliance=sheath_compliance,
         farthest=farthest,
         widens=energy.law.widens,
         planar=energy.planar,
     )
+
+
+def _acting(transmission: FloatArray) -> IntArray:
+    """See `SectionTables`."""
+    tendons, sections = transmission.shape
+    blocks = -(-sections // LANES)
+    numbers = np.zeros((tendons, blocks * LANES), np.int64)
+    place = np.arange(sections) % LANES + 1
+    numbers[:, :sections] = np.where(transmission != 0.0, place, 0)
+    return numbers.reshape(tendons, blocks, LANES).max(axis=2, initial=0)
 
 
 def exact_tables(statics: Exact) -> ExactTables:
@@ -111,6 +127,7 @@ def no_exact() -> ExactTables:
     """Of another model."""
     none, table = np.zeros(0), np.zeros((0, 0))
     sections = SectionTables(
-        none, none, none, none, table, table, table, table, table, table, table, False, False
-    )
+        none, none, none, none, table, table, table, table, table, np.zeros((0, 0), np.int64),
+        table, table, False, False,
+    )  # fmt: skip
     return ExactTables(sections, sections, np.zeros((0, 2)), np.zeros((0, 3), np.int64), none)

@@ -88,6 +88,30 @@ def sheath_mixed(
     )  # fmt: skip
 
 
+def condensed_terms(
+    nn: Number, nb: Number, bb: Number,
+    m_t: Number, m_n: Number, m_b: Number, m_s: Number,
+    c_t: Number, c_n: Number, c_b: Number, c_s: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """C D^-1 C^T, what the Hessian by the strain loses as a tendon follows it in its sheath.
+
+    From D^-1 (nn, nb, bb) and the columns m and c of C, see `sheath_mixed`.
+    """
+    o_t, o_n, o_b, o_s = (
+        nn * m_t + nb * c_t, nn * m_n + nb * c_n, nn * m_b + nb * c_b, nn * m_s + nb * c_s
+    )  # fmt: skip
+    q_t, q_n, q_b, q_s = (
+        nb * m_t + bb * c_t, nb * m_n + bb * c_n, nb * m_b + bb * c_b, nb * m_s + bb * c_s
+    )  # fmt: skip
+    return (
+        m_t * o_t + c_t * q_t,
+        m_n * o_t + c_n * q_t, m_n * o_n + c_n * q_n,
+        m_b * o_t + c_b * q_t, m_b * o_n + c_b * q_n, m_b * o_b + c_b * q_b,
+        m_s * o_t + c_s * q_t, m_s * o_n + c_s * q_n, m_s * o_b + c_s * q_b,
+        m_s * o_s + c_s * q_s,
+    )  # fmt: skip
+
+
 def bending_terms(
     n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
     stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,

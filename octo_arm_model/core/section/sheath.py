@@ -68,7 +68,7 @@ class SheathedSections(SectionEnergy):
     """Cross sections whose tendons stand off their paths.
 
     Attributes:
-        give: 1 / k of each tendon, zero of one that keeps its place [1/Pa], (tendons, 1, nodes).
+        sheath_compliance: 1 / k of each tendon, zero of one that keeps its place [1/Pa], (tendons, 1, nodes).
         farthest: how far from the midline a tendon may stand [m], likewise.
     """
 
@@ -79,7 +79,7 @@ class SheathedSections(SectionEnergy):
         super().__init__(arm, nodes, section, law, shear)
         stiffness = np.array(arm.sheath_stiffness)
         compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-        self.give = compliance[:, np.newaxis, np.newaxis] * self.active
+        self.sheath_compliance = compliance[:, np.newaxis, np.newaxis] * self.active
         self.farthest = np.maximum(self.radius, np.hypot(self.x, self.y))
         # A tendon pushed aside twists where its path has a slope.
         self.planar = False
@@ -106,14 +106,14 @@ class SheathedSections(SectionEnergy):
             (_, e_n, e_b), (p_n, p_b) = unit, pull
             mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
             mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
-        compliance = self.give * np.stack(inverse)
+        compliance = self.sheath_compliance * np.stack(inverse)
         return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
 
     def _stand(self, strain: FloatArray, local_tensions: FloatArray) -> _Stand:
         """Newton's method for where tendons stand; raises as `condensed`."""
         t, n, b = strain[:3]
         width = self.widening(strain[3])[0]
-        gives = self.give * local_tensions
+        gives = self.sheath_compliance * local_tensions
         offset = np.zeros((2, *gives.shape))
         moved = copy.copy(self)
         worst = np.inf
