@@ -6,7 +6,6 @@ import numpy as np
 
 from octo_arm_model.core.compiled.section_kernels import (
     ADRIFT,
-    B,
     BB,
     BN,
     BT,
@@ -15,28 +14,35 @@ from octo_arm_model.core.compiled.section_kernels import (
     G_N,
     G_S,
     G_T,
-    N,
     NN,
     NT,
     OF_FORCE,
     OF_MOMENT,
     OFFSETS_PLACED,
-    S,
     SB,
     SN,
     SS,
     ST,
-    T,
     TT,
     WIDTH,
+    B,
+    N,
+    S,
+    T,
     set_balance,
     set_scales,
+    set_strain,
 )
 from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.section.elastic_laws import linear_density, neo_hookean_density
+from octo_arm_model.core.section.elastic_laws import (
+    incompressible_widening,
+    linear_density,
+    neo_hookean_density,
+)
 from octo_arm_model.core.section.formulas import planar_start, planar_step
 from octo_arm_model.core.section.newton import FIRST_STEPS, OVERSHOOT, ROUNDING, TOLERANCE
+from octo_arm_model.core.section.sheath import MOST_SOFTENED
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
 MOST_STEPS = 60  # of Newton's method; NumPy goes on where these are not enough
@@ -49,35 +55,43 @@ ROWS = FREE + 11 * LANES
 
 
 def set_start(
-    tables: SectionTables, first: int, count: int, tensions: FloatArray, pulled: IntArray,
-    rows: FloatArray,
-) -> None:  # fmt: skip
+    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
+) -> None:
     """Fill in nearly the scaled strain, as `initial_strain` does."""
+    first, count = tables.blocks[block]
     last = first + count
     axial, squared = tables.axial[first:last], tables.squared[first:last]
     lever = tables.lever_max[first:last]
     for i in range(count):
-        rows[G_N + i], rows[G_B + i], rows[G_S + i] = 0.0, 0.0, 0.0
+        rows[G_N + i], rows[G_B + i], rows[G_S + i], rows[DESCENT + i] = 0.0, 0.0, 0.0, 0.0
     for tendon in pulled:
         part, tension = tables.transmission[tendon, first:last], tensions[tendon]
         x, y = tables.x[tendon, first:last], tables.y[tendon, first:last]
-        for i in range(tables.acting[tendon, first // LANES]):
+        for i in range(tables.acting[tendon, block]):
             local = part[i] * tension
             rows[G_N + i] += y[i] * local
             rows[G_B + i] -= x[i] * local
             rows[G_S + i] += local
+        if tables.sheath_compliance.size:
+            compliance = tables.sheath_compliance[tendon, first:last]
+            for i in range(tables.acting[tendon, block]):
+                local = part[i] * tension
+                rows[DESCENT + i] += compliance[i] * local * local
     for i in range(count):
         over = 1.0 / axial[i]
+        softening = min(0.5 * rows[DESCENT + i] * over / squared[i], MOST_SOFTENED)
         n, b, force = rows[G_N + i], rows[G_B + i], rows[G_S + i] * over
         moment, radius = np.sqrt(n * n + b * b), np.sqrt(squared[i])
         load = moment * over / radius
-        straight, stretch, bend = planar_start(load, force)
+        straight, stretch, bend = planar_start(load, force, softening)
         for _ in range(FIRST_STEPS):
             if tables.widens:
                 f = neo_hookean_density(stretch, bend * bend)
             else:
                 f = linear_density(stretch, bend * bend)
-            stretch, bend = planar_step(stretch, bend, load, force, f[0], f[1], f[2], f[3], f[4])
+            stretch, bend = planar_step(
+                stretch, bend, load, force, softening, f[0], f[1], f[2], f[3], f[4]
+            )
         curvature = bend / radius
         # The straight state where that is impossible or NaN.
         can_be = stretch > abs(curvature) * lever[i]
@@ -140,19 +154,20 @@ def take_step(count: int, rows: FloatArray) -> None:
 
 
 def minimise_block(
-    tables: SectionTables, first: int, count: int, tensions: FloatArray, pulled: IntArray,
-    rows: FloatArray, offsets: FloatArray,
+    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
+    offsets: FloatArray,
 ) -> tuple[float, int]:  # fmt: skip
-    """Move the strain of ``count`` sections from ``first`` on to least energy.
+    """Move the strain of the sections of a ``block`` to least energy.
 
     Returns:
         What is left of the balance, relative, and the number of steps; -1 without balance.
     """
+    count = tables.blocks[block, 1]
     for i in range(count):
         rows[STEP_T + i], rows[STEP_N + i], rows[STEP_B + i], rows[STEP_S + i] = 0.0, 0.0, 0.0, 0.0
         rows[DESCENT + i] = 0.0
     for steps in range(MOST_STEPS):
-        set_balance(tables, first, count, tensions, pulled, rows, offsets, 1)
+        set_balance(tables, block, tensions, pulled, rows, offsets, 1)
         if tables.planar:
             # Tendons cannot twist the arm, but for rounding.
             for i in range(count):
@@ -174,19 +189,19 @@ def minimise_block(
 
 
 def are_held(
-    tables: SectionTables, first: int, count: int, pulled: IntArray, rows: FloatArray,
-    offsets: FloatArray,
-) -> bool:  # fmt: skip
+    tables: SectionTables, block: int, pulled: IntArray, rows: FloatArray, offsets: FloatArray
+) -> bool:
     """Whether tendons in sheaths stay in the body, at a minimum of the energy.
 
     As `check_tendons` and `check_stable` ask.
     """
+    first, count = tables.blocks[block]
     for i in range(count):
         if not rows[PIVOT + i] > 0.0:
             return False
     for number in range(pulled.size):
         tendon = pulled[number]
-        for i in range(tables.acting[tendon, first // LANES]):
+        for i in range(tables.acting[tendon, block]):
             x = tables.x[tendon, first + i] + offsets[number, i]
             y = tables.y[tendon, first + i] + offsets[number, LANES + i]
             if not x * x + y * y <= tables.farthest[tendon, first + i] ** 2:
@@ -203,33 +218,66 @@ def find_minima(
         What is left of the balance, relative, and the most steps; -1 where there is none, or a
         fibre would be compressed to nothing.
     """
+    return find_some_minima(tables, 0, len(tables.blocks), tensions, twist, False)
+
+
+def find_some_minima(
+    tables: SectionTables, start: int, stop: int, tensions: FloatArray, twist: FloatArray,
+    is_near: bool,
+) -> tuple[float, int]:  # fmt: skip
+    """`find_minima` in the blocks from ``start`` to before ``stop``.
+
+    Where ``is_near``, ``twist`` is given and nearly right.
+    """
     pulled, has_sheaths = np.flatnonzero(tensions), tables.sheath_compliance.size > 0
     residual, steps = 0.0, 0
     rows, offsets = np.zeros(ROWS), np.empty((pulled.size, 2 * LANES))
-    for first in range(0, tables.axial.size, LANES):
-        last = min(first + LANES, tables.axial.size)
-        count = last - first
+    for block in range(start, stop):
+        first, count = tables.blocks[block]
+        last = first + count
+        found = twist[:, first:last]
         offsets[:] = 0.0
-        set_scales(tables, first, count, tensions, pulled, rows)
-        set_start(tables, first, count, tensions, pulled, rows)
-        left, taken = minimise_block(tables, first, count, tensions, pulled, rows, offsets)
+        set_scales(tables, block, tensions, pulled, rows)
+        if is_near:
+            set_strain(tables.widens, found[0], found[1], found[2], found[3], rows)
+        if not (is_near and can_be(tables, block, rows)):
+            set_start(tables, block, tensions, pulled, rows)
+        left, taken = minimise_block(tables, block, tensions, pulled, rows, offsets)
         if taken < 0:
             return left, -1
-        if has_sheaths and not are_held(tables, first, count, pulled, rows, offsets):
+        if has_sheaths and not are_held(tables, block, pulled, rows, offsets):
             return np.inf, -1
         residual, steps = max(residual, left), max(steps, taken)
-        squared, crushed = tables.squared[first:last], 0
-        if tables.widens:
-            for i in range(count):
-                n, b = rows[N + i], rows[B + i]
-                bend = np.sqrt((n * n + b * b) * squared[i])
-                crushed += not rows[S + i] - bend > SHORTEST_FIBRE
-                rows[WIDTH + i] = np.sqrt(rows[S + i])
-        if crushed:
+        if not set_twist(tables, block, rows, found):
             return np.inf, -1
-        for k in range(3):
-            out = twist[k, first:last]
-            for i in range(count):
-                out[i] = rows[k * LANES + i] * rows[WIDTH + i]
-        twist[3, first:last] = rows[S : S + count]
     return residual, steps
+
+
+def can_be(tables: SectionTables, block: int, rows: FloatArray) -> bool:
+    """Whether all fibres and tendons of the sections of a ``block`` have positive length."""
+    first, count = tables.blocks[block]
+    lever, inside_out = tables.lever_max[first : first + count], 0
+    for i in range(count):
+        n, b = rows[N + i], rows[B + i]
+        inside_out += not rows[S + i] > np.sqrt(n * n + b * b) * lever[i]
+    return inside_out == 0
+
+
+def set_twist(tables: SectionTables, block: int, rows: FloatArray, twist: FloatArray) -> bool:
+    """Fill in the ``twist`` (4, sections) of a ``block``.
+
+    Returns:
+        Whether no fibre would be compressed to nothing.
+    """
+    first, count = tables.blocks[block]
+    squared, crushed = tables.squared[first : first + count], 0
+    if tables.widens:
+        for i in range(count):
+            n, b = rows[N + i], rows[B + i]
+            crushed += not rows[S + i] - np.sqrt((n * n + b * b) * squared[i]) > SHORTEST_FIBRE
+            rows[WIDTH + i] = incompressible_widening(rows[S + i])[0]
+    for k in range(3):
+        for i in range(count):
+            twist[k, i] = rows[k * LANES + i] / rows[WIDTH + i]
+    twist[3] = rows[S : S + count]
+    return crushed == 0

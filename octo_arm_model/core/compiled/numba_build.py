@@ -52,8 +52,8 @@ _LOG = logging.getLogger(__name__)
 _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 _OWN = 'octo_arm_model.'
 _KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_kernels, minimum_kernels, rod_kernels, system_kernels,
-    state_kernels, response_kernels, dense_kernels, readout_kernels, products,
+    kernels, frame_kernels, exact_kernels, section_kernels, minimum_kernels, rod_kernels,
+    system_kernels, state_kernels, response_kernels, dense_kernels, readout_kernels, products,
 )  # fmt: skip
 
 

@@ -1,9 +1,9 @@
 """The balance of the cross sections of the model exact: what `numba_build` compiles.
 
 As in `kernels`, formulas are those that NumPy evaluates, imported from their modules. Sections are
-evaluated in blocks of up to `LANES`. All quantities of a block are rows of one flat array, ``rows``,
-`LANES` apart: the compiler then knows that they do not overlap, and evaluates several sections with
-every instruction.
+evaluated in blocks of up to `LANES`. All quantities of a block are rows of one flat array,
+``rows``, `LANES` apart: the compiler then knows that they do not overlap, and evaluates several
+sections with every instruction.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ from octo_arm_model.core.section.formulas import (
     unscaled_hessian,
 )
 
-# First elements of the rows of a block: scaled strain, its gradient and Hessian (lower half, row by
-# row), widening and its derivatives, scales of moments and forces, imbalance of tendons in sheaths.
+# First elements of the rows of a block: scaled strain, gradient and Hessian (lower half, row by
+# row), widening and its derivatives, scales of moments and forces, imbalance of tendons in their
+# sheaths.
 T, N, B, S = (k * LANES for k in range(4))
 G_T, G_N, G_B, G_S = 4 * LANES, 5 * LANES, 6 * LANES, 7 * LANES
 TT, NT, NN, BT, BN = 8 * LANES, 9 * LANES, 10 * LANES, 11 * LANES, 12 * LANES
@@ -44,31 +45,30 @@ MOST_PLACINGS = 30
 
 
 def set_scales(
-    tables: SectionTables, first: int, count: int, tensions: FloatArray, pulled: IntArray,
-    rows: FloatArray,
-) -> None:  # fmt: skip
+    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
+) -> None:
     """Fill in what imbalances of moments and forces are measured by, see `force_scale`."""
+    first, count = tables.blocks[block]
     axial, lever = tables.axial[first : first + count], tables.lever_max[first : first + count]
     for i in range(count):
         rows[OF_FORCE + i] = 1e-4 * axial[i]
     for tendon in pulled:
         part, tension = tables.transmission[tendon, first:], tensions[tendon]
-        for i in range(tables.acting[tendon, first // LANES]):
+        for i in range(tables.acting[tendon, block]):
             rows[OF_FORCE + i] += part[i] * tension
     for i in range(count):
         rows[OF_MOMENT + i] = rows[OF_FORCE + i] * lever[i]
 
 
-def set_material(tables: SectionTables, first: int, count: int, rows: FloatArray) -> None:
+def set_material(tables: SectionTables, block: int, rows: FloatArray) -> None:
     """Fill in the widening, and gradient and Hessian of the elastic energy."""
+    first, count = tables.blocks[block]
     axial, torsion = tables.axial[first : first + count], tables.torsion[first : first + count]
     squared = tables.squared[first : first + count]
     if tables.widens:
         for i in range(count):
             n, b, stretch = rows[N + i], rows[B + i], rows[S + i]
-            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(
-                stretch, (n * n + b * b) * squared[i]
-            )
+            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(stretch, (n * n + b * b) * squared[i])
             (
                 rows[G_N + i], rows[G_B + i], rows[G_S + i],
                 rows[NN + i], rows[BN + i], rows[BB + i],
@@ -113,7 +113,10 @@ def add_terms(
     i: int, tension: float, l_t: float, l_n: float, l_b: float, l_s: float, weight: float,
     h: tuple[float, ...], rows: FloatArray,
 ) -> None:  # fmt: skip
-    """Add gradient and Hessian of T |u| in section ``i``, from those of |u|, the second times |u|."""
+    """Add gradient and Hessian of T |u| in section ``i``.
+
+    From the ``tension``, the gradient of |u|, T / |u| and the Hessian of |u| times |u|.
+    """
     rows[G_T + i] += tension * l_t
     rows[G_N + i] += tension * l_n
     rows[G_B + i] += tension * l_b
@@ -202,19 +205,20 @@ def add_sheathed_tendon(
 
 
 def set_balance(
-    tables: SectionTables, first: int, count: int, tensions: FloatArray, pulled: IntArray,
-    rows: FloatArray, offsets: FloatArray, placings: int,
+    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
+    offsets: FloatArray, placings: int,
 ) -> None:  # fmt: skip
-    """Fill in gradient and Hessian of the energy of ``count`` sections from ``first`` on.
+    """Fill in gradient and Hessian of the energy of the sections of a ``block``.
 
     ``pulled`` are the numbers of tendons under tension, ``offsets`` (pulled, 2 `LANES`) those of
     their places in sheaths, which take up to ``placings`` steps of Newton's method.
     """
-    set_material(tables, first, count, rows)
+    set_material(tables, block, rows)
+    first, count = tables.blocks[block]
     last = first + count
     for number in range(pulled.size):
         tendon = pulled[number]
-        acting, tension = tables.acting[tendon, first // LANES], tensions[tendon]
+        acting, tension = tables.acting[tendon, block], tensions[tendon]
         part = tables.transmission[tendon, first:last]
         x, y = tables.x[tendon, first:last], tables.y[tendon, first:last]
         dx, dy = tables.dx[tendon, first:last], tables.dy[tendon, first:last]
@@ -228,9 +232,17 @@ def set_balance(
                 acting, tension, part, x, y, dx, dy, compliance, lever, rows, offset
             ) > OFFSETS_PLACED:  # fmt: skip
                 break
-        add_sheathed_tendon(
-            acting, tension, part, x, y, dx, dy, compliance, lever, rows, offset
-        )
+        add_sheathed_tendon(acting, tension, part, x, y, dx, dy, compliance, lever, rows, offset)
+
+
+def set_strain(
+    widens: bool, t: FloatArray, n: FloatArray, b: FloatArray, s: FloatArray, rows: FloatArray
+) -> None:
+    """Fill in the scaled strain from the twist of the sections of a block."""
+    for i in range(s.size):
+        width = incompressible_widening(s[i])[0] if widens else 1.0
+        rows[T + i], rows[N + i], rows[B + i] = width * t[i], width * n[i], width * b[i]
+        rows[S + i] = s[i]
 
 
 def evaluate_sections(
@@ -240,18 +252,14 @@ def evaluate_sections(
     """Fill in how all sections answer a ``twist`` (4, sections), as `evaluate` does."""
     pulled = np.flatnonzero(tensions)
     rows, offsets = np.zeros(FREE + LANES), np.empty((pulled.size, 2 * LANES))
-    for first in range(0, tables.axial.size, LANES):
-        last = min(first + LANES, tables.axial.size)
-        count = last - first
-        t, n, b, s = (twist[0, first:last], twist[1, first:last], twist[2, first:last], 
-            twist[3, first:last])
-        for i in range(count):
-            width = incompressible_widening(s[i])[0] if tables.widens else 1.0
-            rows[T + i], rows[N + i], rows[B + i] = width * t[i], width * n[i], width * b[i]
-            rows[S + i] = s[i]
+    for block in range(len(tables.blocks)):
+        first, count = tables.blocks[block]
+        last = first + count
+        t, n, b = twist[0, first:last], twist[1, first:last], twist[2, first:last]
+        set_strain(tables.widens, t, n, b, twist[3, first:last], rows)
         offsets[:] = 0.0
-        set_scales(tables, first, count, tensions, pulled, rows)
-        set_balance(tables, first, count, tensions, pulled, rows, offsets, MOST_PLACINGS)
+        set_scales(tables, block, tensions, pulled, rows)
+        set_balance(tables, block, tensions, pulled, rows, offsets, MOST_PLACINGS)
         for i in range(count):
             if tables.planar and t[i] == 0.0:
                 # Tendons cannot twist the arm, but for rounding.
@@ -274,9 +282,9 @@ def unscale(count: int, t: FloatArray, n: FloatArray, b: FloatArray, rows: Float
     for i in range(count):
         width, slope, bend = rows[WIDTH + i], rows[SLOPE + i], rows[BEND + i]
         g_t, g_n, g_b = rows[G_T + i], rows[G_N + i], rows[G_B + i]
-        (
-            rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i],
-        ) = unscaled_gradient(t[i], n[i], b[i], width, slope, g_t, g_n, g_b, rows[G_S + i])  # fmt: skip
+        rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i] = unscaled_gradient(
+            t[i], n[i], b[i], width, slope, g_t, g_n, g_b, rows[G_S + i]
+        )
         (
             rows[TT + i], rows[NT + i], rows[NN + i], rows[BT + i], rows[BN + i],
             rows[BB + i], rows[ST + i], rows[SN + i], rows[SB + i], rows[SS + i],

@@ -161,15 +161,16 @@ def unscaled_hessian(
     )  # fmt: skip
 
 
-def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
+def planar_start(load: Number, force: Number, softening: Number) -> tuple[Number, Number, Number]:
     """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
 
-    For ``load``, the moment over E A and the radius, and ``force`` of compression over E A. The
-    bend is the curvature times the radius. Correct to first order for every law, and a possible
-    state for any load.
+    For ``load``, the moment over E A and the radius, ``force`` of compression over E A, and
+    bending stiffness that sheaths take over 2 E A and the square of the radius. The bend is the
+    curvature times the radius. Correct to first order for every law, and a possible state for any
+    load.
     """
     straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
-    slope = 4.0 * load
+    slope = 4.0 * load / (1.0 - 8.0 * softening)
     ratio = slope / straight
     bend = slope / np.sqrt(1.0 + ratio * ratio)
     # Bending lengthens rubber by this to leading order.
@@ -177,15 +178,15 @@ def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
 
 
 def planar_step(
-    stretch: Number, bend: Number, load: Number, force: Number,
+    stretch: Number, bend: Number, load: Number, force: Number, softening: Number,
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
     """Newton's step of stretch and bend, with the `Density` of the law at bend^2."""
-    twice = bend + bend
-    left, moved = by_stretch + force, twice * by_bend - load
+    twice, secant = bend + bend, by_bend - softening
+    left, moved = by_stretch + force, twice * secant - load
     cross = twice * stretch_bend
-    about = 2.0 * by_bend + 4.0 * bend * bend * bend_bend
+    about = 2.0 * secant + 4.0 * bend * bend * bend_bend
     over = 1.0 / (stretch_stretch * about - cross * cross)
     return (
         stretch - over * (about * left - cross * moved),
