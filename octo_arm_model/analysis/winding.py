@@ -50,13 +50,16 @@ class Wound:
 
 def tendon_compliance(solver: Solver) -> FloatArray:
     """By how much each tendon itself stretches per newton [m/N], (tendons,)."""
-    arm = solver.arm
-    whole = solver.rest_lengths.ravel().copy()
-    if arm.free_length:
-        whole += arm.free_length
-    stiffness = np.array(arm.axial_stiffness or np.zeros(whole.size))
+    whole = stretching_lengths(solver)
+    stiffness = np.array(solver.arm.axial_stiffness or np.zeros(whole.size))
     does = stiffness > 0.0
     return np.divide(whole, stiffness, out=np.zeros_like(whole), where=does)
+
+
+def stretching_lengths(solver: Solver) -> FloatArray:
+    """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
+    rest = solver.rest_lengths.ravel()
+    return rest + np.array(solver.arm.free_length or np.zeros(rest.size))
 
 
 class Winding:
