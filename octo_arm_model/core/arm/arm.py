@@ -129,6 +129,15 @@ class Arm:
         counts = [len(section.tendons) for section in self.sections]
         return np.repeat(np.arange(1, len(counts) + 1), counts)
 
+    def tendon_compliance(self, lengths: FloatArray) -> FloatArray:
+        """By how much each tendon itself stretches per newton [m/N], (tendons,).
+
+        ``lengths`` (tendons,) [m] are those within the unloaded arm.
+        """
+        whole = lengths + np.array(self.free_length or np.zeros(lengths.size))
+        stiffness = np.array(self.axial_stiffness or np.zeros(lengths.size))
+        return np.divide(whole, stiffness, out=np.zeros_like(whole), where=stiffness > 0.0)
+
     @functools.cached_property
     def tension_shape(self) -> tuple[int, ...]:
         """Shape of one set of tensions.
