@@ -81,7 +81,7 @@ class ArmServer:
         self._winches = LatestSubscription(
             node, JointState, displacement_messages.TOPIC, self._on_displacements, self._work
         )
-        self._diagnostics.apart = self._winches.topic
+        self._diagnostics.apart = frozenset({self._winches.topic})
         self._services = [
             QueuedService(node, Solve, 'solve', self._on_solve, self._work),
             QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
