@@ -1,4 +1,4 @@
-"""The node ``octo_arm_estimator_lifecycle``: the estimator as a managed node."""
+"""The node ``octo_arm_lifecycle_estimator``: the estimator as a managed node."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ManagedEstimatorNode(ManagedNode):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node; returns the exit status."""
-    return run('octo_arm_estimator_lifecycle', ManagedEstimatorNode, arguments)
+    return run('octo_arm_lifecycle_estimator', ManagedEstimatorNode, arguments)
 
 
 if __name__ == '__main__':

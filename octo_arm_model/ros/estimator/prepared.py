@@ -15,7 +15,6 @@ from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.node.tension_subscription import message_class
-from octo_arm_model.wire.tension_messages import FieldMessage
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
 MODEL = 'exact'  # solves whatever the parameter says: it alone has loads
@@ -35,13 +34,6 @@ class PreparedEstimator(NamedTuple):
     config: Config
     settings: EstimatorSettings
     models: Mapping[str, ArmModel]
-
-    @property
-    def field(self) -> FieldMessage | None:
-        """Where further messages hold tensions; None where no type of messages is named."""
-        config = self.config
-        given = FieldMessage(config.tension_type, config.tension_field)
-        return given if config.tension_type else None
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> PreparedEstimator:

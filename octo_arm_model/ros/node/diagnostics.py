@@ -37,7 +37,8 @@ class Diagnostics:
         publishers: counts the publishers of each input topic.
         apart: whole names of topics that are no further source of tensions.
         memory: of tendons with friction, if they have any.
-        parts: make further statuses, of what else the node does.
+        parts: make further statuses, of what else the node does; called with the state of a node
+            that is not subscribed, else with nothing.
     """
 
     def __init__(self, node: Node) -> None:
@@ -48,7 +49,7 @@ class Diagnostics:
         self.publishers: dict[str, Callable[[], int]] = {}
         self._idle = ''
         self.apart: frozenset[str] = frozenset()
-        self.parts: list[Callable[[], DiagnosticStatus]] = []
+        self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.memory: FrictionMemory | None = None
         self._totals = dict.fromkeys(
             (
@@ -145,7 +146,12 @@ class Diagnostics:
 
     def _report(self) -> None:
         name = self._node.get_fully_qualified_name()
-        parts = self._solver(), self._input(), self._output(), *(part() for part in self.parts)
+        parts = (
+            self._solver(),
+            self._input(),
+            self._output(),
+            *(part(self._idle) for part in self.parts),
+        )
         message = DiagnosticArray(status=list(parts))
         for status in message.status:
             status.name = f'{name.lstrip("/")}: {status.name}'
