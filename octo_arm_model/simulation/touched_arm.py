@@ -18,6 +18,7 @@ _PUSHED = 0.3  # of the length: how far the push moves the tip
 _RATE = 25.0  # [Hz]
 # Noise: in parts of the length, [rad], in parts of how hard tendons are pulled.
 _POSITION, _ROTATION, _TENSION = 2e-3, 0.03, 1e-3
+_CHANGE = 0.05  # of that: by how much tensions change in a second
 _MARKERS = (1 / 3, 2 / 3)  # of the length
 
 
@@ -26,7 +27,8 @@ def touched(config: Config) -> tuple[dict[str, Any], dict[str, Any]]:
     length = config.arm.length
     axes = Quaternions.from_xyzw(np.array(config.base.quaternion)).matrix()
     force = bending_force(config.arm, _PUSHED) * axes @ np.array([0.0, 0.6, 0.8])
-    tension = _TENSION * float(default_highest(config.arm).min())
+    highest = float(default_highest(config.arm).min())
+    tension = _TENSION * highest
     markers = [part * length for part in _MARKERS]
     simulator = {
         'model': 'exact',
@@ -42,6 +44,7 @@ def touched(config: Config) -> tuple[dict[str, Any], dict[str, Any]]:
     }
     estimator = {
         'tension_stddev': tension,
+        'estimator.tension_rate': _CHANGE * highest,
         'estimator.marker_s': markers,
         'estimator.marker_stddev': _POSITION * length,
         'estimator.force_time': 0.5,
