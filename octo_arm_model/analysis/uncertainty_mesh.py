@@ -18,6 +18,7 @@ _ONE, _TWO, _THREE = (float(chi2.ppf(INSIDE, size)) for size in (1, 2, 3))
 # A force that moves the tip by _BENT of the length is drawn as _LENGTH of it.
 _BENT, _LENGTH = 0.2, 0.3
 _LONGEST = 0.6  # of the length
+_RIM = 1.03  # tubes are wider than the body, as coincident surfaces flicker
 SHAFT = 0.008  # radius of an arrow, relative to the length of the arm
 _HEAD, _WIDER = 0.25, 2.5  # of an arrow: its part of the length, and its radius over the shaft's
 CORNERS = 24  # of cones and arrows
@@ -51,7 +52,7 @@ class UncertaintyDrawing:
         self._rings = np.unique(
             np.linspace(0.0, s.size - 1.0, min(s.size, MOST_RINGS)).round().astype(np.int64)
         )
-        self._radius = arm.body.radius(s[self._rings])
+        self._radius = _RIM * arm.body.radius(s[self._rings])
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         self._circle = np.array([np.cos(angle), np.sin(angle)])
         self.triangles = tube_triangles(self._rings.size, sides)

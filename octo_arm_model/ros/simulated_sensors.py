@@ -77,7 +77,10 @@ class SensorPublishers:
                 PoseArray(header=header, poses=[Pose(position=point) for point in points])
             )
         if wrench_due:
-            self._wrench.publish(_wrench(header, arm.base_wrench()))
+            measured = arm.base_wrench()
+            # About the origin of base_frame, as its header says.
+            measured[3:] += np.cross(config.model.base.position, measured[:3])
+            self._wrench.publish(_wrench(header, measured))
 
 
 def _wrench(header: Header, values: FloatArray) -> WrenchStamped:

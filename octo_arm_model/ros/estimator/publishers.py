@@ -19,6 +19,7 @@ from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import CovarianceWriter
 from octo_arm_model.wire.cdr_estimate import EstimateWriter
+from octo_arm_model.wire.cdr_uncertainty import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
@@ -58,6 +59,7 @@ class EstimatePublishers:
             return
         self._solver = solver
         self.backbone.describe(solver, config)
+        self._markers = UncertaintyMarkersWriter(config.arm, solver.grid.s, config.base_frame)
         self._covariances = CovarianceWriter(config.base_frame, solver.grid.s)
         self._writer = EstimateWriter(config.base_frame, config.arm.tendon_names)
 
@@ -65,13 +67,23 @@ class EstimatePublishers:
         """Publish an ``estimate`` of the arm that was described."""
         assert self._solver is not None
         backbone, covariance = estimate.backbone, estimate.pose_covariance
-        self.backbone.publish(backbone, covariance[-1], stamp)
-        self.backbone.publish_estimates(backbone, stamp)
         contact = contact_of(estimate, self._solver.arm)
+        known = contact or _NOTHING
+
+        def markers() -> bytes:
+            # The resultant of a current, which acts everywhere, is drawn at the middle.
+            place = 0.5 * backbone.s[-1] if math.isnan(known.s) else known.s
+            start = np.array([np.interp(place, backbone.s, axis) for axis in backbone.position.T])
+            return self._markers.write(
+                backbone.position, backbone.quaternion, covariance[:, :3, :3],
+                start, known.wrench[:3], known.covariance[:3, :3], *stamp,
+            )  # fmt: skip
+
+        self.backbone.publish(backbone, covariance[-1], stamp, markers)
+        self.backbone.publish_estimates(backbone, stamp)
         if contact is not None:
             publisher = self._tip_wrench if contact.is_at_tip else self._contact
             publisher.publish(self._writer.wrench(contact.wrench, *stamp))
-        known = contact or _NOTHING
         if self._covariance.get_subscription_count():
             data = self._covariances.write(covariance, known.s, known.covariance, *stamp)
             self._covariance.publish(data)

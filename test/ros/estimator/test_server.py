@@ -1,6 +1,7 @@
 """The estimator as a process of its own, told over DDS what sensors of a known arm measure."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from diagnostic_msgs.msg import DiagnosticStatus
 from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating
 from geometry_msgs.msg import Pose
+from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad
 
@@ -289,3 +291,16 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
         done, why = client.change(**{f'estimator__{name}': value})
         assert not done and words in why
     client.measure([1000.0])
+
+
+def test_rviz_sees_the_tube_and_the_arrow(client):
+    heard, steps = client.hear(MarkerArray, 'markers'), itertools.count()
+    client.force = FORCE
+
+    def seen():
+        client.measure([1000.0 + 0.05 * next(steps)])
+        found = {marker.ns: marker for message in heard for marker in message.markers}
+        return found if 'contact' in found and found['contact'].points else None
+
+    found = client.wait(seen, 'an arrow')
+    assert {'body', 'tendons', 'covariance', 'cone'} <= found.keys()
