@@ -157,7 +157,7 @@ class EstimatorClient(RosClient):
         return heard[-1]
 
     def wrench(self, topic='tip_wrench/estimate'):
-        """Force of the newest wrench (3,) [N] and the root of its covariance's diagonal."""
+        """The force of the newest wrench [N], and the standard deviations of its components."""
         force = self.newest(topic).wrench.force
         covariance = np.reshape(self.newest('backbone/covariance').contact, (6, 6))
         return np.array([force.x, force.y, force.z]), np.sqrt(covariance.diagonal()[:3])
