@@ -55,8 +55,7 @@ def tendon_compliance(solver: Solver) -> FloatArray:
 
 def stretching_lengths(solver: Solver) -> FloatArray:
     """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
-    rest = solver.rest_lengths.ravel()
-    return rest + np.array(solver.arm.free_length or np.zeros(rest.size))
+    return solver.arm.stretching_lengths(solver.rest_lengths.ravel())
 
 
 class Winding:

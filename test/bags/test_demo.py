@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,14 +68,16 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     assert seen > 40
 
 
-def test_a_demo_with_sheaths_has_what_encoders_read(tmp_path: Path) -> None:
-    softer = dataclasses.replace(CLEAN, sheath=2.5e5, tension_rate=5.0)
+@pytest.mark.parametrize('softer', [{'sheath': 2.5e5}, {'axial_stiffness': 300.0}])
+def test_a_demo_with_softer_tendons_has_what_encoders_read(
+    tmp_path: Path, softer: dict[str, float]
+) -> None:
+    experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
     with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, softer, 0)
-    true = {
-        'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0,
-        'tendons.sheath_stiffness': [2.5e5],
-    }  # fmt: skip
+        add_demo(writer, PROTOTYPE, experiment, 0)
+    true: dict[str, Any] = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
+    for name, value in softer.items():
+        true[f'tendons.{name.removesuffix("_stiffness")}_stiffness'] = [value]
     solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
     with BagReader(tmp_path / 'bag') as reader:
         config = Config.from_parameters(PROTOTYPE)
