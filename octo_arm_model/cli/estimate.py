@@ -155,14 +155,14 @@ def _run(options: argparse.Namespace) -> int:
     check_out(options.plot, folder=False, name='--plot')
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
+    if out is not None and options.bag.resolve() in out.resolve().parents:
+        raise BagError(f'{out}: inside {options.bag}, which stays as it is')
     with contextlib.ExitStack() as opened:
         reader = opened.enter_context(BagReader(options.bag))
         with Bar('messages') as bar:
             recorded = read_recorded(reader, sources, bar.on_terminal)
         outputs = []
         if out is not None:
-            if options.bag.resolve() in out.resolve().parents:
-                raise BagError(f'{out}: inside {options.bag}, which stays as it is')
             opened.enter_context(unwritten(out))
             outputs.append(_bag_output(options, opened, reader, recorded))
         if options.csv is not None:
