@@ -12,7 +12,6 @@ from rosbags.interfaces import Connection
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model.analysis.displacement import displacements_of
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.types import known_types
@@ -24,6 +23,7 @@ from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
@@ -113,13 +113,17 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
 class TensionTopic:
     """Reads the messages of one topic: those laid out like one before them many at once."""
 
-    def __init__(self, reader: BagReader, config: Config, field: str = '') -> None:
+    def __init__(
+        self, reader: BagReader, config: Config, field: str = '', raw: bool = False
+    ) -> None:
         """Read from ``reader`` for the arm and the load cells of ``config``.
 
-        Tensions are in ``field``, if that is given.
+        Tensions are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
         """
         self._field = field
         self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
+        cells = config.load_cells
+        self._calibrated = cells.scale_and_offset if raw else partial(cells.tensions, config.arm)
         self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
@@ -139,7 +143,7 @@ class TensionTopic:
         if given is not None:
             stamps = [one if any(one) else received for one, received in zip(given, stamps)]
         try:
-            tensions = self._load_cells.tensions(self._arm, tensions)
+            tensions = self._calibrated(tensions)
         except TensionError:
             readings = [self._checked(*pair) for pair in zip(stamps, tensions)]
         else:
@@ -150,7 +154,7 @@ class TensionTopic:
         # The layout may be that of another message of the same batch by now.
         if found := self._read_alike([record]):
             return found[0]
-        return reading_of(self._reader, record, functools.partial(self._read, record))
+        return reading_of(self._reader, record, partial(self._read, record))
 
     def _read(self, record: Record, message: Any, stamp: Stamp) -> Reading:
         wanted = self._load_cells.names
@@ -169,7 +173,7 @@ class TensionTopic:
 
     def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
         try:
-            return Reading(stamp, self._load_cells.tensions(self._arm, readings), '')
+            return Reading(stamp, self._calibrated(readings), '')
         except TensionError as error:
             return Reading(stamp, None, str(error))
 
