@@ -53,6 +53,11 @@ def tendon_compliance(solver: Solver) -> FloatArray:
     return solver.arm.tendon_compliance(solver.rest_lengths.ravel())
 
 
+def stretching_lengths(solver: Solver) -> FloatArray:
+    """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
+    return solver.arm.stretching_lengths(solver.rest_lengths.ravel())
+
+
 class Winding:
     """Newton's method on the tensions of the driven tendons."""
 

@@ -69,10 +69,13 @@ def read_tensions(
         yield from tensions.read(some)
 
 
-def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
+def pick_tensions(
+    reader: BagReader, wanted: str | None, without: str | None = None
+) -> tuple[str, str]:
     """Topic of tensions and the field they are in, '' for the usual one of its type.
 
-    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is.
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is ``without`` one that
+    is read as something else.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
@@ -88,7 +91,7 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
             )
         return topic, field
     try:
-        topic = pick_topic(reader, wanted, TYPES, 'tensions')
+        topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [one if one in reader.topics else f'/{one}' for one in others]
