@@ -63,6 +63,7 @@ class SectionEnergy:
         y: along b.
         dx: slope of ``x`` [-].
         dy: slope of ``y`` [-].
+        squared_slope: sum of their squares.
         shear_stiffness: G A [N], (nodes,).
         poisson: Poisson's ratio [-], (nodes,).
     """
@@ -93,6 +94,7 @@ class SectionEnergy:
         routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
+        self.squared_slope = self.dx**2 + self.dy**2
         self.squared_radius = self.radius**2
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:

@@ -99,7 +99,7 @@ def balance(
         if worst <= tolerance and tendons.imbalance <= tolerance:
             # A last step leaves rounding, whatever the tolerance is.
             return Balance(strain + step, left.max(axis=(0, 2), initial=0.0), iterations)
-        if not worst <= _SLOW * previous:  # nor where it is NaN
+        if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
             return None
         previous = worst
         if worst < _NEAR and not tendons.has_torsion:

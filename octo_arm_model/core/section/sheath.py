@@ -121,8 +121,9 @@ class SheathedSections(SectionEnergy):
         """Offsets of the tendons by Newton's method; raises as `condensed`."""
         t, n, b, stretch = strain[:4]
         yielding = self.sheath_compliance * local_tensions
-        # Nearly: for tendons along the midline.
-        offset = np.stack([yielding * b, -yielding * n])
+        # Nearly: for tendons along the midline, where that leaves them most of their length.
+        near = yielding * np.where(yielding * (n * n + b * b) < 0.25 * stretch, 1.0, 0.0)
+        offset = np.stack([near * b, -near * n])
         moved = copy.copy(self)
         width, worst = self.widening(stretch)[0], np.inf
         for _ in range(_MOST_STEPS):
