@@ -171,7 +171,7 @@ class SectionEnergy:
         return length, gradient * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
-        """Where tendons stand off their paths; None of those that are held in their places."""
+        """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
         return None
 
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
@@ -179,7 +179,7 @@ class SectionEnergy:
         return 0.0
 
     def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse what tendons cannot do; see `sheath`, these are held in their places."""
+        """Refuse what tendons cannot do; see `sheath`, these are held on their paths."""
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
         """Likewise a balance without loads that is none of least energy; here all are."""

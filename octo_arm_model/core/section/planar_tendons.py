@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class PlanarTendons:
-    """`quasi_newton.Tendons` of which none gives way."""
+    """`quasi_newton.Tendons` held on their paths."""
 
     has_torsion = False
     imbalance = 0.0

@@ -1,4 +1,4 @@
-"""Tendons in sheaths that give way, for `quasi_newton`.
+"""Tendons in compliant sheaths, for `quasi_newton`.
 
 A tendon that is nearly parallel to the midline is pressed off its path by T / k times the
 curvature, whatever else it does, and takes T^2 / k from the bending stiffness of the body. So
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class SheathedTendons:
-    """`quasi_newton.Tendons` that stand off their paths."""
+    """`quasi_newton.Tendons` at offsets from their paths."""
 
     has_torsion = True
 
@@ -47,7 +47,7 @@ class SheathedTendons:
         t, n, b, stretch = strain
         width, slope, _ = self._sections.widening(stretch)
         if self._direction is None:
-            # Near the balance already, a first guess of theirs is not to lead away from it.
+            # Twice at first, for a start near the balance to stay there.
             self._turn(strain, width, (1.0, 0.0, 0.0))
         assert self._direction is not None
         p_n, p_b, over = self._turn(strain, width, self._direction)
@@ -74,7 +74,7 @@ class SheathedTendons:
     def _turn(
         self, strain: FloatArray, width: Number, direction: tuple[Number, Number, Number]
     ) -> tuple[Number, Number, FloatArray]:
-        """Find the direction of tendons where one of nearly this ``direction`` presses them.
+        """Find the direction of tendons at the offsets of those of nearly this ``direction``.
 
         Returns:
             Derivatives of |u| by the offset for the ``direction``, and 1 / |u|.

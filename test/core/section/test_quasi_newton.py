@@ -115,6 +115,8 @@ def test_tendons_out_of_balance_in_their_sheaths_are_none(table4: Config) -> Non
     found = minimise(energy, local, initial_strain(energy, local)).strain
 
     class Drifting(SheathedTendons):
+        """Never in balance."""
+
         def gradient(self, strain: FloatArray) -> FloatArray:
             gradient = super().gradient(strain)
             self.imbalance = 1e-6
