@@ -169,7 +169,7 @@ class Solver:
         results = Results(lead and (batch,), self.grid, self._base, read_out)
         if self._compiled is not None and not self._statics.is_loaded(wrench):
             # NumPy solves the few that the kernels do not converge for, or reports them.
-            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results)]
+            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results, before)]
         else:
             size = self._batch
             parts = [slice(arm, min(arm + size, batch)) for arm in range(0, batch, size)]

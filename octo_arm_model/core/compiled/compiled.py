@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
+from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
     evaluate_sections,
     find_exact_shapes,
@@ -39,6 +40,7 @@ from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.papers_model import PapersModel
 from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
 from octo_arm_model.core.models.statics import Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.grid import StationGrid
@@ -60,7 +62,12 @@ class Compiled:
         self._read_out = read_out()
         self._grid: GridTables = _own(grid_tables(grid, base))
         self._tables: PapersTables | ExactTables
-        if isinstance(statics, PapersModel):
+        self._sliding: CompiledSliding | None = None
+        if isinstance(statics, SlidingClosedForm) or (
+            isinstance(statics, Exact) and statics.slides
+        ):
+            self._sliding = CompiledSliding(statics, self._grid, _own)
+        elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
             self._find_shapes = find_shapes()
             self._tables = _own(papers_tables(statics.equations))
@@ -85,34 +92,32 @@ class Compiled:
 
         Of the paper's models they do where tendons make neither mixed second moment nor routing
         torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
-        None covers tendons with friction.
         """
         if isinstance(statics, Exact):
-            return (
-                not statics.slides
-                and statics.strains == 4
-                and type(statics.law) in (LinearElastic, NeoHookean)
-            )
+            return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
+        if isinstance(statics, SlidingClosedForm):
+            return True
         if not isinstance(statics, PapersModel):
             return False
         equations = statics.equations
         return isinstance(equations, ClosedForm | Renda2012) and equations.weights.is_plain
 
-    def solve(self, tensions: FloatArray, results: Results) -> list[int]:
+    def solve(
+        self, tensions: FloatArray, results: Results, before: FloatArray | None = None
+    ) -> list[int]:
         """Solve for ``tensions`` (batch, tendons) [N] and fill in ``results``.
+
+        Tendons with friction slide from tensions ``before`` (tendons, points) [N].
 
         Returns:
             Numbers of the arms that have no answer, and have to be solved otherwise.
         """
-        strains, (position, quaternion, residual, iterations) = results.strains, results.arrays
-        if results.is_one:
-            strains = strains[:, None]
-            position, quaternion = position[None], quaternion[None]
-            residual, iterations = residual[None], iterations[None]
+        if self._sliding is not None:
+            return self._sliding.solve(tensions, before, results)
+        strains, arrays = results.batch
         without = self._find_shapes(
-            self._tables, self._grid, tensions, results.twist, strains, position, quaternion,
-            residual, iterations,
-        )  # fmt: skip
+            self._tables, self._grid, tensions, results.twist, strains, *arrays
+        )
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
 
 

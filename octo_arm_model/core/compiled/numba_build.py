@@ -25,15 +25,18 @@ from octo_arm_model.core.compiled import (
     dense_kernels,
     exact_kernels,
     frame_kernels,
+    friction_kernels,
     kernels,
     products,
     readout_kernels,
     response_kernels,
     rod_kernels,
     section_kernels,
+    sliding_kernels,
     state_kernels,
     system_kernels,
 )
+from octo_arm_model.core.compiled.friction_tables import no_friction
 from octo_arm_model.core.compiled.kernel_cache import (
     forget,
     is_whole,
@@ -52,7 +55,8 @@ _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
-    state_kernels, response_kernels, dense_kernels, readout_kernels, products,
+    state_kernels, response_kernels, dense_kernels, readout_kernels, products, friction_kernels,
+    sliding_kernels,
 )  # fmt: skip
 
 
@@ -94,6 +98,17 @@ def find_exact_shapes() -> Callable[..., int]:
     return _made(
         functools.partial(_entry, function=exact_kernels.find_exact_shapes),
         (no_exact(), *_no_shapes()),
+    )
+
+
+@functools.cache
+def find_sliding_shapes() -> Callable[..., int]:
+    """`sliding_kernels.find_sliding_shapes`, compiled; raises as `find_shapes`."""
+    table = np.zeros((0, 0))
+    grid, tensions, *shapes = _no_shapes()
+    return _made(
+        functools.partial(_entry, function=sliding_kernels.find_sliding_shapes),
+        (no_friction(), grid, tensions, table, False, *shapes, table, np.zeros((0, 0, 0))),
     )
 
 

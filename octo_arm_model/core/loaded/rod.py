@@ -35,7 +35,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 # of its values. Positions, which are integrals of it, are far more exact.
 RESOLVED = 3e-5
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
-_RESOLVED_TENSIONS = 1e-6
+RESOLVED_TENSIONS = 1e-6
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
@@ -112,6 +112,15 @@ class LoadedRod:
         twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
         return self.equilibrium.shape(twist[:, 0])
 
+    def under(self, local_tensions: FloatArray) -> Shape:
+        """The unloaded shape under tensions (tendons, points) [N] at the points.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        sections = ExactSections(self.equilibrium.energy)
+        return self.equilibrium.shape(sections(local_tensions[:, np.newaxis])[:, 0])
+
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
         energy = self.equilibrium.energy
@@ -153,7 +162,7 @@ class LoadedRod:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
             tensions = sliding.tensions
-            if self._tail(tensions).max() > _RESOLVED_TENSIONS * tensions.max():
+            if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
                 return False
         size = np.abs(twist).max(axis=(1, 2))
         size[:3] = size[:3].max()

@@ -1,0 +1,220 @@
+"""Arms without loads whose tendons have friction: what `numba_build` compiles.
+
+As `loaded.sliding_balance` and `models.sliding` have it, of the tendons under tension alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.frame_kernels import read_out
+from octo_arm_model.core.compiled.friction_kernels import (
+    find_tensions,
+    find_turning,
+    improve,
+    largest_tail,
+)
+from octo_arm_model.core.compiled.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.section_kernels import (
+    balance,
+    guess,
+    minimise_section,
+    scales,
+    solve_symmetric,
+    widening,
+)
+from octo_arm_model.core.compiled.section_tables import SectionTables
+from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
+from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
+from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
+from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
+
+GUESSES = 2  # sweeps with cross sections as `guess` has them, before they are balanced
+NEAR = 0.1  # what is left of the balance of a section, relative, for a plain step of Newton's
+UNRESOLVED = -2  # instead of a number of iterations
+
+
+def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatArray) -> None:
+    """Fill in the ``twist`` (4, sections) of section ``i``, as `ClosedForm` has it."""
+    pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for tendon in pulled:
+        tension = sections.transmission[i, tendon]
+        x, y = sections.x[i, tendon], sections.y[i, tendon]
+        pull, n, b = pull + tension, n + tension * x, b + tension * y
+        nn, bb, mixed = nn + tension * x * x, bb + tension * y * y, mixed + tension * x * y
+        routing += tension * (x * sections.dy[i, tendon] - y * sections.dx[i, tendon])
+    bending = 0.25 * sections.axial[i] * sections.squared[i]
+    xi, k = mixed_curvatures(n, b, nn, bb, mixed, bending)
+    tau = routed_torsion(routing, nn, bb, sections.torsion[i])
+    stretched = stretch(xi, k, pull, n, b, sections.axial[i])
+    twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k
+    twist[3, i] = stretched
+
+
+def find_sections(
+    tables: FrictionTables, ones: FloatArray, pulled: IntArray, sweep: int, strain: FloatArray,
+    twist: FloatArray, room: FloatArray, hessian: FloatArray,
+) -> float:  # fmt: skip
+    """Bring the cross sections nearer to balance: ``strain`` (points, 4) and ``twist``.
+
+    With the tensions that there are at the points; ``sweep`` counts from 0, and is -1 for cross
+    sections that are to be balanced. ``room`` (2, 4) and ``hessian`` (4, 4) are to work in.
+
+    Returns:
+        What is left of the balance, relative; infinity where there is none.
+    """
+    sections, residual = tables.sections, 0.0
+    gradient, step = room[0], room[1]
+    for i in range(twist.shape[1]):
+        if not tables.is_exact:
+            closed_form(sections, i, pulled, twist)
+            continue
+        own = strain[i]
+        if 0 <= sweep < GUESSES:
+            guess(sections, i, ones, pulled, own)
+        else:
+            is_near = False
+            if sweep > 0:
+                balance(sections, i, ones, pulled, own, gradient, hessian)
+                of_moment, of_force = scales(sections, i, ones, pulled)
+                left = max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) / of_moment
+                is_near = max(left, abs(gradient[3]) / of_force) <= NEAR
+            if is_near:
+                solve_symmetric(hessian, gradient)
+                for k in range(4):
+                    own[k] -= gradient[k]
+            else:
+                left, steps = minimise_section(
+                    sections, i, ones, pulled, own, gradient, step, hessian
+                )
+                if steps < 0:
+                    return np.inf
+            residual = max(residual, left)
+        width = widening(sections, own[3])[0]
+        for k in range(3):
+            twist[k, i] = own[k] / width
+        twist[3, i] = own[3]
+    return residual
+
+
+def is_possible(tables: FrictionTables, strain: FloatArray) -> bool:
+    """Whether no fibre is compressed to nothing, as `check_fibres` asks."""
+    if tables.is_exact and tables.sections.widens:
+        for i in range(len(strain)):
+            square = (strain[i, 1] ** 2 + strain[i, 2] ** 2) * tables.sections.squared[i]
+            if not strain[i, 3] - np.sqrt(square) > SHORTEST_FIBRE:
+                return False
+    return True
+
+
+def slide(
+    tables: FrictionTables, tensions: FloatArray, before: FloatArray, twist: FloatArray
+) -> tuple[float, int, bool]:
+    """Fill in the ``twist`` (4, points) and the tensions at the points, as `balance` does.
+
+    Returns:
+        What is left of the balance, relative, number of sweeps, -1 where there is no balance, and whether any tendon sticks.
+    """
+    count, s = twist.shape[1], tables.weights.size
+    pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
+    angle, slip = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
+    rate, turned = np.empty(count), np.empty(count)
+    strain, room, hessian = np.empty((count, 4)), np.empty((2, 4)), np.empty((4, 4))
+    tables.sections.transmission[:] = 0.0
+    last, left = 0.0, 0.0
+    for sweep in range(MOST):
+        find_tensions(tables, tensions, before, pulled, angle, slip)
+        residual = find_sections(tables, ones, pulled, sweep, strain, twist, room, hessian)
+        if residual == np.inf:
+            return residual, -1, False
+        last, left = left, 0.0
+        for tendon in pulled:
+            find_turning(tables, twist, tendon, rate, turned)
+            change = improve(
+                tables, tendon, sweep == 0, slip[tendon], rate, turned, angle[tendon]
+            )
+            if np.isnan(change):
+                return np.inf, -1, False
+            left = max(left, change)
+        if has_converged(left, last) and (sweep > GUESSES or not tables.is_exact):
+            sticks = find_tensions(tables, tensions, before, pulled, angle, slip)
+            residual = find_sections(tables, ones, pulled, -1, strain, twist, room, hessian)
+            is_fine = residual < np.inf and is_possible(tables, strain)
+            return residual, sweep + 1 if is_fine else -1, sticks
+    return np.inf, -1, False
+
+
+def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
+    """Whether points resolve ``twist`` and tensions along tendons, as `LoadedRod.resolves_twist`.
+
+    For ``tensions`` at the base; of tendons that do not stick.
+    """
+    for tendon in np.flatnonzero(tensions):
+        along = np.ascontiguousarray(tables.sections.transmission[:, tendon])
+        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
+            return False
+    size = np.empty(4)
+    for k in range(4):
+        size[k] = np.abs(twist[k]).max()
+    angular = max(size[0], size[1], size[2])
+    for k in range(4):
+        if largest_tail(tables, twist[k]) > RESOLVED * (angular if k < 3 else size[3]):
+            return False
+    return True
+
+
+def to_nodes(tables: FrictionTables, row: FloatArray, out: FloatArray) -> None:
+    """Fill in values (nodes,) from those at points, (points,)."""
+    s, done = tables.weights.size, 0
+    out[:] = 0.0
+    for element, first, count in tables.runs:
+        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
+        add_products(row[element * s : element * s + s], matrix, out[first : first + count])
+        done += s * count
+
+
+def find_sliding_shapes(
+    tables: FrictionTables, grid: GridTables, tensions: FloatArray, before: FloatArray,
+    may_refine: bool, twist: FloatArray, strains: FloatArray, position: FloatArray,
+    quaternion: FloatArray, residual: FloatArray, iterations: IntArray, points: FloatArray,
+    stations: FloatArray,
+) -> int:  # fmt: skip
+    """As `kernels.find_shapes`, of tendons with friction.
+
+    Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
+    the ``stations`` (batch, stations, tendons). Where finer elements ``may_refine`` what these do
+    not resolve ``iterations`` are `UNRESOLVED`.
+    """
+    without = 0
+    at_points, at_nodes = np.empty((4, tables.transmission.shape[0])), np.empty(twist.shape[1])
+    along = tables.sections.transmission
+    for arm in range(len(tensions)):
+        residual[arm], iterations[arm], sticks = slide(tables, tensions[arm], before, at_points)
+        if iterations[arm] < 0:
+            without += 1
+            continue
+        if may_refine and not sticks and not resolves(tables, at_points, tensions[arm]):
+            iterations[arm] = UNRESOLVED
+            without += 1
+            continue
+        stations[arm] = 0.0
+        points[:] = along.T
+        pulled = np.flatnonzero(tensions[arm])
+        for tendon in pulled:
+            to_nodes(tables, points[tendon], at_nodes)
+            for station in range(grid.station_node.size):
+                stations[arm, station, tendon] = at_nodes[grid.station_node[station]]
+            tables.at_nodes.transmission[:, tendon] = at_nodes
+        for k in range(4):
+            if tables.is_exact:
+                to_nodes(tables, at_points[k], twist[k])
+        if not tables.is_exact:
+            for i in range(twist.shape[1]):
+                closed_form(tables.at_nodes, i, pulled, twist)
+        if not read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm]):
+            iterations[arm] = -1
+            without += 1
+    return without
