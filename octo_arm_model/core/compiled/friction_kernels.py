@@ -18,11 +18,12 @@ from octo_arm_model.core.section.tendon_tangents import curvature, kink_angle
 
 def find_tensions(
     tables: FrictionTables, tensions: FloatArray, before: FloatArray, pulled: IntArray,
-    angle: FloatArray, slip: FloatArray,
+    angle: FloatArray, kept: FloatArray, slip: FloatArray,
 ) -> bool:  # fmt: skip
     """Fill in tensions at the points and which way tendons ``slip`` there, for an ``angle``.
 
-    Both are (tendons, points); ``before`` likewise, or (0, 0) for slack ones.
+    And what is ``kept`` of a tension over that angle, all (tendons, points); ``before`` likewise,
+    or (0, 0) for slack ones.
 
     Returns:
         Whether any tendon sticks.
@@ -32,11 +33,11 @@ def find_tensions(
         rate = tables.coefficient[tendon]
         for i in range(angle.shape[1]):
             given = tables.transmission[i, tendon] * tensions[tendon]
-            kept = np.exp(-rate * angle[tendon, i])
-            low = given * kept
+            part = kept[tendon, i] = np.exp(-rate * angle[tendon, i])
+            low = given * part
             slip[tendon, i] = -1.0
             if before.size:
-                held, high = before[tendon, i], given / kept
+                held, high = before[tendon, i], given / part
                 if held > low * (1.0 + SAME):
                     slip[tendon, i] = 1.0 if held >= high * (1.0 - SAME) else 0.0
                     sticks = sticks or slip[tendon, i] == 0.0
@@ -106,30 +107,37 @@ def integrate(
     return start + step * whole
 
 
+def growth(kept: float, slip: float) -> float:
+    """What a tension changes to over an angle over which ``kept`` is left of one that falls."""
+    if slip < 0.0:
+        return kept
+    return 1.0 / kept if slip > 0.0 else 1.0
+
+
 def improve(
-    tables: FrictionTables, tendon: int, is_first: bool, slip: FloatArray, rate: FloatArray,
-    turned: FloatArray, angle: FloatArray,
+    tables: FrictionTables, tendon: int, is_first: bool, kept: FloatArray, slip: FloatArray,
+    rate: FloatArray, turned: FloatArray, angle: FloatArray,
 ) -> float:  # fmt: skip
     """Bring the ``angle`` (points,) of a ``tendon`` nearer, as `Friction.next_angle` does.
 
     Returns:
-        The largest change.
+        The largest change, but of the first time.
     """
     s, mu = tables.weights.size, tables.coefficient[tendon]
     largest = 0.0
     if is_first:
         for i in range(angle.size):
             angle[i] = np.log1p(mu * turned[i]) / mu if mu > 0.0 else turned[i]
-        return np.inf
-    way = mu * slip[0]
+        return 0.0
     left, moved, total = np.empty(s), np.empty(angle.size), 0.0
     for element in range(tables.step.size):
         for j in range(s):
             i = element * s + j
-            left[j] = slip[i] * rate[i] * (turned[i] - angle[i]) * np.exp(-way * angle[i])
+            grows = growth(kept[i], slip[0])
+            left[j] = slip[i] * rate[i] * (turned[i] - angle[i]) / grows
         total = integrate(tables, element, left, total, moved)
     for i in range(angle.size):
-        new = max(turned[i] + mu * np.exp(way * angle[i]) * moved[i], 0.0)
+        new = max(turned[i] + mu * growth(kept[i], slip[0]) * moved[i], 0.0)
         largest = max(largest, abs(new - angle[i]))
         if np.isnan(new):
             return np.nan

@@ -19,7 +19,6 @@ from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.section_kernels import (
     balance,
     guess,
-    minimise_section,
     scales,
     solve_symmetric,
     widening,
@@ -29,11 +28,12 @@ from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
 from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
+from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
 GUESSES = 2  # sweeps with cross sections as `guess` has them, before they are balanced
-NEAR = 0.1  # what is left of the balance of a section, relative, for a plain step of Newton's
+NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
 UNRESOLVED = -2  # instead of a number of iterations
 
 
@@ -55,57 +55,49 @@ def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatA
 
 
 def find_sections(
-    tables: FrictionTables, ones: FloatArray, pulled: IntArray, sweep: int, strain: FloatArray,
-    twist: FloatArray, room: FloatArray, hessian: FloatArray,
+    tables: FrictionTables, ones: FloatArray, pulled: IntArray, is_guess: bool,
+    strain: FloatArray, twist: FloatArray,
 ) -> float:  # fmt: skip
-    """Bring the cross sections nearer to balance: ``strain`` (points, 4) and ``twist``.
+    """Bring the cross sections nearer to balance: ``strain`` (4, points) and ``twist``.
 
-    With the tensions that there are at the points; ``sweep`` counts from 0, and is -1 for cross
-    sections that are to be balanced. ``room`` (2, 4) and ``hessian`` (4, 4) are to work in.
+    By a step of Newton's method, with the tensions that there are at the points; or as `guess`
+    has them.
 
     Returns:
-        What is left of the balance, relative; infinity where there is none.
+        What was left of the balance before, relative; NaN where there is none.
     """
-    sections, residual = tables.sections, 0.0
-    gradient, step = room[0], room[1]
+    sections, residual, total = tables.sections, 0.0, 0.0
+    own, gradient, hessian = np.empty(4), np.empty(4), np.empty((4, 4))
     for i in range(twist.shape[1]):
         if not tables.is_exact:
             closed_form(sections, i, pulled, twist)
             continue
-        own = strain[i]
-        if 0 <= sweep < GUESSES:
+        if is_guess:
             guess(sections, i, ones, pulled, own)
         else:
-            is_near = False
-            if sweep > 0:
-                balance(sections, i, ones, pulled, own, gradient, hessian)
-                of_moment, of_force = scales(sections, i, ones, pulled)
-                left = max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) / of_moment
-                is_near = max(left, abs(gradient[3]) / of_force) <= NEAR
-            if is_near:
-                solve_symmetric(hessian, gradient)
-                for k in range(4):
-                    own[k] -= gradient[k]
-            else:
-                left, steps = minimise_section(
-                    sections, i, ones, pulled, own, gradient, step, hessian
-                )
-                if steps < 0:
-                    return np.inf
-            residual = max(residual, left)
+            own[:] = strain[:, i]
+            balance(sections, i, ones, pulled, own, gradient, hessian)
+            of_moment, of_force = scales(sections, i, ones, pulled)
+            left = max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) / of_moment
+            residual = max(residual, left, abs(gradient[3]) / of_force)
+            solve_symmetric(hessian, gradient)
+            for k in range(4):
+                own[k] -= gradient[k]
+                total += own[k]
+        strain[:, i] = own
         width = widening(sections, own[3])[0]
         for k in range(3):
             twist[k, i] = own[k] / width
         twist[3, i] = own[3]
-    return residual
+    return residual if np.isfinite(total) else np.nan
 
 
 def is_possible(tables: FrictionTables, strain: FloatArray) -> bool:
     """Whether no fibre is compressed to nothing, as `check_fibres` asks."""
     if tables.is_exact and tables.sections.widens:
-        for i in range(len(strain)):
-            square = (strain[i, 1] ** 2 + strain[i, 2] ** 2) * tables.sections.squared[i]
-            if not strain[i, 3] - np.sqrt(square) > SHORTEST_FIBRE:
+        for i in range(strain.shape[1]):
+            square = (strain[1, i] ** 2 + strain[2, i] ** 2) * tables.sections.squared[i]
+            if not strain[3, i] - np.sqrt(square) > SHORTEST_FIBRE:
                 return False
     return True
 
@@ -120,30 +112,30 @@ def slide(
     """
     count, s = twist.shape[1], tables.weights.size
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
-    angle, slip = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
+    angle, kept = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
+    slip = np.empty_like(kept)
     rate, turned = np.empty(count), np.empty(count)
-    strain, room, hessian = np.empty((count, 4)), np.empty((2, 4)), np.empty((4, 4))
+    strain = np.empty((4, count))
     tables.sections.transmission[:] = 0.0
-    last, left = 0.0, 0.0
+    last, left, is_found = 0.0, 0.0, False
     for sweep in range(MOST):
-        find_tensions(tables, tensions, before, pulled, angle, slip)
-        residual = find_sections(tables, ones, pulled, sweep, strain, twist, room, hessian)
-        if residual == np.inf:
-            return residual, -1, False
+        sticks = find_tensions(tables, tensions, before, pulled, angle, kept, slip)
+        residual = find_sections(tables, ones, pulled, sweep < GUESSES, strain, twist)
+        if is_found and residual <= TOLERANCE:
+            return residual, sweep if is_possible(tables, strain) else -1, sticks
+        if is_found and residual <= NEAR:
+            continue
         last, left = left, 0.0
         for tendon in pulled:
             find_turning(tables, twist, tendon, rate, turned)
             change = improve(
-                tables, tendon, sweep == 0, slip[tendon], rate, turned, angle[tendon]
-            )
+                tables, tendon, sweep == 0, kept[tendon], slip[tendon], rate, turned,
+                angle[tendon],
+            )  # fmt: skip
+            left = max(left, change)
             if np.isnan(change):
                 return np.inf, -1, False
-            left = max(left, change)
-        if has_converged(left, last) and (sweep > GUESSES or not tables.is_exact):
-            sticks = find_tensions(tables, tensions, before, pulled, angle, slip)
-            residual = find_sections(tables, ones, pulled, -1, strain, twist, room, hessian)
-            is_fine = residual < np.inf and is_possible(tables, strain)
-            return residual, sweep + 1 if is_fine else -1, sticks
+        is_found = sweep > 0 and has_converged(left, last)
     return np.inf, -1, False
 
 

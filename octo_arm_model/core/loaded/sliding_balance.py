@@ -13,7 +13,7 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
-TOLERANCE = 1e-10  # of the angles by which tendons turn [rad]
+TOLERANCE = 1e-9  # of the angles by which tendons turn [rad]
 MOST = 100  # steps
 
 
