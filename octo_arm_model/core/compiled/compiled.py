@@ -8,7 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
@@ -47,6 +49,8 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.tendon_lengths import TendonLengths
 
 
 class Compiled:
@@ -61,8 +65,9 @@ class Compiled:
         """
         self._read_out = read_out()
         self._grid: GridTables = _own(grid_tables(grid, base))
-        self._tables: PapersTables | ExactTables
+        self._tables: PapersTables | ExactTables | None = None
         self._sliding: CompiledSliding | None = None
+        self._lengths: CompiledLengths | None = None
         if isinstance(statics, SlidingClosedForm) or (
             isinstance(statics, Exact) and statics.slides
         ):
@@ -85,6 +90,21 @@ class Compiled:
     ) -> None:
         """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
         self._read_out(self._grid, np.ascontiguousarray(twist), strains, position, quaternion)
+
+    def measure(self, lengths: TendonLengths) -> None:
+        """Have ``lengths`` of tendons that keep their places measured in machine code."""
+        if not isinstance(lengths.sections, SheathedSections):
+            tables = self._tables if isinstance(self._tables, ExactTables) else None
+            self._lengths = CompiledLengths(lengths, tables, self._grid, _own)
+
+    def wind(
+        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        changes: FloatArray, displacement: FloatArray, results: Results,
+    ) -> bool:  # fmt: skip
+        """Find ``tensions`` that hold lengths, where `measure` was called; whether it did."""
+        if self._lengths is None:
+            return False
+        return self._lengths.wind(given, driven, tensions, changes, displacement, results)
 
     @staticmethod
     def covers(statics: Statics) -> bool:

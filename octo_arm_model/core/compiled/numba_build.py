@@ -27,6 +27,7 @@ from octo_arm_model.core.compiled import (
     frame_kernels,
     friction_kernels,
     kernels,
+    length_kernels,
     products,
     readout_kernels,
     response_kernels,
@@ -35,6 +36,7 @@ from octo_arm_model.core.compiled import (
     sliding_kernels,
     state_kernels,
     system_kernels,
+    winding_kernels,
 )
 from octo_arm_model.core.compiled.friction_tables import no_friction
 from octo_arm_model.core.compiled.kernel_cache import (
@@ -56,7 +58,7 @@ _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
     state_kernels, response_kernels, dense_kernels, readout_kernels, products, friction_kernels,
-    sliding_kernels,
+    sliding_kernels, length_kernels, winding_kernels,
 )  # fmt: skip
 
 
@@ -110,6 +112,30 @@ def find_sliding_shapes() -> Callable[..., int]:
         functools.partial(_entry, function=sliding_kernels.find_sliding_shapes),
         (no_friction(), grid, tensions, table, False, *shapes, table, np.zeros((0, 0, 0))),
     )
+
+
+@functools.cache
+def find_lengths() -> Callable[..., None]:
+    """`length_kernels.find_lengths`, compiled; raises as `find_shapes`."""
+    none = np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=length_kernels.find_lengths),
+        (np.zeros((0, 4, 0)), none, False, none, np.zeros(0)),
+    )
+
+
+@functools.cache
+def wind() -> Callable[..., tuple[float, int]]:
+    """`winding_kernels.wind`, compiled; raises as `find_shapes`."""
+    none, four = np.zeros(0), np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=winding_kernels.wind),
+        (
+            no_exact(), no_grid(), np.zeros((0, 4, 0)), four, False, np.ones((3, 1)),
+            np.zeros(1, np.bool_), np.zeros(1), np.ones((1, 1)), np.zeros(1), four, four,
+            np.zeros((0, 3)), np.zeros((0, 4)),
+        ),
+    )  # fmt: skip
 
 
 def _no_shapes() -> tuple[Any, ...]:
