@@ -50,7 +50,7 @@ class CompiledSliding:
             tables = self._tables(level)
             at_level = self._rods.at_level(before, level)
             held = np.zeros((0, 0)) if at_level is None else np.array(at_level)
-            points = np.empty(tables.transmission.shape[::-1])
+            points = np.empty(tables.transmission.shape)
             without = self._find_shapes(
                 tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist, strains,
                 position, quaternion, residual, iterations, points, stations,

@@ -9,9 +9,9 @@ import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.section_kernels import widening
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.friction import SAME
+from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.formulas import tendon_direction
 from octo_arm_model.core.section.tendon_tangents import curvature, kink_angle
 
@@ -32,7 +32,7 @@ def find_tensions(
     for tendon in pulled:
         rate = tables.coefficient[tendon]
         for i in range(angle.shape[1]):
-            given = tables.transmission[i, tendon] * tensions[tendon]
+            given = tables.transmission[tendon, i] * tensions[tendon]
             part = kept[tendon, i] = np.exp(-rate * angle[tendon, i])
             low = given * part
             slip[tendon, i] = -1.0
@@ -42,7 +42,7 @@ def find_tensions(
                     slip[tendon, i] = 1.0 if held >= high * (1.0 - SAME) else 0.0
                     sticks = sticks or slip[tendon, i] == 0.0
                     low = min(held, high)
-            along[i, tendon] = low
+            along[tendon, i] = low
     return sticks
 
 
@@ -58,11 +58,11 @@ def find_turning(
         across = 0.0
         for j in range(s):
             i = first + j
-            width = widening(sections, twist[3, i])[0]
+            width = incompressible_widening(twist[3, i])[0] if sections.widens else 1.0
             u_t, u_n, u_b, length = tendon_direction(
                 width * twist[0, i], width * twist[1, i], width * twist[2, i], twist[3, i], width,
-                sections.x[i, tendon], sections.y[i, tendon],
-                sections.dx[i, tendon], sections.dy[i, tendon],
+                sections.x[tendon, i], sections.y[tendon, i],
+                sections.dx[tendon, i], sections.dy[tendon, i],
             )  # fmt: skip
             over = 1.0 / length
             unit[0, j], unit[1, j], unit[2, j] = u_t * over, u_n * over, u_b * over

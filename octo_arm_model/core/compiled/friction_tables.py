@@ -20,7 +20,7 @@ class FrictionTables(NamedTuple):
         sections: at the points of all elements; their ``transmission`` is room for the tensions
             at the points, so that what they are given as tensions is one.
         transmission: part of its tension that each tendon has at a point without friction,
-            (points, tendons).
+            (tendons, points).
         coefficient: mu of every tendon, (tendons,).
         step: lengths of the elements [m], (elements,).
         from_start_columns: columns, as rows, of the integrals within an element from its start.
@@ -57,7 +57,7 @@ def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy, is_exact: bool) -> 
     runs, to_nodes = runs_by_element(rod.nodes.element, rod.nodes.values)
     return FrictionTables(
         sections=section_tables(energy),
-        transmission=energy.transmission[:, 0].T,
+        transmission=energy.transmission[:, 0],
         coefficient=friction.coefficient,
         step=own.step,
         from_start_columns=rule.from_start.T,

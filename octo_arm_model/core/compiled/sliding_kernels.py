@@ -16,23 +16,34 @@ from octo_arm_model.core.compiled.friction_kernels import (
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.section_kernels import (
-    balance,
-    guess,
-    scales,
-    solve_symmetric,
-    widening,
+from octo_arm_model.core.compiled.minimum_kernels import (
+    LEFT,
+    NEXT_T,
+    ROWS,
+    set_next,
+    set_start,
+    set_twist,
 )
-from octo_arm_model.core.compiled.section_tables import SectionTables
+from octo_arm_model.core.compiled.section_kernels import (
+    BT,
+    G_T,
+    NT,
+    ST,
+    T,
+    WIDTH,
+    set_balance,
+    set_scales,
+    set_strain,
+)
+from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
 from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
-from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
-GUESSES = 2  # sweeps with cross sections as `guess` has them, before they are balanced
+GUESSES = 2  # sweeps with cross sections as `set_start` has them, before they are balanced
 NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
 UNRESOLVED = -2  # instead of a number of iterations
 
@@ -41,11 +52,11 @@ def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatA
     """Fill in the ``twist`` (4, sections) of section ``i``, as `ClosedForm` has it."""
     pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for tendon in pulled:
-        tension = sections.transmission[i, tendon]
-        x, y = sections.x[i, tendon], sections.y[i, tendon]
+        tension = sections.transmission[tendon, i]
+        x, y = sections.x[tendon, i], sections.y[tendon, i]
         pull, n, b = pull + tension, n + tension * x, b + tension * y
         nn, bb, mixed = nn + tension * x * x, bb + tension * y * y, mixed + tension * x * y
-        routing += tension * (x * sections.dy[i, tendon] - y * sections.dx[i, tendon])
+        routing += tension * (x * sections.dy[tendon, i] - y * sections.dx[tendon, i])
     bending = 0.25 * sections.axial[i] * sections.squared[i]
     xi, k = mixed_curvatures(n, b, nn, bb, mixed, bending)
     tau = routed_torsion(routing, nn, bb, sections.torsion[i])
@@ -56,50 +67,44 @@ def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatA
 
 def find_sections(
     tables: FrictionTables, ones: FloatArray, pulled: IntArray, is_guess: bool,
-    strain: FloatArray, twist: FloatArray,
-) -> float:  # fmt: skip
-    """Bring the cross sections nearer to balance: ``strain`` (4, points) and ``twist``.
+    twist: FloatArray, rows: FloatArray,
+) -> tuple[float, bool]:  # fmt: skip
+    """Bring the ``twist`` (4, points) nearer to balance with the tensions that are at the points.
 
-    By a step of Newton's method, with the tensions that there are at the points; or as `guess`
-    has them.
+    By a step of Newton's method, or as `set_start` has it; ``rows`` are to work in.
 
     Returns:
-        What was left of the balance before, relative; NaN where there is none.
+        What was left of the balance before, relative, NaN where there is none, and whether no
+        fibre is compressed to nothing.
     """
-    sections, residual, total = tables.sections, 0.0, 0.0
-    own, gradient, hessian = np.empty(4), np.empty(4), np.empty((4, 4))
-    for i in range(twist.shape[1]):
-        if not tables.is_exact:
+    sections, residual, is_possible = tables.sections, 0.0, True
+    if not tables.is_exact:
+        for i in range(twist.shape[1]):
             closed_form(sections, i, pulled, twist)
-            continue
+        return residual, True
+    offsets = np.zeros((pulled.size, 2 * LANES))
+    for block in range(len(sections.blocks)):
+        first, count = sections.blocks[block]
+        own = twist[:, first : first + count]
         if is_guess:
-            guess(sections, i, ones, pulled, own)
+            set_start(sections, block, ones, pulled, rows)
         else:
-            own[:] = strain[:, i]
-            balance(sections, i, ones, pulled, own, gradient, hessian)
-            of_moment, of_force = scales(sections, i, ones, pulled)
-            left = max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) / of_moment
-            residual = max(residual, left, abs(gradient[3]) / of_force)
-            solve_symmetric(hessian, gradient)
-            for k in range(4):
-                own[k] -= gradient[k]
-                total += own[k]
-        strain[:, i] = own
-        width = widening(sections, own[3])[0]
-        for k in range(3):
-            twist[k, i] = own[k] / width
-        twist[3, i] = own[3]
-    return residual if np.isfinite(total) else np.nan
-
-
-def is_possible(tables: FrictionTables, strain: FloatArray) -> bool:
-    """Whether no fibre is compressed to nothing, as `check_fibres` asks."""
-    if tables.is_exact and tables.sections.widens:
-        for i in range(strain.shape[1]):
-            square = (strain[1, i] ** 2 + strain[2, i] ** 2) * tables.sections.squared[i]
-            if not strain[3, i] - np.sqrt(square) > SHORTEST_FIBRE:
-                return False
-    return True
+            set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
+            set_scales(sections, block, ones, pulled, rows)
+            set_balance(sections, block, ones, pulled, rows, offsets, 1)
+            if sections.planar:
+                # Tendons cannot twist the arm, but for rounding.
+                for i in range(count):
+                    rows[G_T + i], rows[NT + i] = 0.0, 0.0
+                    rows[BT + i], rows[ST + i] = 0.0, 0.0
+            set_next(count, rows)
+            for i in range(4 * LANES):
+                rows[T + i] += rows[NEXT_T + i]
+            for i in range(count):
+                left = rows[LEFT + i]
+                residual = max(residual, left) if np.isfinite(left) else np.nan
+        is_possible = set_twist(sections, block, rows, own) and is_possible
+    return residual, is_possible
 
 
 def slide(
@@ -115,14 +120,15 @@ def slide(
     angle, kept = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
     slip = np.empty_like(kept)
     rate, turned = np.empty(count), np.empty(count)
-    strain = np.empty((4, count))
+    rows = np.zeros(ROWS)
+    rows[WIDTH : WIDTH + LANES] = 1.0
     tables.sections.transmission[:] = 0.0
     last, left, is_found = 0.0, 0.0, False
     for sweep in range(MOST):
         sticks = find_tensions(tables, tensions, before, pulled, angle, kept, slip)
-        residual = find_sections(tables, ones, pulled, sweep < GUESSES, strain, twist)
+        residual, is_possible = find_sections(tables, ones, pulled, sweep < GUESSES, twist, rows)
         if is_found and residual <= TOLERANCE:
-            return residual, sweep if is_possible(tables, strain) else -1, sticks
+            return residual, sweep if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
         last, left = left, 0.0
@@ -145,7 +151,7 @@ def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) ->
     For ``tensions`` at the base; of tendons that do not stick.
     """
     for tendon in np.flatnonzero(tensions):
-        along = np.ascontiguousarray(tables.sections.transmission[:, tendon])
+        along = tables.sections.transmission[tendon]
         if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
             return False
     size = np.empty(4)
@@ -181,7 +187,7 @@ def find_sliding_shapes(
     not resolve ``iterations`` are `UNRESOLVED`.
     """
     without = 0
-    at_points, at_nodes = np.empty((4, tables.transmission.shape[0])), np.empty(twist.shape[1])
+    at_points, at_nodes = np.empty((4, tables.transmission.shape[1])), np.empty(twist.shape[1])
     along = tables.sections.transmission
     for arm in range(len(tensions)):
         residual[arm], iterations[arm], sticks = slide(tables, tensions[arm], before, at_points)
@@ -193,13 +199,13 @@ def find_sliding_shapes(
             without += 1
             continue
         stations[arm] = 0.0
-        points[:] = along.T
+        points[:] = along
         pulled = np.flatnonzero(tensions[arm])
         for tendon in pulled:
             to_nodes(tables, points[tendon], at_nodes)
             for station in range(grid.station_node.size):
                 stations[arm, station, tendon] = at_nodes[grid.station_node[station]]
-            tables.at_nodes.transmission[:, tendon] = at_nodes
+            tables.at_nodes.transmission[tendon] = at_nodes
         for k in range(4):
             if tables.is_exact:
                 to_nodes(tables, at_points[k], twist[k])

@@ -435,7 +435,7 @@ def test_sections_with_sheaths_are_settled_at_large_bends() -> None:
     tensions = np.array([0.0, 0.0, 16.0, 16.0])
     statics = Solver(arm, 'exact')._statics
     assert isinstance(statics, Exact)
-    tables = section_tables(statics.at_points)
+    tables = section_tables(statics.unloaded.at_points)
     twist = np.empty((4, tables.axial.size))
     residual, steps = numba_build.find_minima()(tables, tensions, twist)
     assert residual <= TOLERANCE and steps >= 0
