@@ -22,9 +22,7 @@ from octo_arm_model.core.rod.solution import TendonTensions
 class CompiledSliding:
     """Shapes of one arm under its tendons alone, as `Rods` finds them."""
 
-    def __init__(
-        self, statics: Exact | SlidingClosedForm, grid: GridTables, own: Any
-    ) -> None:
+    def __init__(self, statics: Exact | SlidingClosedForm, grid: GridTables, own: Any) -> None:
         """Tabulate the arm of ``statics``; ``own`` makes tables ready for the compiler.
 
         Raises:
@@ -41,7 +39,9 @@ class CompiledSliding:
         self._tables = functools.lru_cache(tables)
         self._tables(0)
 
-    def solve(self, tensions: FloatArray, before: FloatArray | None, results: Results) -> list[int]:
+    def solve(
+        self, tensions: FloatArray, before: FloatArray | None, results: Results
+    ) -> list[int]:
         """As `Compiled.solve`; tendons slide from tensions ``before`` (tendons, points) [N]."""
         strains, (position, quaternion, residual, iterations) = results.batch
         stations = np.empty((*position.shape[:2], tensions.shape[1]))

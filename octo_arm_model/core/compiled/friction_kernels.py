@@ -5,6 +5,8 @@ Of the tendons under tension alone.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
@@ -47,7 +49,11 @@ def find_tensions(
 
 
 def find_turning(
-    tables: FrictionTables, twist: FloatArray, tendon: int, rate: FloatArray, angle: FloatArray
+    tables: FrictionTables,
+    twist: FloatArray,
+    tendon: np.integer[Any],
+    rate: FloatArray,
+    angle: FloatArray,
 ) -> None:
     """Fill in how a ``tendon`` turns under ``twist`` (4, points): see `Turning`, (points,)."""
     sections, s = tables.sections, tables.weights.size
@@ -115,8 +121,8 @@ def growth(kept: float, slip: float) -> float:
 
 
 def improve(
-    tables: FrictionTables, tendon: int, is_first: bool, kept: FloatArray, slip: FloatArray,
-    rate: FloatArray, turned: FloatArray, angle: FloatArray,
+    tables: FrictionTables, tendon: np.integer[Any], is_first: bool, kept: FloatArray,
+    slip: FloatArray, rate: FloatArray, turned: FloatArray, angle: FloatArray,
 ) -> float:  # fmt: skip
     """Bring the ``angle`` (points,) of a ``tendon`` nearer, as `Friction.next_angle` does.
 

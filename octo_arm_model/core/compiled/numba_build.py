@@ -128,7 +128,7 @@ def find_lengths() -> Callable[..., None]:
 @functools.cache
 def wind() -> Callable[..., tuple[float, int]]:
     """`winding_kernels.wind`, compiled; raises as `find_shapes`."""
-    none, four = np.zeros(0), np.zeros((4, 0))
+    four = np.zeros((4, 0))
     return _made(
         functools.partial(_entry, function=winding_kernels.wind),
         (

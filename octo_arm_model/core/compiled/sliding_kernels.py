@@ -15,7 +15,6 @@ from octo_arm_model.core.compiled.friction_kernels import (
     largest_tail,
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
-from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.minimum_kernels import (
     LEFT,
     NEXT_T,
@@ -24,13 +23,14 @@ from octo_arm_model.core.compiled.minimum_kernels import (
     set_start,
     set_twist,
 )
+from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.section_kernels import (
     BT,
     G_T,
     NT,
     ST,
-    T,
     WIDTH,
+    T,
     set_balance,
     set_scales,
     set_strain,
@@ -113,9 +113,10 @@ def slide(
     """Fill in the ``twist`` (4, points) and the tensions at the points, as `balance` does.
 
     Returns:
-        What is left of the balance, relative, number of sweeps, -1 where there is no balance, and whether any tendon sticks.
+        What is left of the balance, relative, number of sweeps, -1 where there is no balance,
+        and whether any tendon sticks.
     """
-    count, s = twist.shape[1], tables.weights.size
+    count = twist.shape[1]
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
     angle, kept = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
     slip = np.empty_like(kept)

@@ -54,6 +54,7 @@ class LoadedRod:
         read_out: what a state is at nodes and stations.
         base: pose of the base.
         points: how many points there are.
+        station_node: node of each station.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class LoadedRod:
         """
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
-        self.points = own.s.size
+        self.points, self.station_node = own.s.size, grid.station_node
         energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)

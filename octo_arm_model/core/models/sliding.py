@@ -64,7 +64,6 @@ class Rods:
                 break
             level += 1
         iterations = np.full(len(tensions), steps)
-        along = TendonTensions(sliding.tensions, rod.stations.interpolate(sliding.tensions))
-        return Solution(
-            rod.nodes.interpolate(twist), answer.residual, iterations, tendons=along
-        )
+        at_nodes = rod.nodes.interpolate(sliding.tensions)
+        along = TendonTensions(sliding.tensions, at_nodes[..., rod.station_node])
+        return Solution(rod.nodes.interpolate(twist), answer.residual, iterations, tendons=along)

@@ -14,8 +14,7 @@ from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-
-# From a twist (n, nodes) and tensions (tendons,) [N] to the length of every tendon [m], (tendons,).
+# From a twist (n, nodes) and tensions (tendons,) [N] to every length [m], (tendons,).
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
