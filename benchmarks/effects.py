@@ -3,8 +3,8 @@
     python benchmarks/effects.py
 
 For the prototype and the arm of Table 4, by NumPy and compiled, without loads and followed under
-a force on the tip. A sheath is of 7 G; winches follow a movement in steps of about 0.3 %, each
-from the last solution, with the lengths of all tendons given.
+a force on the tip. A sheath is of 7 G, friction of mu = 0.1; winches follow a movement in steps of
+about 0.3 %, each from the last solution, with the lengths of all tendons given.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ _STEPS = 40
 _ROUNDS = 5
 _WRENCH = (0.005, 0.0, 0.0, 0.0, 0.0, 0.0)  # [N, N m]
 _SHEATH = 7.0  # over the shear modulus
+_FRICTION = 0.1
 _ARMS = (
     ('renda2012_prototype', np.array([[2.0, 0.5, 0.0, 0.0]])),
     ('renda2012_table4', 0.5 * np.array(FETCHING_IN_SPACE)),
@@ -67,15 +68,18 @@ def wind(
 
 def main() -> None:
     """Measure and print a table."""
-    print('| arm | loads | by | solve [ms] | sheath | lengths |')
-    print('| --- | --- | --- | --- | --- | --- |')
+    print('| arm | loads | by | solve [ms] | sheath | friction | lengths |')
+    print('| --- | --- | --- | --- | --- | --- | --- |')
     for name, tensions in _ARMS:
         arm = find_config(name).arm
         stiffness = _SHEATH * arm.material.shear_modulus
         soft_arm = dataclasses.replace(arm, sheath_stiffness=(stiffness,))
+        rough_arm = dataclasses.replace(arm, friction=(_FRICTION,))
         moved = movement(tensions)
         for compiled in (False, True):
-            plain, soft = (Solver(one, 'exact', compiled=compiled) for one in (arm, soft_arm))
+            plain, soft, rough = (
+                Solver(one, 'exact', compiled=compiled) for one in (arm, soft_arm, rough_arm)
+            )
             for wrench in (None, _WRENCH):
                 lengths = [
                     dict(zip(arm.tendon_names, displacements_of(plain, one).ravel().tolist()))
@@ -85,11 +89,12 @@ def main() -> None:
                 follow(soft, moved[:1], wrench)
                 solve = least(lambda: follow(plain, moved, wrench))
                 sheath = least(lambda: follow(soft, moved, wrench))
+                friction = least(lambda: follow(rough, moved, wrench))
                 winches = least(lambda: wind(plain, lengths, wrench, first))
                 print(
                     f'| {name} | {"tip force" if wrench else "none"} | '
                     f'{"compiled" if compiled else "NumPy"} | {1e3 * solve / _STEPS:.2f} | '
-                    f'{sheath / solve:.1f} | {winches / solve:.1f} |'
+                    f'{sheath / solve:.1f} | {friction / solve:.1f} | {winches / solve:.1f} |'
                 )
 
 

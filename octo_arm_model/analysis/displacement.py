@@ -67,12 +67,10 @@ def solve_displacements(
         return problem.solve(current, None)
     backbone = start.backbone if isinstance(start, Wound) else start
     begin = np.where(driven, backbone.tensions.ravel(), current)
-    changes = None
-    if isinstance(start, Wound):
-        changes = start.changes
-        begin = problem.predict(begin, start)
     try:
-        return problem.solve(begin, backbone, changes)
+        if isinstance(start, Wound):
+            return problem.follow(begin, start)
+        return problem.solve(begin, backbone)
     except ContinuationError:
         raise  # Its budget is spent.
     except SolveError:

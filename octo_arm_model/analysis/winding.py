@@ -74,11 +74,19 @@ class Winding:
         self._length = solver.arm.length
         self._compliance = tendon_compliance(solver)
 
-    def predict(self, tensions: FloatArray, start: Wound) -> FloatArray:
-        """Tensions to begin with instead of ``tensions``, by the derivatives of ``start``."""
+    def follow(self, tensions: FloatArray, start: Wound) -> Wound:
+        """What holds the wanted displacements, from another solution.
+
+        ``tensions`` (tendons,) [N] are those of ``start``, or others where tendons are not driven.
+        """
+        # By the derivatives of the solution before.
         moved = tensions - start.backbone.tensions.ravel()
         displacement = start.displacement.ravel() + start.changes @ moved
-        return np.maximum(0.0, tensions + self._step(tensions, displacement, start.changes))
+        found = self._follow_compiled(tensions, displacement, start.changes)
+        if found is not None:
+            return found
+        step = self._step(tensions, displacement, start.changes)
+        return self.solve(np.maximum(0.0, tensions + step), start.backbone, start.changes)
 
     def solve(
         self, tensions: FloatArray, start: Backbone | None, changes: FloatArray | None = None
@@ -126,6 +134,17 @@ class Winding:
                 changes = changes + np.outer(missed, moved) / size
             backbone, displacement, tensions = found, reached, new
         raise self._error(left, MAX_ITERATIONS)
+
+    def _follow_compiled(
+        self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
+    ) -> Wound | None:
+        """`follow` in machine code, where that finds it, from what things nearly are."""
+        if self._tip_wrench is not None:
+            return None
+        given = np.stack([self._wanted, self._compliance, self._solver.rest_lengths.ravel()])
+        tensions, changes, displacement = tensions.copy(), changes.copy(), displacement.copy()
+        backbone = self._solver.wind(given, self._driven, tensions, changes, displacement)
+        return None if backbone is None else self._wound(backbone, displacement, changes)
 
     @property
     def _met(self) -> float:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
@@ -169,7 +169,7 @@ class Solver:
         results = Results(lead and (batch,), self.grid, self._base, read_out)
         if self._compiled is not None and not self._statics.is_loaded(wrench):
             # NumPy solves the few that the kernels do not converge for, or reports them.
-            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results)]
+            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results, before)]
         else:
             size = self._batch
             parts = [slice(arm, min(arm + size, batch)) for arm in range(0, batch, size)]
@@ -285,7 +285,29 @@ class Solver:
 
     @functools.cached_property
     def _lengths(self) -> TendonLengths:
-        return TendonLengths(self._statics.sections, self.grid)
+        lengths = TendonLengths(self._statics.sections, self.grid)
+        if self._compiled is not None:
+            self._compiled.measure(lengths)
+        return lengths
+
+    def wind(
+        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        changes: FloatArray, displacement: FloatArray,
+    ) -> Backbone | None:  # fmt: skip
+        """Shape of the arm whose tendons are held at displacements, where machine code finds it.
+
+        For `Winding`: ``given`` and the arrays that are filled in, (tendons,) and (tendons,
+        tendons), are those of `winding_kernels.wind`. None where a tendon has friction or stands
+        off its path, loads act, or it takes more than a few steps.
+        """
+        if self._compiled is None or self._statics.is_loaded(self._wrench):
+            return None
+        results = Results((), self.grid, self._base)
+        if not self._compiled.wind(given, driven, tensions, changes, displacement, results):
+            return None
+        held = tensions.reshape(self.arm.tension_shape)
+        self._limits.check_tensions(held)
+        return results.backbone(self.model, held, self._wrench.copy(), (), self._reach)
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.

@@ -8,8 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
+from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
     evaluate_sections,
     find_exact_shapes,
@@ -39,12 +42,15 @@ from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.papers_model import PapersModel
 from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
 from octo_arm_model.core.models.statics import Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.tendon_lengths import TendonLengths
 
 
 class Compiled:
@@ -59,8 +65,14 @@ class Compiled:
         """
         self._read_out = read_out()
         self._grid: GridTables = _own(grid_tables(grid, base))
-        self._tables: PapersTables | ExactTables
-        if isinstance(statics, PapersModel):
+        self._tables: PapersTables | ExactTables | None = None
+        self._sliding: CompiledSliding | None = None
+        self._lengths: CompiledLengths | None = None
+        if isinstance(statics, SlidingClosedForm) or (
+            isinstance(statics, Exact) and statics.slides
+        ):
+            self._sliding = CompiledSliding(statics, self._grid, _own)
+        elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
             self._find_shapes = find_shapes()
             self._tables = _own(papers_tables(statics.equations))
@@ -79,40 +91,53 @@ class Compiled:
         """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
         self._read_out(self._grid, np.ascontiguousarray(twist), strains, position, quaternion)
 
+    def measure(self, lengths: TendonLengths) -> None:
+        """Have ``lengths`` of tendons that keep their places measured in machine code."""
+        if not isinstance(lengths.sections, SheathedSections):
+            tables = self._tables if isinstance(self._tables, ExactTables) else None
+            self._lengths = CompiledLengths(lengths, tables, self._grid, _own)
+
+    def wind(
+        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        changes: FloatArray, displacement: FloatArray, results: Results,
+    ) -> bool:  # fmt: skip
+        """Find ``tensions`` that hold lengths, where `measure` was called; whether it did."""
+        if self._lengths is None:
+            return False
+        return self._lengths.wind(given, driven, tensions, changes, displacement, results)
+
     @staticmethod
     def covers(statics: Statics) -> bool:
         """Whether the kernels cover the model and the arm.
 
         Of the paper's models they do where tendons make neither mixed second moment nor routing
         torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
-        None covers tendons with friction.
         """
         if isinstance(statics, Exact):
-            return (
-                not statics.slides
-                and statics.strains == 4
-                and type(statics.law) in (LinearElastic, NeoHookean)
-            )
+            return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
+        if isinstance(statics, SlidingClosedForm):
+            return True
         if not isinstance(statics, PapersModel):
             return False
         equations = statics.equations
         return isinstance(equations, ClosedForm | Renda2012) and equations.weights.is_plain
 
-    def solve(self, tensions: FloatArray, results: Results) -> list[int]:
+    def solve(
+        self, tensions: FloatArray, results: Results, before: FloatArray | None = None
+    ) -> list[int]:
         """Solve for ``tensions`` (batch, tendons) [N] and fill in ``results``.
+
+        Tendons with friction slide from tensions ``before`` (tendons, points) [N].
 
         Returns:
             Numbers of the arms that have no answer, and have to be solved otherwise.
         """
-        strains, (position, quaternion, residual, iterations) = results.strains, results.arrays
-        if results.is_one:
-            strains = strains[:, None]
-            position, quaternion = position[None], quaternion[None]
-            residual, iterations = residual[None], iterations[None]
+        if self._sliding is not None:
+            return self._sliding.solve(tensions, before, results)
+        strains, arrays = results.batch
         without = self._find_shapes(
-            self._tables, self._grid, tensions, results.twist, strains, position, quaternion,
-            residual, iterations,
-        )  # fmt: skip
+            self._tables, self._grid, tensions, results.twist, strains, *arrays
+        )
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
 
 

@@ -25,7 +25,9 @@ from octo_arm_model.core.compiled import (
     dense_kernels,
     exact_kernels,
     frame_kernels,
+    friction_kernels,
     kernels,
+    length_kernels,
     minimum_kernels,
     products,
     readout_kernels,
@@ -34,10 +36,13 @@ from octo_arm_model.core.compiled import (
     section_kernels,
     section_rows,
     sheath_kernels,
+    sliding_kernels,
     start_kernels,
     state_kernels,
     system_kernels,
+    winding_kernels,
 )
+from octo_arm_model.core.compiled.friction_tables import no_friction
 from octo_arm_model.core.compiled.kernel_cache import (
     forget,
     is_whole,
@@ -57,7 +62,8 @@ _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
-    dense_kernels, readout_kernels, products,
+    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
+    winding_kernels,
 )  # fmt: skip
 
 
@@ -100,6 +106,41 @@ def find_exact_shapes() -> Callable[..., int]:
         functools.partial(_entry, function=exact_kernels.find_exact_shapes),
         (no_exact(), *_no_shapes()),
     )
+
+
+@functools.cache
+def find_sliding_shapes() -> Callable[..., int]:
+    """`sliding_kernels.find_sliding_shapes`, compiled; raises as `find_shapes`."""
+    table = np.zeros((0, 0))
+    grid, tensions, *shapes = _no_shapes()
+    return _made(
+        functools.partial(_entry, function=sliding_kernels.find_sliding_shapes),
+        (no_friction(), grid, tensions, table, False, *shapes, table, np.zeros((0, 0, 0))),
+    )
+
+
+@functools.cache
+def find_lengths() -> Callable[..., None]:
+    """`length_kernels.find_lengths`, compiled; raises as `find_shapes`."""
+    none = np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=length_kernels.find_lengths),
+        (np.zeros((0, 4, 0)), none, False, none, np.zeros(0)),
+    )
+
+
+@functools.cache
+def wind() -> Callable[..., tuple[float, int]]:
+    """`winding_kernels.wind`, compiled; raises as `find_shapes`."""
+    four = np.zeros((4, 0))
+    return _made(
+        functools.partial(_entry, function=winding_kernels.wind),
+        (
+            no_exact(), no_grid(), np.zeros((0, 4, 0)), four, False, np.ones((3, 1)),
+            np.zeros(1, np.bool_), np.zeros(1), np.ones((1, 1)), np.zeros(1), four, four,
+            np.zeros((0, 3)), np.zeros((0, 4)),
+        ),
+    )  # fmt: skip
 
 
 def _no_shapes() -> tuple[Any, ...]:

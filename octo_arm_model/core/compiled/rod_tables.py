@@ -56,9 +56,9 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
     nodes, stations = rod.nodes, rod.stations
-    node_runs, to_nodes = _runs(nodes.element, nodes.values)
+    node_runs, to_nodes = runs_by_element(nodes.element, nodes.values)
     within = stations.within / own.step[stations.element, np.newaxis]
-    station_runs, to_stations = _runs(stations.element, within)
+    station_runs, to_stations = runs_by_element(stations.element, within)
     return RodTables(
         sections=section_tables(problem.energy),
         from_start=rule.from_start,
@@ -78,7 +78,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     )
 
 
-def _runs(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
     """Ranges of places in one ``element`` (n,) each, and their columns of ``values`` (n, each)."""
     edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
     runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]

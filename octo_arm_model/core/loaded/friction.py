@@ -26,10 +26,17 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.tendon_tangents import Tangents, direction_by_twist, tangents
+from octo_arm_model.core.section.tendon_tangents import (
+    Tangents,
+    curvature,
+    direction_by_twist,
+    kink_angle,
+    tangents,
+)
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
-_SAME = 1e-9  # part by which tensions of one tendon may differ by rounding
+_NONE = 1e-30  # coefficient of friction that is none
+SAME = 1e-8  # part by which tensions of one tendon may differ by rounding
 
 
 class Turning(NamedTuple):
@@ -37,12 +44,14 @@ class Turning(NamedTuple):
 
     Attributes:
         angle: by which each has turned since the base [rad].
+        rate: derivative of ``angle`` [rad/m], without kinks.
         curvature: derivative of its unit tangent in the axes of the cross section [1/m], (3, ...).
         kinks: jumps of the unit tangent between elements, (3, tendons, batch, elements - 1).
         tangents: the unit tangents.
     """
 
     angle: FloatArray
+    rate: FloatArray
     curvature: FloatArray
     kinks: FloatArray
     tangents: Tangents
@@ -88,7 +97,8 @@ class Friction:
             )
         self.coefficient, self.points = np.array(arm.friction), collocation.s.size
         self._names = arm.tendon_names
-        self._mu = self.coefficient[:, np.newaxis, np.newaxis]
+        # That of the smallest number is as none, and can be divided by.
+        self._mu = np.maximum(self.coefficient, _NONE)[:, np.newaxis, np.newaxis]
         self._energy, self._collocation = energy, collocation
         rule = collocation.rule
         self._ends = rule.interpolate(np.array([0.0, 1.0]))
@@ -97,32 +107,53 @@ class Friction:
     def turning(self, twist: FloatArray) -> Turning:
         """How tendons turn under ``twist`` (4 or 6, batch, points)."""
         found = tangents(self._energy, twist)
-        curvature, kinks = self._curvature(found.unit)
-        curvature += cross(twist[:3, np.newaxis], found.unit)
-        angle = self._angle(_length(curvature), 2.0 * np.arcsin(_half(kinks)))
-        return Turning(angle, curvature, kinks, found)
+        slope, kinks = self._slope(found.unit)
+        bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
+        rate = _length(bent)
+        angle = self._angle(rate, kink_angle(*kinks))
+        return Turning(angle, rate, bent, kinks, found)
 
     def slide(self, tensions: FloatArray, before: FloatArray | None, turning: Turning) -> Sliding:
         """Tendons of ``tensions`` (batch, tendons) [N] at the base.
 
         ``before`` are their tensions at the points, (tendons, points) [N]; None for slack ones.
         """
-        tensions, slip = self.tensions(tensions, before, turning.angle)
-        return Sliding(tensions, slip, turning)
+        return Sliding(*self.tensions(tensions, before, turning.angle), turning)
 
     def tensions(
         self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Tensions at the points, and which way tendons slip, for angles they turn by."""
         at_base = self._energy.local_tensions(tensions)
-        low = at_base * np.exp(-self._mu * angle)
+        kept = np.exp(-self._mu * angle)
+        low = at_base * kept
         if before is None:
             return low, np.full(low.shape, -1.0)
-        high = at_base * np.exp(self._mu * angle)
+        high = at_base / kept
         held = before[:, np.newaxis]
-        slip = np.where(held >= high * (1.0 - _SAME), 1.0, 0.0)
-        slip[held <= low * (1.0 + _SAME)] = -1.0
+        slip = np.where(held >= high * (1.0 - SAME), 1.0, 0.0)
+        slip[held <= low * (1.0 + SAME)] = -1.0
         return np.clip(held, low, high), slip
+
+    def first_angle(self, turning: Turning) -> FloatArray:
+        """What the angles nearly are that tendons turn by, had they no friction in ``turning``.
+
+        Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        """
+        return np.log1p(self._mu * turning.angle) / self._mu
+
+    def next_angle(self, angle: FloatArray, slip: FloatArray, turning: Turning) -> FloatArray:
+        """Nearer angles than ``angle``, with which tendons slip and turn.
+
+        Newton's method for theta' = c where a tendon bends the arm by itself, c in proportion to
+        its tension: dc = sigma mu c dtheta, for sigma of -1, 1, or 0 where it sticks. Angles that
+        stay are right whatever c depends on.
+        """
+        left = turning.angle - angle
+        # The integrating factor, where a tendon slips as at its base.
+        grows = np.exp(self._mu * slip[..., :1] * angle)
+        moved = self._collocation.integrate_from_base(slip * turning.rate * left / grows)
+        return np.asarray(np.maximum(turning.angle + self._mu * grows * moved, 0.0))
 
     def angle_by_twist(
         self, turning: Turning, twist: FloatArray, change: FloatArray
@@ -143,17 +174,16 @@ class Friction:
     ) -> FloatArray:
         """Change of the angles with that of the tendons' directions u and curvatures ``bent``."""
         moved = turning.tangents.turned(change)
-        curvature, kinks = self._curvature(moved)
-        curvature += cross(twist[:3, np.newaxis], moved) + bent
-        size = _length(turning.curvature)
-        along = np.einsum('i...,i...->...', turning.curvature, curvature)
+        slope, kinks = self._slope(moved)
+        bends = np.stack(curvature(*twist[:3], *moved, *slope)) + bent
+        along = np.einsum('i...,i...->...', turning.curvature, bends)
+        size = np.broadcast_to(turning.rate, along.shape)
         rate = np.divide(along, size, out=np.zeros_like(along), where=size > 0.0)
-        half = _half(turning.kinks)
+        half = np.minimum(0.5 * _length(turning.kinks), 1.0)
         jump = np.einsum('i...,i...->...', turning.kinks, kinks)
         scale = 2.0 * half * np.sqrt(1.0 - half * half)
-        return self._angle(
-            rate, np.divide(jump, scale, out=np.zeros_like(jump), where=scale > 0.0)
-        )
+        jump = np.divide(jump, scale, out=np.zeros_like(jump), where=scale > 0.0)
+        return self._angle(rate, jump)
 
     def by_base_tension(self, sliding: Sliding) -> FloatArray:
         """Change of each tendon's tension with that at its base, (tendons, points) [-].
@@ -179,12 +209,12 @@ class Friction:
             SolveError: if a tendon under tension sticks anywhere, or is so straight that turning
                 it either way makes it lose tension.
         """
-        pulled = (sliding.tensions[:, 0] > 0.0) & (self._mu[:, 0] > 0.0)
+        pulled = (sliding.tensions[:, 0] > 0.0) & (self.coefficient[:, np.newaxis] > 0.0)
         slip = np.where(pulled, sliding.slip[:, 0], -1.0)
         for what, bad in (
             ('sticks', slip == 0.0),
             ('slips both ways', pulled & (slip != slip[:, :1])),
-            ('is straight', pulled & (_length(sliding.turning.curvature)[:, 0] <= self._straight)),
+            ('is straight', pulled & (sliding.turning.rate[:, 0] <= self._straight)),
         ):
             if bad.any():
                 tendon, point = np.unravel_index(int(np.argmax(bad)), bad.shape)
@@ -198,7 +228,7 @@ class Friction:
     def _straight(self) -> float:
         return _STRAIGHT / self._collocation.length
 
-    def _curvature(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative by s of vectors in the axes of cross sections, and jumps between elements."""
         own = self._collocation
         by_element = own.by_element(unit)
@@ -216,8 +246,3 @@ class Friction:
 
 def _length(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum('i...,i...->...', vectors, vectors)))
-
-
-def _half(kinks: FloatArray) -> FloatArray:
-    """Sine of half the angle of each kink."""
-    return np.minimum(0.5 * _length(kinks), 1.0)

@@ -35,7 +35,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 # of its values. Positions, which are integrals of it, are far more exact.
 RESOLVED = 3e-5
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
-_RESOLVED_TENSIONS = 1e-6
+RESOLVED_TENSIONS = 1e-6
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
@@ -54,6 +54,7 @@ class LoadedRod:
         read_out: what a state is at nodes and stations.
         base: pose of the base.
         points: how many points there are.
+        station_node: node of each station.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class LoadedRod:
         """
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
-        self.points = own.s.size
+        self.points, self.station_node = own.s.size, grid.station_node
         energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
@@ -111,6 +112,15 @@ class LoadedRod:
         sections = ExactSections(self.equilibrium.energy)
         twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
         return self.equilibrium.shape(twist[:, 0])
+
+    def under(self, local_tensions: FloatArray) -> Shape:
+        """The unloaded shape under tensions (tendons, points) [N] at the points.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        sections = ExactSections(self.equilibrium.energy)
+        return self.equilibrium.shape(sections(local_tensions[:, np.newaxis])[:, 0])
 
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
@@ -153,7 +163,7 @@ class LoadedRod:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
             tensions = sliding.tensions
-            if self._tail(tensions).max() > _RESOLVED_TENSIONS * tensions.max():
+            if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
                 return False
         size = np.abs(twist).max(axis=(1, 2))
         size[:3] = size[:3].max()

@@ -6,15 +6,15 @@ from typing import Protocol
 
 import numpy as np
 
+from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.friction import Friction, Sliding
-from octo_arm_model.core.numerics.fixed_point import fixed_point
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
-TOLERANCE = 1e-11  # of the angles by which tendons turn
-_MOST = 100  # steps
+TOLERANCE = 1e-9  # of the angles by which tendons turn [rad]
+MOST = 100  # steps
 
 
 class Sections(Protocol):
@@ -43,28 +43,36 @@ def balance(
     """Twist (n, batch, points), the tendons along it, and the steps that took.
 
     ``tensions`` (batch, tendons) [N] are those at the base, ``before`` is as in `Friction.slide`.
-    How far a tendon has turned at a place depends on the arm up to there alone, so that fixed
-    point iteration converges (it is one of Volterra's equations).
+    How far a tendon has turned at a place depends on the arm up to there alone, so that the
+    iteration converges (it is one of Volterra's equations).
 
     Raises:
         ConvergenceError: if it does not.
     """
-    count = len(tensions)
-    shape = (friction.coefficient.size, count, -1)
+    angle = np.zeros((friction.coefficient.size, len(tensions), friction.points))
+    left = 0.0
+    for iteration in range(1, MOST + 1):
+        local_tensions, slip = friction.tensions(tensions, before, angle)
+        twist = sections(local_tensions)
+        turning = friction.turning(twist)
+        if iteration == 1:
+            angle = friction.first_angle(turning)
+            continue
+        new = friction.next_angle(angle, slip, turning)
+        last, left = left, float(np.abs(new - angle).max(initial=0.0))
+        angle = new
+        if has_converged(left, last):
+            local_tensions, slip = friction.tensions(tensions, before, angle)
+            return sections(local_tensions), Sliding(local_tensions, slip, turning), iteration
+    raise ConvergenceError('the tension along the tendons', left, MOST)
 
-    def angles(given: FloatArray) -> FloatArray:
-        # Mixing may leave an angle below zero by a little.
-        angle = np.maximum(given, 0.0).reshape(count, shape[0], -1).swapaxes(0, 1)
-        twist = sections(friction.tensions(tensions, before, angle)[0])
-        return friction.turning(twist).angle.swapaxes(0, 1).reshape(count, -1)
 
-    start = np.zeros((count, friction.coefficient.size * friction.points))
-    found, iterations = fixed_point(
-        angles, start, TOLERANCE, _MOST, 'the tension along the tendons'
-    )
-    angle = found.reshape(count, shape[0], -1).swapaxes(0, 1)
-    twist = sections(friction.tensions(tensions, before, angle)[0])
-    return twist, friction.slide(tensions, before, friction.turning(twist)), iterations
+def has_converged(left: float, last: float) -> bool:
+    """Whether a next step would leave nothing, which makes this part of the one before, or less.
+
+    False for NaN.
+    """
+    return left <= TOLERANCE or (left * left <= TOLERANCE * last and left < last)
 
 
 class ExactSections:

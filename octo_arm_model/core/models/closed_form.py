@@ -11,7 +11,13 @@ from __future__ import annotations
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.section.paper_balance import SectionStiffness, curvatures, twist_of
+from octo_arm_model.core.section.paper_balance import (
+    SectionStiffness,
+    curvatures,
+    mixed_curvatures,
+    routed_torsion,
+    twist_of,
+)
 from octo_arm_model.core.section.tendon_sums import TendonSums, TendonWeights
 
 
@@ -41,10 +47,7 @@ class ClosedForm:
         _, n, b, nn, bb, mixed, routing_torque = sums
         tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)
         if mixed is not None:
-            about_n, about_b = bending + bb, bending + nn
-            determinant = about_n * about_b - mixed * mixed
-            xi = (mixed * n - about_b * b) / determinant
-            k = (about_n * n - mixed * b) / determinant
+            xi, k = mixed_curvatures(n, b, nn, bb, mixed, bending)
         if routing_torque is not None:
-            tau = -routing_torque / (torsion + (nn + bb))
+            tau = routed_torsion(routing_torque, nn, bb, torsion)
         return twist_of(tau, xi, k, sums, self.stiffness)

@@ -44,6 +44,7 @@ class Exact:
         law: elastic law.
         strains: 4, or 6 with shear.
         slides: whether tendons have friction.
+        rods: where it is solved under loads, or with friction.
         unloaded: the arm without loads.
     """
 
@@ -67,7 +68,7 @@ class Exact:
             return rod
 
         self._rod = functools.lru_cache(rod)
-        self._rods = Rods(self._rod)
+        self.rods = Rods(self._rod)
         self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         self.unloaded = UnloadedExact(setup)
@@ -110,7 +111,7 @@ class Exact:
         rows = np.atleast_2d(tensions)
         if not is_loaded:
             solution = (
-                self._rods.slide(_sections, rows, before)
+                self.rods.slide(_sections, rows, before)
                 if self.slides
                 else self.unloaded.solve(rows)
             )
@@ -136,8 +137,8 @@ class Exact:
         """`solve` for one arm."""
         level = 0
         if start is not None and start.shape is not None:
-            level = self._rods.level_of(start.shape.twist)
-        wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
+            level = self.rods.level_of(start.shape.twist)
+        wanted = Condition(tensions, tip_wrench, 1.0, self.rods.at_level(before, level))
         spending = Spending(self._setup.budget)
         if start is None:
             known, shape = self._nearly(wanted, spending)
@@ -150,7 +151,7 @@ class Exact:
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)
-            wanted = wanted._replace(before=self._rods.at_level(before, level))
+            wanted = wanted._replace(before=self.rods.at_level(before, level))
             state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
         energy = rod.equilibrium.energy
         strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
@@ -221,13 +222,16 @@ class Exact:
         tensions = backbone.tensions.ravel()
         condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0
-        if shape is None:
+        if shape is None and backbone.point_tensions is not None:
+            level = self.rods.level_of(backbone.point_tensions)
+            shape = self._rod(level).under(backbone.point_tensions)
+        elif shape is None:
             shape = self._rod(0).unloaded(tensions)
             while not self._rod(level).resolves(shape) and level + 1 < len(CUTS):
                 level += 1
                 shape = self._rod(level).unloaded(tensions)
         else:
-            level = self._rods.level_of(shape.twist)
+            level = self.rods.level_of(shape.twist)
         return self._rod(level), condition, shape
 
 

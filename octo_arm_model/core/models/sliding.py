@@ -16,22 +16,26 @@ CUTS: tuple[int, ...] = (1, 2, 4, 8)
 
 
 class Rods:
-    """One arm, cut more and more finely: rods of the levels 0 to ``len(CUTS) - 1``."""
+    """One arm, cut more and more finely: rods of the levels 0 to ``len(CUTS) - 1``.
+
+    Attributes:
+        rod: that of each level.
+    """
 
     def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
         """Of what makes, or keeps, the ``rod`` of a level."""
-        self._rod = rod
+        self.rod = rod
 
     def level_of(self, values: FloatArray) -> int:
         """Level of the rod at whose points ``values`` (..., points) are."""
         points = values.shape[-1]
-        return next(level for level in range(len(CUTS)) if self._rod(level).points == points)
+        return next(level for level in range(len(CUTS)) if self.rod(level).points == points)
 
     def at_level(self, before: FloatArray | None, level: int) -> FloatArray | None:
         """Tensions ``before`` (tendons, points) at the points of the rod of ``level``."""
         if before is None or (given := self.level_of(before)) == level:
             return before
-        return self._rod(level).read_from(self._rod(given)).interpolate(before)
+        return self.rod(level).read_from(self.rod(given)).interpolate(before)
 
     def slide(
         self,
@@ -49,7 +53,7 @@ class Rods:
         """
         level = 0 if before is None else self.level_of(before)
         while True:
-            rod = self._rod(level)
+            rod = self.rod(level)
             friction = rod.equilibrium.friction
             assert friction is not None
             answer = sections(rod)
@@ -59,9 +63,7 @@ class Rods:
             if level + 1 == len(CUTS) or rod.resolves_twist(twist, sliding):
                 break
             level += 1
-        shape = rod.equilibrium.shape(twist[:, 0]) if len(tensions) == 1 else None
         iterations = np.full(len(tensions), steps)
-        return Solution(
-            rod.nodes.interpolate(twist), answer.residual, iterations, shape, None,
-            TendonTensions(sliding.tensions, rod.stations.interpolate(sliding.tensions)),
-        )  # fmt: skip
+        at_nodes = rod.nodes.interpolate(sliding.tensions)
+        along = TendonTensions(sliding.tensions, at_nodes[..., rod.station_node])
+        return Solution(rod.nodes.interpolate(twist), answer.residual, iterations, tendons=along)

@@ -22,7 +22,11 @@ from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 
 class SlidingClosedForm(UnloadedStatics):
-    """The closed form along a rod whose tendons have friction."""
+    """The closed form along a rod whose tendons have friction.
+
+    Attributes:
+        rods: the points that it is solved at.
+    """
 
     def __init__(self, setup: Setup) -> None:
         """Tabulate the arm.
@@ -35,7 +39,7 @@ class SlidingClosedForm(UnloadedStatics):
         self._rod = functools.lru_cache(
             lambda level: LoadedRod(arm, grid, base, self.law, False, Loads(), CUTS[level])
         )
-        self._rods = Rods(self._rod)
+        self.rods = Rods(self._rod)
         self._rod(0)
 
     @functools.cached_property
@@ -44,10 +48,10 @@ class SlidingClosedForm(UnloadedStatics):
 
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         rows = np.atleast_2d(tensions)
-        solution = self._rods.slide(self._answer, rows, before)
+        solution = self.rods.slide(self._answer, rows, before)
         assert solution.tendons is not None
         along = solution.tendons.points
-        rod = self._rod(self._rods.level_of(along))
+        rod = self._rod(self.rods.level_of(along))
         twist = self._at_nodes.local_twist(rod.nodes.interpolate(along))
         solution = solution._replace(twist=twist)
         return solution if tensions.ndim > 1 else solution.one()
@@ -69,17 +73,19 @@ class SlidingClosedForm(UnloadedStatics):
         Raises:
             SolveError: if there are none, see `Friction.require_derivatives`.
         """
-        shape, before = backbone.shape, backbone.point_tensions
-        if shape is None or before is None:
+        before = backbone.point_tensions
+        if before is None:
             raise ConfigError('the backbone was solved without friction')
-        rod = self._rod(self._rods.level_of(before))
+        rod = self._rod(self.rods.level_of(before))
         friction = rod.equilibrium.friction
         assert friction is not None
-        tensions, twist = backbone.tensions.ravel(), shape.twist
-        turning = friction.turning(twist[:, np.newaxis])
+        tensions = backbone.tensions.ravel()
+        closed_form = self._closed_form(rod)
+        rows = closed_form.local_twist(before[:, np.newaxis])
+        turning, twist = friction.turning(rows), rows[:, 0]
         sliding = friction.slide(tensions[np.newaxis], before, turning)
         friction.require_derivatives(tensions, sliding)
-        along = _by_tensions(self._closed_form(rod), sliding.tensions)
+        along = _by_tensions(closed_form, sliding.tensions)
         # Scaling E is scaling all tensions the other way.
         count = tensions.size
         direct = np.zeros((count, 2 * count + 1, along.shape[-1]))

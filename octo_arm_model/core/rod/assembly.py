@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -63,6 +63,13 @@ class Results:
         return self.position, self.quaternion, self.residual, self.iterations
 
     @property
+    def batch(self) -> tuple[FloatArray, tuple[Any, ...]]:
+        """Strains and `arrays`, one arm as a batch of one."""
+        if not self.is_one:
+            return self.strains, self.arrays
+        return self.strains[:, None], tuple(array[None] for array in self.arrays)
+
+    @property
     def is_one(self) -> bool:
         """Whether there is one arm, without the axis of a batch."""
         return self.residual.ndim == 0
@@ -78,7 +85,7 @@ class Results:
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
         if solution.tendons is not None:
-            self._add_tendons(part, solution.tendons)
+            self.add_tendons(part, solution.tendons)
         if solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
         elif self._read_out is not None:
@@ -94,7 +101,7 @@ class Results:
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
 
-    def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
+    def add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
         """Take the tensions along the tendons of the arms ``part``."""
         at_stations = np.moveaxis(tendons.stations, 0, -1)
         if self._slid is None:

@@ -47,6 +47,26 @@ def curvatures(
     )
 
 
+def mixed_curvatures(
+    first_n: Number, first_b: Number, second_n: Number, second_b: Number, mixed: Number,
+    bending: Number,
+) -> tuple[Number, Number]:  # fmt: skip
+    """Curvatures (xi, k) [1/m] without an imbalance where the mixed second moment couples them."""
+    about_n, about_b = bending + second_b, bending + second_n
+    determinant = about_n * about_b - mixed * mixed
+    return (
+        (mixed * first_n - about_b * first_b) / determinant,
+        (about_n * first_n - mixed * first_b) / determinant,
+    )
+
+
+def routed_torsion(
+    routing_torque: Number, second_n: Number, second_b: Number, torsion: Number
+) -> Number:
+    """Torsion tau [1/m] by tendons that wind about the midline, without an imbalance."""
+    return -routing_torque / (torsion + (second_n + second_b))
+
+
 def imbalance_of(
     tau: Number, xi: Number, k: Number, first_n: Number, first_b: Number,
     second_n: Number, second_b: Number, torsion: Number, bending: Number,

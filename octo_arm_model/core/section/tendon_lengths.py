@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,30 +14,38 @@ from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 
+# From a twist (n, nodes) and tensions (tendons,) [N] to every length [m], (tendons,).
+Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+
 
 class TendonLengths:
-    """Integrals of what each tendon is stretched by along the arm."""
+    """Integrals of what each tendon is stretched by along the arm.
+
+    Attributes:
+        sections: the cross sections at the nodes.
+        weights: of the integral along each tendon, (tendons, nodes).
+        under: length of every tendon [m], (tendons,), under a twist (4 or 6, nodes) and tensions
+            (tendons,) [N].
+    """
 
     def __init__(self, sections: SectionEnergy, grid: StationGrid) -> None:
         """For the cross ``sections`` at the nodes of ``grid``."""
-        self._sections = sections
-        self._weights = sections.active[:, 0] * integration_weights(grid)
+        self.sections = sections
+        self.weights = sections.active[:, 0] * integration_weights(grid)
+        self.under: Measure = self._under
 
-    def under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
-        """Length of every tendon [m], (tendons,), under ``twist`` (4 or 6, nodes).
-
-        And ``tensions`` (tendons,) [N].
-        """
-        sections = self._sections
+    def _under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
+        """A `Measure`."""
+        sections = self.sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
         local_tensions = sections.local_tensions(tensions[np.newaxis])
         stretches = sections.stretches(strain, local_tensions)[:, 0]
-        lengths: FloatArray = np.einsum('jn,jn->j', stretches, self._weights)
+        lengths: FloatArray = np.einsum('jn,jn->j', stretches, self.weights)
         return lengths
 
     @functools.cached_property
     def at_rest(self) -> FloatArray:
         """Those of the unloaded arm."""
-        twist = np.zeros((self._sections.strains, self._weights.shape[1]))
+        twist = np.zeros((self.sections.strains, self.weights.shape[1]))
         twist[3] = 1.0
-        return self.under(twist, np.zeros(len(self._weights)))
+        return self.under(twist, np.zeros(len(self.weights)))

@@ -10,8 +10,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.section.energy import SectionEnergy
+
+
+def curvature(
+    t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number,
+    slope_t: Number, slope_n: Number, slope_b: Number,
+) -> tuple[Number, Number, Number]:  # fmt: skip
+    """Derivative in space of the unit tangent e, e' + kappa x e, from the angular twist."""
+    return (
+        slope_t + (n * e_b - b * e_n),
+        slope_n + (b * e_t - t * e_b),
+        slope_b + (t * e_n - n * e_t),
+    )
+
+
+def kink_angle(t: Number, n: Number, b: Number) -> Number:
+    """Angle [rad] between unit tangents that differ by (t, n, b)."""
+    return 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(t * t + n * n + b * b), 1.0))
 
 
 class Tangents(NamedTuple):

@@ -452,11 +452,6 @@ def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
     np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
 
 
-def test_machine_code_leaves_friction_to_numpy() -> None:
-    for model in MODELS:
-        assert not Solver(uniform(), model, compiled=None).is_compiled
-
-
 def test_a_tendon_along_the_midline_of_a_bent_arm_turns_with_it() -> None:
     paths = (
         Tendon(Constant(OFFSET), Constant(0.0)),

@@ -1,0 +1,66 @@
+"""Arms without loads whose tendons have friction, in machine code."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
+from octo_arm_model.core.compiled.sliding_kernels import UNRESOLVED
+from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.models.exact import Exact
+from octo_arm_model.core.models.sliding import CUTS
+from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
+from octo_arm_model.core.rod.assembly import Results
+from octo_arm_model.core.rod.solution import TendonTensions
+
+
+class CompiledSliding:
+    """Shapes of one arm under its tendons alone, as `Rods` finds them."""
+
+    def __init__(self, statics: Exact | SlidingClosedForm, grid: GridTables, own: Any) -> None:
+        """Tabulate the arm of ``statics``; ``own`` makes tables ready for the compiler.
+
+        Raises:
+            Exception: whatever a numba that does not work raises.
+        """
+        self._find_shapes = find_sliding_shapes()
+        self._grid, self._rods, sections = grid, statics.rods, statics.sections
+        is_exact = isinstance(statics, Exact)
+
+        def tables(level: int) -> FrictionTables:
+            made: FrictionTables = own(friction_tables(self._rods.rod(level), sections, is_exact))
+            return made
+
+        self._tables = functools.lru_cache(tables)
+        self._tables(0)
+
+    def solve(
+        self, tensions: FloatArray, before: FloatArray | None, results: Results
+    ) -> list[int]:
+        """As `Compiled.solve`; tendons slide from tensions ``before`` (tendons, points) [N]."""
+        strains, (position, quaternion, residual, iterations) = results.batch
+        stations = np.empty((*position.shape[:2], tensions.shape[1]))
+        level = 0 if before is None else self._rods.level_of(before)
+        while True:
+            tables = self._tables(level)
+            at_level = self._rods.at_level(before, level)
+            held = np.zeros((0, 0)) if at_level is None else np.array(at_level)
+            points = np.empty(tables.transmission.shape)
+            without = self._find_shapes(
+                tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist, strains,
+                position, quaternion, residual, iterations, points, stations,
+            )  # fmt: skip
+            if not without or not (iterations == UNRESOLVED).any():
+                break
+            level += 1
+        at_stations = stations.transpose(2, 0, 1)
+        if results.is_one:
+            results.add_tendons((), TendonTensions(points, at_stations[:, 0]))
+        else:
+            results.add_tendons(slice(None), TendonTensions(points[:, np.newaxis], at_stations))
+        return np.flatnonzero(iterations < 0).tolist() if without else []

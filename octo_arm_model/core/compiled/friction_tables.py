@@ -1,0 +1,81 @@
+"""Tendons with friction, tabulated for the compiled kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.compiled.rod_tables import runs_by_element
+from octo_arm_model.core.compiled.section_tables import SectionTables, no_exact, section_tables
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.section.energy import SectionEnergy
+
+
+class FrictionTables(NamedTuple):
+    """A rod whose tendons have friction, as `Friction` has it.
+
+    Attributes:
+        sections: at the points of all elements; their ``transmission`` is room for the tensions
+            at the points, so that what they are given as tensions is one.
+        transmission: part of its tension that each tendon has at a point without friction,
+            (tendons, points).
+        coefficient: mu of every tendon, (tendons,).
+        step: lengths of the elements [m], (elements,).
+        from_start_columns: columns, as rows, of the integrals within an element from its start.
+        differentiate_columns: likewise of the derivatives, for an element of length one.
+        weights: of the integral over such an element, (each,).
+        ends: from values at the points to those at both ends of an element, (2, each).
+        tail: from them to the last two Legendre coefficients, (2, each).
+        at_nodes: the cross sections at the nodes of the grid, with the same room.
+        runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
+        to_nodes: matrices (each, nodes) from values at points to these, one after another.
+        is_exact: whether cross sections have least energy; else they are of the closed form.
+    """
+
+    sections: SectionTables
+    transmission: FloatArray
+    coefficient: FloatArray
+    step: FloatArray
+    from_start_columns: FloatArray
+    differentiate_columns: FloatArray
+    weights: FloatArray
+    ends: FloatArray
+    tail: FloatArray
+    at_nodes: SectionTables
+    runs: IntArray
+    to_nodes: FloatArray
+    is_exact: bool
+
+
+def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy, is_exact: bool) -> FrictionTables:
+    """Of a ``rod`` with friction and its cross sections ``at_nodes``."""
+    own, energy = rod.equilibrium.collocation, rod.equilibrium.energy
+    friction, rule = rod.equilibrium.friction, own.rule
+    assert friction is not None
+    runs, to_nodes = runs_by_element(rod.nodes.element, rod.nodes.values)
+    return FrictionTables(
+        sections=section_tables(energy),
+        transmission=energy.transmission[:, 0],
+        coefficient=friction.coefficient,
+        step=own.step,
+        from_start_columns=rule.from_start.T,
+        differentiate_columns=rule.differentiation.T,
+        weights=rule.weights,
+        ends=rule.interpolate(np.array([0.0, 1.0])),
+        tail=rule.tail,
+        at_nodes=section_tables(at_nodes),
+        runs=runs,
+        to_nodes=to_nodes,
+        is_exact=is_exact,
+    )
+
+
+def no_friction() -> FrictionTables:
+    """Of no arm."""
+    none, table, sections = np.zeros(0), np.zeros((0, 0)), no_exact().sections
+    return FrictionTables(
+        sections, table, none, none, table, table, none, np.zeros((2, 0)), np.zeros((2, 0)),
+        sections, np.zeros((0, 3), np.int64), none, False,
+    )  # fmt: skip

@@ -1,0 +1,35 @@
+"""Lengths of tendons: what `numba_build` compiles, as `section.tendon_lengths` has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.elastic_laws import incompressible_widening
+from octo_arm_model.core.section.formulas import tendon_direction
+
+
+def find_lengths(
+    path: FloatArray, weights: FloatArray, widens: bool, twist: FloatArray, lengths: FloatArray
+) -> None:
+    """Fill in the ``lengths`` (tendons,) under ``twist`` (4, nodes).
+
+    ``path`` (tendons, 4, nodes) has offsets along n and b and their slopes, ``weights`` (tendons,
+    nodes) are those of the integral, zero where a tendon does not act.
+    """
+    count = twist.shape[1]
+    scaled = twist.copy()
+    width = np.ones(count)
+    if widens:
+        for i in range(count):
+            width[i] = incompressible_widening(twist[3, i])[0]
+            for k in range(3):
+                scaled[k, i] *= width[i]
+    for tendon in range(len(path)):
+        x, y, dx, dy = path[tendon]
+        for i in range(count):
+            stretch = tendon_direction(
+                scaled[0, i], scaled[1, i], scaled[2, i], scaled[3, i], width[i], x[i], y[i],
+                dx[i], dy[i],
+            )[3]  # fmt: skip
+            lengths[tendon] += weights[tendon, i] * stretch

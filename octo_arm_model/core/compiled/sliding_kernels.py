@@ -1,0 +1,219 @@
+"""Arms without loads whose tendons have friction: what `numba_build` compiles.
+
+As `loaded.sliding_balance` and `models.sliding` have it, of the tendons under tension alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.frame_kernels import read_out
+from octo_arm_model.core.compiled.friction_kernels import (
+    find_tensions,
+    find_turning,
+    improve,
+    largest_tail,
+)
+from octo_arm_model.core.compiled.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.minimum_kernels import (
+    LEFT,
+    NEXT_T,
+    ROWS,
+    set_next,
+    set_start,
+    set_twist,
+)
+from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.section_kernels import (
+    BT,
+    G_T,
+    NT,
+    ST,
+    WIDTH,
+    T,
+    set_balance,
+    set_scales,
+    set_strain,
+)
+from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
+from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
+from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
+from octo_arm_model.core.section.newton import TOLERANCE
+from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
+
+GUESSES = 2  # sweeps with cross sections as `set_start` has them, before they are balanced
+NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
+UNRESOLVED = -2  # instead of a number of iterations
+
+
+def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatArray) -> None:
+    """Fill in the ``twist`` (4, sections) of section ``i``, as `ClosedForm` has it."""
+    pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for tendon in pulled:
+        tension = sections.transmission[tendon, i]
+        x, y = sections.x[tendon, i], sections.y[tendon, i]
+        pull, n, b = pull + tension, n + tension * x, b + tension * y
+        nn, bb, mixed = nn + tension * x * x, bb + tension * y * y, mixed + tension * x * y
+        routing += tension * (x * sections.dy[tendon, i] - y * sections.dx[tendon, i])
+    bending = 0.25 * sections.axial[i] * sections.squared[i]
+    xi, k = mixed_curvatures(n, b, nn, bb, mixed, bending)
+    tau = routed_torsion(routing, nn, bb, sections.torsion[i])
+    stretched = stretch(xi, k, pull, n, b, sections.axial[i])
+    twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k
+    twist[3, i] = stretched
+
+
+def find_sections(
+    tables: FrictionTables, ones: FloatArray, pulled: IntArray, is_guess: bool,
+    twist: FloatArray, rows: FloatArray,
+) -> tuple[float, bool]:  # fmt: skip
+    """Bring the ``twist`` (4, points) nearer to balance with the tensions that are at the points.
+
+    By a step of Newton's method, or as `set_start` has it; ``rows`` are to work in.
+
+    Returns:
+        What was left of the balance before, relative, NaN where there is none, and whether no
+        fibre is compressed to nothing.
+    """
+    sections, residual, is_possible = tables.sections, 0.0, True
+    if not tables.is_exact:
+        for i in range(twist.shape[1]):
+            closed_form(sections, i, pulled, twist)
+        return residual, True
+    offsets = np.zeros((pulled.size, 2 * LANES))
+    for block in range(len(sections.blocks)):
+        first, count = sections.blocks[block]
+        own = twist[:, first : first + count]
+        if is_guess:
+            set_start(sections, block, ones, pulled, rows)
+        else:
+            set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
+            set_scales(sections, block, ones, pulled, rows)
+            set_balance(sections, block, ones, pulled, rows, offsets, 1)
+            if sections.planar:
+                # Tendons cannot twist the arm, but for rounding.
+                for i in range(count):
+                    rows[G_T + i], rows[NT + i] = 0.0, 0.0
+                    rows[BT + i], rows[ST + i] = 0.0, 0.0
+            set_next(count, rows)
+            for i in range(4 * LANES):
+                rows[T + i] += rows[NEXT_T + i]
+            for i in range(count):
+                left = rows[LEFT + i]
+                residual = max(residual, left) if np.isfinite(left) else np.nan
+        is_possible = set_twist(sections, block, rows, own) and is_possible
+    return residual, is_possible
+
+
+def slide(
+    tables: FrictionTables, tensions: FloatArray, before: FloatArray, twist: FloatArray
+) -> tuple[float, int, bool]:
+    """Fill in the ``twist`` (4, points) and the tensions at the points, as `balance` does.
+
+    Returns:
+        What is left of the balance, relative, number of sweeps, -1 where there is no balance,
+        and whether any tendon sticks.
+    """
+    count = twist.shape[1]
+    pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
+    angle, kept = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
+    slip = np.empty_like(kept)
+    rate, turned = np.empty(count), np.empty(count)
+    rows = np.zeros(ROWS)
+    rows[WIDTH : WIDTH + LANES] = 1.0
+    tables.sections.transmission[:] = 0.0
+    last, left, is_found = 0.0, 0.0, False
+    for sweep in range(MOST):
+        sticks = find_tensions(tables, tensions, before, pulled, angle, kept, slip)
+        residual, is_possible = find_sections(tables, ones, pulled, sweep < GUESSES, twist, rows)
+        if is_found and residual <= TOLERANCE:
+            return residual, sweep if is_possible else -1, sticks
+        if is_found and residual <= NEAR:
+            continue
+        last, left = left, 0.0
+        for tendon in pulled:
+            find_turning(tables, twist, tendon, rate, turned)
+            change = improve(
+                tables, tendon, sweep == 0, kept[tendon], slip[tendon], rate, turned,
+                angle[tendon],
+            )  # fmt: skip
+            left = max(left, change)
+            if np.isnan(change):
+                return np.inf, -1, False
+        is_found = sweep > 0 and has_converged(left, last)
+    return np.inf, -1, False
+
+
+def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
+    """Whether points resolve ``twist`` and tensions along tendons, as `LoadedRod.resolves_twist`.
+
+    For ``tensions`` at the base; of tendons that do not stick.
+    """
+    for tendon in np.flatnonzero(tensions):
+        along = tables.sections.transmission[tendon]
+        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
+            return False
+    size = np.empty(4)
+    for k in range(4):
+        size[k] = np.abs(twist[k]).max()
+    angular = max(size[0], size[1], size[2])
+    for k in range(4):
+        if largest_tail(tables, twist[k]) > RESOLVED * (angular if k < 3 else size[3]):
+            return False
+    return True
+
+
+def to_nodes(tables: FrictionTables, row: FloatArray, out: FloatArray) -> None:
+    """Fill in values (nodes,) from those at points, (points,)."""
+    s, done = tables.weights.size, 0
+    out[:] = 0.0
+    for element, first, count in tables.runs:
+        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
+        add_products(row[element * s : element * s + s], matrix, out[first : first + count])
+        done += s * count
+
+
+def find_sliding_shapes(
+    tables: FrictionTables, grid: GridTables, tensions: FloatArray, before: FloatArray,
+    may_refine: bool, twist: FloatArray, strains: FloatArray, position: FloatArray,
+    quaternion: FloatArray, residual: FloatArray, iterations: IntArray, points: FloatArray,
+    stations: FloatArray,
+) -> int:  # fmt: skip
+    """As `kernels.find_shapes`, of tendons with friction.
+
+    Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
+    the ``stations`` (batch, stations, tendons). Where finer elements ``may_refine`` what these do
+    not resolve ``iterations`` are `UNRESOLVED`.
+    """
+    without = 0
+    at_points, at_nodes = np.empty((4, tables.transmission.shape[1])), np.empty(twist.shape[1])
+    along = tables.sections.transmission
+    for arm in range(len(tensions)):
+        residual[arm], iterations[arm], sticks = slide(tables, tensions[arm], before, at_points)
+        if iterations[arm] < 0:
+            without += 1
+            continue
+        if may_refine and not sticks and not resolves(tables, at_points, tensions[arm]):
+            iterations[arm] = UNRESOLVED
+            without += 1
+            continue
+        stations[arm] = 0.0
+        points[:] = along
+        pulled = np.flatnonzero(tensions[arm])
+        for tendon in pulled:
+            to_nodes(tables, points[tendon], at_nodes)
+            for station in range(grid.station_node.size):
+                stations[arm, station, tendon] = at_nodes[grid.station_node[station]]
+            tables.at_nodes.transmission[tendon] = at_nodes
+        for k in range(4):
+            if tables.is_exact:
+                to_nodes(tables, at_points[k], twist[k])
+        if not tables.is_exact:
+            for i in range(twist.shape[1]):
+                closed_form(tables.at_nodes, i, pulled, twist)
+        if not read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm]):
+            iterations[arm] = -1
+            without += 1
+    return without

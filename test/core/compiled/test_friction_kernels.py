@@ -1,0 +1,105 @@
+"""Friction of tendons in machine code: Capstan's law, the shapes of NumPy, and its history."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helical_arm import helical_arm
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from strategies import fractions, loaded_arms
+
+from octo_arm_model import Arm, Backbone, Body, Config, Material, Section, SolveError, Solver
+from octo_arm_model.core.compiled.numba_build import is_available
+
+pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
+MODELS = ('closed_form', 'exact')
+HELICAL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
+
+
+def assert_same(found: Backbone, expected: Backbone, length: float) -> None:
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9 * length)
+    scale = max(float(expected.tensions.max()), 1e-9)
+    for name in ('tendon_tensions', 'point_tensions'):
+        one, other = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
+@pytest.mark.parametrize('model', MODELS)
+def test_machine_code_pulls_and_releases_as_numpy_does(model: str, material: str) -> None:
+    arm = helical_arm(friction=tuple(np.linspace(0.05, 0.4, 6).tolist()))
+    machine, plain = (
+        Solver(arm, model, material=material, compiled=compiled) for compiled in (True, False)
+    )
+    assert machine.is_compiled and not plain.is_compiled
+    one = other = None
+    for part in (1.0, 0.7, 0.75, 0.2, 0.0, 0.4):
+        one, other = machine.follow(part * HELICAL, one), plain.follow(part * HELICAL, other)
+        assert_same(one, other, arm.length)
+        # Each may go on from what the other has found.
+        one, other = other, one
+
+
+@settings(max_examples=20, deadline=None)
+@given(loaded_arms(3), fractions(0.01, 0.6), fractions(0.0, 1.0), st.sampled_from(MODELS))
+def test_machine_code_follows_any_arm_as_numpy_does(
+    case: tuple[Arm, np.ndarray], friction: float, part: float, model: str
+) -> None:
+    arm, tensions = case
+    rough = dataclasses.replace(arm, friction=(friction,))
+    plain = Solver(rough, model, 41)
+    try:
+        pulled = plain.solve(tensions)
+        released = plain.follow(part * tensions, pulled)
+    except SolveError:
+        assume(False)
+    machine = Solver(rough, model, 41, compiled=True)
+    assert_same(machine.solve(tensions), pulled, arm.length)
+    assert_same(machine.follow(part * tensions, pulled), released, arm.length)
+
+
+def test_one_parallel_tendon_is_that_of_the_closed_form() -> None:
+    young, radius, length, offset, mu, pull = 1e5, 0.01, 0.4, 0.006, 0.3, 3.0
+    arm = Arm(
+        Material(young, 0.5), Body(length, radius, radius),
+        (Section(length, offset, offset, angles=(0.0,)),), friction=(mu,),
+    )  # fmt: skip
+    backbone = Solver(arm, 'exact', material='linear', compiled=True).solve([[pull]])
+    slope = mu * offset / (young * math.pi * radius**4 / 4)
+    expected = 1.0 / (1.0 / pull + slope * backbone.s)
+    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_a_batch_is_its_arms_one_by_one(table4: Config, model: str) -> None:
+    arm = dataclasses.replace(table4.arm, friction=12 * (0.2,))
+    solver = Solver(arm, model, compiled=True)
+    rng = np.random.default_rng(1)
+    several = rng.uniform(0.0, 0.2, (5, 3, 4)) * rng.integers(0, 2, (5, 3, 4))
+    last = solver.solve(1.2 * several[0])
+    batch = solver.follow(several, last)
+    for number, tensions in enumerate(several):
+        one = solver.follow(tensions, last)
+        np.testing.assert_array_equal(batch.position[number], one.position)
+        np.testing.assert_array_equal(batch.tendon_tensions[number], one.tendon_tensions)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_derivatives_of_what_machine_code_has_found(model: str) -> None:
+    arm = helical_arm(friction=6 * (0.2,))
+    found = Solver(arm, model, 41, compiled=True)
+    plain = Solver(arm, model, 41)
+    got = found.sensitivity(found.solve(HELICAL)).by_tension.pose
+    expected = plain.sensitivity(plain.solve(HELICAL)).by_tension.pose
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_where_machine_code_fails_numpy_says_why(table4: Config) -> None:
+    arm = dataclasses.replace(table4.arm, friction=12 * (0.2,))
+    solver = Solver(arm, 'closed_form', compiled=True)
+    with pytest.raises(SolveError, match='compress the arm to nothing'):
+        solver.solve(np.full((3, 4), 50.0))
