@@ -20,6 +20,8 @@ class RodTables(NamedTuple):
         from_start: matrix of the integrals within an element from its start, (each, each).
         from_start_columns: its columns as rows.
         to_end_columns: likewise of the integrals to its end.
+        twice: integrals to the end, of values at each point times the integral to that point of
+            others: (each, others x ends).
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
         force: resultant of the loads beyond each point [N], (3, points).
@@ -37,6 +39,7 @@ class RodTables(NamedTuple):
     from_start: FloatArray
     from_start_columns: FloatArray
     to_end_columns: FloatArray
+    twice: FloatArray
     weights: FloatArray
     step: FloatArray
     force: FloatArray
@@ -64,6 +67,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         from_start=rule.from_start,
         from_start_columns=rule.from_start.T,
         to_end_columns=rule.to_end.T,
+        twice=np.einsum('lj,il->lji', rule.from_start, rule.to_end).reshape(rule.points.size, -1),
         weights=rule.weights,
         step=own.step,
         force=problem.loads.dead.force,
@@ -91,6 +95,7 @@ def no_rod() -> RodTables:
     none, table = np.zeros(0), np.zeros((0, 0))
     nothing = np.zeros((3, 0))
     return RodTables(
-        no_exact().sections, table, table, table, none, none, nothing, nothing, np.zeros(4), 1.0,
-        np.zeros(3), np.zeros((0, 3), np.int64), none, np.zeros((0, 3), np.int64), none,
+        no_exact().sections, table, table, table, table, none, none, nothing, nothing,
+        np.zeros(4), 1.0, np.zeros(3), np.zeros((0, 3), np.int64), none,
+        np.zeros((0, 3), np.int64), none,
     )  # fmt: skip

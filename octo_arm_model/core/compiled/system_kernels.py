@@ -127,7 +127,7 @@ def find_system(
     s = tables.weights.size
     by_turn, follow = np.empty((3, 3, s)), np.empty((3, 3, s))
     by_bend, bending = np.empty((3, 3, s)), np.empty((3, 3, s))
-    turned, twice = np.empty((9 * s, s)), np.empty((9 * s, s))
+    twice, rates = np.empty(s * s), np.empty(s)
     system.rotation[:] = rotation
     sign = 1
     for element in range(tables.step.size):
@@ -136,35 +136,32 @@ def find_system(
             twist, rotation, force, moment, hessian, element * s, system.at_points, by_turn,
             by_bend, follow, bending,
         )  # fmt: skip
+        matrix, sides = system.factors[element], system.bends[element]
+        to_moment = system.to_moment[element]
         for p in range(3):
             for q in range(3):
-                rates = by_turn[p, q]
+                side, out = sides[q, p * s : p * s + s], to_moment[p, q * s : q * s + s]
+                followed, bends, local = follow[p, q], by_bend[p, q], bending[p, q]
                 for j in range(s):
-                    row, weights = turned[(3 * p + q) * s + j], tables.from_start_columns[j]
-                    for i in range(s):
-                        row[i] = h * h * weights[i] * rates[i]
-        np.dot(turned, tables.to_end_columns, twice)
-        matrix = system.factors[element]
-        for p in range(3):
-            for q in range(3):
-                followed = follow[p, q]
+                    rates[j] = -h * by_turn[p, q, j]
+                    side[j] = followed[j]
+                    out[j] = -h * bends[j] * tables.weights[j]
+                add_products(rates, tables.to_end_columns, side)
+                sides[3 + q, p * s : p * s + s] = 1.0 if p == q else 0.0
                 for j in range(s):
-                    out, row = matrix[q * s + j, p * s : p * s + s], twice[(3 * p + q) * s + j]
+                    rates[j] *= -h
+                twice[:] = 0.0
+                add_products(rates, tables.twice, twice)
+                for j in range(s):
+                    rates[j] *= tables.weights[j]
+                add_products(rates, tables.from_start, out)
+                for j in range(s):
+                    row, first = matrix[q * s + j, p * s : p * s + s], j * s
                     ahead, behind = tables.to_end_columns[j], tables.from_start_columns[j]
                     bend = by_bend[p, q, j]
                     for i in range(s):
-                        out[i] = row[i] - h * (ahead[i] * bend + behind[i] * followed[i])
-                    out[j] += bending[p, q, j]
-        sides, to_moment = system.bends[element], system.to_moment[element]
-        for p in range(3):
-            for q in range(3):
-                side = sides[q, p * s : p * s + s]
-                side[:] = follow[p, q]
-                add_products(-h * by_turn[p, q], tables.to_end_columns, side)
-                sides[3 + q, p * s : p * s + s] = 1.0 if p == q else 0.0
-                out = to_moment[p, q * s : q * s + s]
-                out[:] = -h * by_bend[p, q] * tables.weights
-                add_products(h * h * by_turn[p, q] * tables.weights, tables.from_start, out)
+                        row[i] = twice[first + i] - h * (ahead[i] * bend + behind[i] * followed[i])
+                    row[j] += local[j]
         own = factorise(matrix, system.pivots[element])
         if own == 0:
             return 0
