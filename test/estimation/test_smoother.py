@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
+from scipy.stats import chi2
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.filter import Filter
@@ -14,6 +17,10 @@ from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPos
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+from tip_force_scenario import PERIOD, arm_model, simulated, square
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
@@ -54,7 +61,7 @@ def test_at_the_last_time_both_agree() -> None:
     )
 
 
-def test_its_course_is_the_most_probable_one() -> None:
+def test_its_course_is_where_probability_and_information_balance() -> None:
     model = rubber(UNKNOWNS)
     recording, _ = recorded(model, 2, 4)
     smoothed = smooth(model, recording)
@@ -62,17 +69,26 @@ def test_its_course_is_the_most_probable_one() -> None:
     first = np.array([one.mean for one in smoothed])
 
     def cost(course: np.ndarray) -> float:
-        """Squares of all noise, from the definition of the problem."""
+        """Squares of all noise and ln(det A) of the information A, from their definitions."""
         total = float(((course[0] / state.prior_stddev()) ** 2).sum())
         for before, after in itertools.pairwise(course):
             noise = (after - state.decay(0.1) * before) / state.growth(0.1)
             total += float((noise**2).sum())
-        for x, (_, made) in zip(course, recording):
+        size, count = state.size, len(course)
+        rows = [np.eye(size, count * size) / state.prior_stddev()[:, np.newaxis]]
+        for k in range(1, count):
+            row = np.eye(size, count * size, k * size)
+            row -= state.decay(0.1)[:, np.newaxis] * np.eye(size, count * size, (k - 1) * size)
+            rows.append(row / state.growth(0.1)[:, np.newaxis])
+        for k, (x, (_, made)) in enumerate(zip(course, recording)):
             at = Prediction(model, x, None)
             for one in made:
                 left = one.innovation(at)
                 total += float(left @ np.linalg.solve(one.covariance, left))
-        return total
+                row = one.jacobian(at) @ np.eye(size, count * size, k * size)
+                rows.append(np.linalg.solve(one.noise_root, row))
+        root = np.concatenate(rows)
+        return total + float(np.linalg.slogdet(root.T @ root)[1])
 
     best, rng = cost(first), np.random.default_rng(3)
     stddev = np.array([np.sqrt(np.diag(one.covariance)) for one in smoothed])
@@ -95,6 +111,21 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
             squares.append(error @ np.linalg.solve(found.covariance[force, force], error))
     # 8 runs of 7 steps, correlated over 10: about 8 to 16 independent sets of 3.
     assert 1.0 < np.mean(squares) < 6.5
+
+
+@pytest.mark.slow
+def test_it_is_as_sure_as_it_should_be_where_measurements_are_far_more_exact_than_the_belief() -> (
+    None
+):
+    model = arm_model(remembers=True, stations=31)
+    force, runs, squares = model.state.tip_force, 5, []
+    for seed in range(runs):
+        made = simulated(24, seed)
+        found = smooth(model, [(step * PERIOD, one) for step, (one, _) in enumerate(made)])
+        # The middle of each run has a past and a future.
+        squares.append(square(found[12], made[12][1], force))
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], 3 * runs)
+    assert low < sum(squares) < high, squares
 
 
 def test_what_it_refuses() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -67,6 +67,11 @@ class Measurement(abc.ABC):
             raise MeasurementError(
                 f'{self.name}: noise is {shown(noise)}, expected a positive definite covariance'
             ) from None
+
+    @property
+    def kind(self) -> Hashable:
+        """What is measured and where: measurements of one kind differ by their values alone."""
+        return self.name, self.value.size
 
     @abc.abstractmethod
     def innovation(self, at: Prediction) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Hashable
 from typing import ClassVar
 
 import numpy as np
@@ -30,6 +31,11 @@ class _AtPlaces(Measurement):
         self.s = numbers(f'{self.name}: s', s)
         expected = len(self.components) * self.s.size
         self.check_size(expected, f'{", ".join(self.components)} at each s')
+
+    @property
+    def kind(self) -> Hashable:
+        """See `Measurement`."""
+        return self.name, self.s.tobytes()
 
 
 class Markers(_AtPlaces):

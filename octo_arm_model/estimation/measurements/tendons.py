@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,6 +22,11 @@ class _OfTendons(Measurement):
         """One number for each of ``tendons`` by name; of all, in the order of the arm, if None."""
         super().__init__(value, noise)
         self._tendons = tendons
+
+    @property
+    def kind(self) -> Hashable:
+        """See `Measurement`."""
+        return self.name, self._tendons
 
     def _which(self, at: Prediction) -> IntArray:
         names = at.model.arm.tendon_names
