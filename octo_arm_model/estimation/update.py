@@ -99,10 +99,7 @@ def update(
     contradicted: dict[int, float] = {}
     while True:
         used = [one for one in measurements if id(one) not in contradicted]
-        at = Prediction(model, belief.mean, last and last.shape)
-        linear = _take_linear(belief, [one for one in used if one.is_linear], at, gate)
-        others = [one for one in used if not one.is_linear]
-        found = _take(linear.belief, others, linear.at, last, gate)
+        linear, found = _take_all(model, belief, used, last, gate)
         worst = _contradicted([*linear.accepted, *found.accepted], linear, found, gate)
         if worst is None:
             break
@@ -157,6 +154,24 @@ class _Taken(NamedTuple):
     curvature: Curvature | None = None
 
 
+def _take_all(
+    model: ArmModel,
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    last: Updated | None,
+    gate: float,
+) -> tuple[_Taken, _Taken]:
+    """``belief`` after linear ``measurements``, and after all.
+
+    Raises:
+        SolveError: if they find no agreement.
+    """
+    at = Prediction(model, belief.mean, last and last.shape)
+    linear = _take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
+    others = [one for one in measurements if not one.is_linear]
+    return linear, _take(linear.belief, others, linear.at, last, gate)
+
+
 def _take_linear(
     prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
 ) -> _Taken:
@@ -208,6 +223,17 @@ def _take(
     starts: list[Start] = [(at, FROM_AFAR)]
     if last is not None:
         starts.insert(0, (last.at, FROM_NEARBY))
+    if len(measurements) > 1:
+        limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
+        start, square = _most_probable(prior, measurements, starts, limit)
+        if square <= limit:
+            try:
+                taken = _all(measurements, fit(prior, measurements, start, None))
+            except SolveError:
+                pass
+            else:
+                if len(_within(measurements, taken.squares, gate)) == len(measurements):
+                    return taken
     squares = {}
     for one in measurements:
         limit = chi_square_limit(gate, one.value.size)

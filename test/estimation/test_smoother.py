@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import sys
 
 import numpy as np
 import pytest
-from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
-from scipy.stats import chi2
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.filter import Filter
@@ -17,10 +14,6 @@ from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPos
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
-
-sys.path.insert(0, str(ROOT / 'benchmarks'))
-
-from tip_force_scenario import PERIOD, arm_model, simulated, square
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
@@ -111,21 +104,6 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
             squares.append(error @ np.linalg.solve(found.covariance[force, force], error))
     # 8 runs of 7 steps, correlated over 10: about 8 to 16 independent sets of 3.
     assert 1.0 < np.mean(squares) < 6.5
-
-
-@pytest.mark.slow
-def test_it_is_as_sure_as_it_should_be_where_measurements_are_far_more_exact_than_the_belief() -> (
-    None
-):
-    model = arm_model(remembers=True, stations=31)
-    force, runs, squares = model.state.tip_force, 5, []
-    for seed in range(runs):
-        made = simulated(24, seed)
-        found = smooth(model, [(step * PERIOD, one) for step, (one, _) in enumerate(made)])
-        # The middle of each run has a past and a future.
-        squares.append(square(found[12], made[12][1], force))
-    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], 3 * runs)
-    assert low < sum(squares) < high, squares
 
 
 def test_what_it_refuses() -> None:
