@@ -31,7 +31,7 @@ class BaseWrench(Measurement):
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (6,) [N, N m]."""
-        self._check_size(6, 'force and moment')
+        self.check_size(6, 'force and moment')
         sums = _sums(at.model)
         magnitudes = np.append(at.x, 1.0)
         away = at.solved.position - at.solved.position[0]

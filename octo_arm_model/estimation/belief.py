@@ -10,6 +10,8 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.blas import dtrsm, dtrsv
+from scipy.linalg.lapack import dgeqrf
 from scipy.stats import chi2
 
 from octo_arm_model.core.hints import FloatArray
@@ -40,7 +42,7 @@ class Belief(NamedTuple):
 
     def whitened(self, change: FloatArray) -> FloatArray:
         """A ``change`` (n,) of the state in standard deviations, as independent ones."""
-        return np.asarray(np.linalg.solve(self.root, change), np.float64)
+        return solve_lower(self.root, change)
 
 
 class Gain(NamedTuple):
@@ -64,13 +66,13 @@ def gain(root: FloatArray, jacobian: FloatArray, noise_root: FloatArray) -> Gain
     array[:m, :m], array[:m, m:], array[m:, m:] = noise_root, jacobian @ root, root
     lower = lower_root([array])
     innovation_root = lower[:m, :m]
-    scaled = np.asarray(np.linalg.solve(innovation_root.T, lower[m:, :m].T).T, np.float64)
+    scaled = solve_lower(innovation_root, lower[m:, :m].T, is_transposed=True).T
     return Gain(scaled, innovation_root, lower[m:, m:])
 
 
 def normalised_square(residual: FloatArray, root: FloatArray) -> float:
     """Square of a ``residual`` (m,) in standard deviations; ``root`` is of its covariance."""
-    white = np.linalg.solve(root, residual)
+    white = solve_lower(root, residual)
     return float(white @ white)
 
 
@@ -80,9 +82,26 @@ def chi_square_limit(probability: float, size: int) -> float:
     return float(chi2.ppf(probability, size))
 
 
+def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = False) -> FloatArray:
+    """``right`` (n,) or (n, m) divided by the lower triangular ``root``, or its transpose."""
+    # BLAS is called directly: of matrices this small NumPy's checks take most of the time, and
+    # LAPACK's dtrtrs lets threads wait for each other.
+    trans = 0 if is_transposed else 1
+    if right.ndim == 1:
+        return np.asarray(dtrsv(root.T, right, lower=0, trans=trans))
+    return np.asarray(dtrsm(1.0, root.T, right, lower=0, trans_a=trans))
+
+
 def lower_root(blocks: list[FloatArray]) -> FloatArray:
     """Lower triangular square root of the sum of the squares of ``blocks`` (n, ...)."""
-    upper = np.asarray(np.linalg.qr(np.concatenate(blocks, axis=1).T, mode='r'))
-    # Rows of either sign are a root: make it that of Cholesky.
-    lower: FloatArray = (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, np.newaxis]).T
-    return lower
+    array = np.concatenate(blocks, axis=1)
+    count = len(array)
+    lower: FloatArray = dgeqrf(array.T)[0][:count].T * _triangle(count)
+    # Columns of either sign are a root: make it that of Cholesky.
+    return lower * np.where(lower.diagonal() < 0.0, -1.0, 1.0)
+
+
+@functools.lru_cache(maxsize=64)
+def _triangle(count: int) -> FloatArray:
+    """Ones on the diagonal and below."""
+    return np.tri(count)

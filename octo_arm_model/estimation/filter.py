@@ -58,7 +58,7 @@ def next_step(
 ) -> Step:
     """From the ``last`` one to ``time`` [s]; see `update`."""
     belief = predict(model, last.updated.belief, time - last.time)
-    return Step(time, measurements, update(model, belief, measurements, last.updated.shape, gate))
+    return Step(time, measurements, update(model, belief, measurements, last.updated, gate))
 
 
 class Filter:

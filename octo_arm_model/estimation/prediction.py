@@ -177,11 +177,22 @@ class Prediction:
     Attributes:
         model: the arm.
         x: the state.
+        linearised: where `change` is evaluated, which is here or nearby.
     """
 
-    def __init__(self, model: ArmModel, x: FloatArray, start: Backbone | None) -> None:
-        """In the state ``x``, followed from the shape ``start``."""
+    def __init__(
+        self,
+        model: ArmModel,
+        x: FloatArray,
+        start: Backbone | None,
+        linearised: Prediction | None = None,
+    ) -> None:
+        """In the state ``x``, followed from the shape ``start``.
+
+        Its derivatives are those ``linearised`` nearby, if that is given.
+        """
         self.model, self.x, self._start = model, x, start
+        self.linearised = linearised or self
 
     @property
     def shape(self) -> Backbone | None:
@@ -197,14 +208,26 @@ class Prediction:
         """
         return self.model.solve(self.x, self._start)
 
-    @functools.cached_property
+    @property
     def change(self) -> Change:
         """Change of the shape per unit of each component of the state."""
+        return self.linearised._change
+
+    @functools.cached_property
+    def _change(self) -> Change:
         return self.model.derivatives(self.x, self.solved)
 
     def forget(self) -> None:
         """Free the memory of `change`, which is found again where asked for."""
-        self.__dict__.pop('change', None)
+        self.linearised.__dict__.pop('_change', None)
+
+    def differentiated(self) -> Prediction:
+        """The same, differentiated here."""
+        if self.linearised is self:
+            return self
+        new = Prediction(self.model, self.x, self._start)
+        new.__dict__['solved'] = self.solved
+        return new
 
     @functools.cached_property
     def tendon_lengths(self) -> FloatArray:

@@ -1,8 +1,10 @@
-"""The batch estimator: the most probable course of the state over a recording.
+"""The batch estimator: the mean course of the state over a recording.
 
 Gauss-Newton iteration on all times at once: each pass is a linear filter forward and a smoother
 backward (Rauch, Tung and Striebel) about the last course, the iterated extended Kalman smoother
-of Bell 1994. It begins from the recursive filter, whose refusals stand.
+of Bell 1994. It begins from the recursive filter, whose refusals stand, and so do the second
+derivatives it has learnt: with these it leads to the mean and not to the most probable course,
+see `posterior_mean`.
 """
 
 from __future__ import annotations
@@ -12,22 +14,33 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError, MeasurementError
+from octo_arm_model.core.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Belief, gain, lower_root
+from octo_arm_model.estimation.belief import (
+    Belief,
+    gain,
+    lower_root,
+    normalised_square,
+    solve_lower,
+)
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, first_step, next_step, predict, prior
+from octo_arm_model.estimation.fit import TOLERANCE, nearest_possible
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
     noise_root,
     residuals,
 )
+from octo_arm_model.estimation.posterior_mean import gradient as gradient_of
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.update import TOLERANCE, nearest_possible
+from octo_arm_model.estimation.update import kinds_of
 
 MAX_RECORDED = 100_000  # times
-_MOST = 20  # passes
+_MOST = 100  # passes
+_LONGEST = 3.0  # standard deviations a component, of a step at any time
+_SHORTEST = 1e-3  # part of a step
+_SLACK = 1e-3  # of a cost that is in squares of standard deviations, for rounding
 
 
 def smooth(
@@ -52,21 +65,10 @@ def smooth(
     steps = _filtered(model, recording, gate, progress)
     if not steps:
         return []
-    course = _smoothed(model, steps, [step.updated.belief for step in steps])
-    shapes = [step.updated.shape for step in steps]
-    size = np.inf
+    points = [step.updated.at.differentiated() for step in steps]
+    about = _Pass(model, steps, points)
     for _ in range(_MOST):
-        points = [
-            Prediction(model, belief.mean, shape)
-            for belief, shape in zip(course, shapes, strict=True)
-        ]
-        shapes = [at.solved for at in points]
-        new = _smoothed(model, steps, _forward(model, steps, points))
-        size = max(
-            float(np.linalg.norm(after.whitened(after.mean - before.mean)))
-            for before, after in zip(course, new, strict=True)
-        ) / np.sqrt(model.state.size)
-        if size <= TOLERANCE:
+        if about.size <= TOLERANCE:
             return [
                 estimate_of(
                     step.time,
@@ -75,10 +77,81 @@ def smooth(
                         belief=Belief(at.x, belief.root), at=at, shape=at.solved
                     ),
                 )
-                for step, at, belief in zip(steps, points, new, strict=True)
+                for step, at, belief in zip(steps, about.points, about.course, strict=True)
             ]
-        course = new
-    raise ConvergenceError('the smoother', size, _MOST)
+        about = _next(model, steps, about)
+    raise ConvergenceError('the smoother', about.size, _MOST)
+
+
+class _Pass:
+    """Measurements linearised about ``points``, and the course that follows.
+
+    Attributes:
+        points: predictions of the states about which they are.
+        course: mean course by this linearisation.
+        size: of the longest way to it, in standard deviations a component.
+        cost: what is least along the mean course, in squares of standard deviations.
+    """
+
+    def __init__(
+        self, model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]
+    ) -> None:
+        self.points = points
+        nowhere = [np.zeros(model.state.size)] * len(steps)
+        filtered, volume = _forward(model, steps, points, nowhere)
+        known = _smoothed(model, steps, filtered)
+        gradients = [
+            _gradient(step, at, belief)
+            for step, at, belief in zip(steps, points, known, strict=True)
+        ]
+        self.course = _smoothed(model, steps, _forward(model, steps, points, gradients)[0])
+        self.size = max(
+            float(np.linalg.norm(belief.whitened(belief.mean - at.x)))
+            for at, belief in zip(points, self.course, strict=True)
+        ) / np.sqrt(model.state.size)
+        self.cost = volume + _improbability(model, steps, points)
+        for at in points:
+            at.forget()
+
+
+def _next(model: ArmModel, steps: Sequence[Step], last: _Pass) -> _Pass:
+    """As far towards the course of the ``last`` pass as makes one more probable.
+
+    Raises:
+        SolveError: if there is none.
+    """
+    part = min(1.0, _LONGEST / last.size)
+    while True:
+        points = [
+            Prediction(model, at.x + part * (belief.mean - at.x), at.shape)
+            for at, belief in zip(last.points, last.course, strict=True)
+        ]
+        try:
+            found = _Pass(model, steps, points)
+            if found.cost <= last.cost + _SLACK:
+                return found
+        except SolveError:
+            if part < _SHORTEST:
+                raise
+        if part < _SHORTEST:
+            raise ConvergenceError('the smoother', last.size, _MOST)
+        part *= 0.5
+
+
+def _improbability(model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]) -> float:
+    """Sum of squares of all changes of the state and all noise, in standard deviations."""
+    total = normalised_square(points[0].x, prior(model).root)
+    for (step, at), (following, after) in itertools.pairwise(zip(steps, points, strict=True)):
+        elapsed = following.time - step.time
+        growth = model.state.growth(elapsed)
+        changes = growth > 0.0
+        change = (after.x - model.state.decay(elapsed) * at.x)[changes] / growth[changes]
+        total += float(change @ change)
+    for step, at in zip(steps, points, strict=True):
+        if step.updated.accepted:
+            left = residuals(step.updated.accepted, at)
+            total += normalised_square(left, noise_root(step.updated.accepted))
+    return total
 
 
 def _filtered(
@@ -104,10 +177,19 @@ def _filtered(
     return steps
 
 
-def _forward(model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]) -> list[Belief]:
-    """The filter with measurements linearised about ``points``."""
+def _forward(
+    model: ArmModel,
+    steps: Sequence[Step],
+    points: Sequence[Prediction],
+    gradients: Sequence[FloatArray],
+) -> tuple[list[Belief], float]:
+    """The filter with measurements linearised about ``points``, and ln(det A) but a constant.
+
+    ``gradients`` are those of its half, see `_gradient`.
+    """
     beliefs: list[Belief] = []
-    for number, (step, at) in enumerate(zip(steps, points, strict=True)):
+    volume = 0.0
+    for number, (step, at, gradient) in enumerate(zip(steps, points, gradients, strict=True)):
         belief = prior(model)
         if number:
             belief = predict(model, beliefs[-1], step.time - steps[number - 1].time)
@@ -116,10 +198,26 @@ def _forward(model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction
             jacobian = jacobians(accepted, at)
             by = gain(belief.root, jacobian, noise_root(accepted))
             left = residuals(accepted, at) + jacobian @ (at.x - belief.mean)
-            belief = Belief(belief.mean + by.gain @ left, by.root)
-            at.forget()
+            shift = by.root @ (by.root.T @ gradient)
+            belief = Belief(belief.mean + by.gain @ left - shift, by.root)
+            volume += 2.0 * float(np.log(by.innovation_root.diagonal()).sum())
         beliefs.append(belief)
-    return beliefs
+    return beliefs, volume
+
+
+def _gradient(step: Step, at: Prediction, belief: Belief) -> FloatArray:
+    """Gradient of ln(det A) / 2 by the state at one time, (n,).
+
+    A is the information on the whole course, and ``belief`` what it says of that time.
+    """
+    others = [one for one in step.updated.accepted if not one.is_linear]
+    if not others:
+        return np.zeros(at.x.size)
+    second = step.updated.curvatures[kinds_of(others)].second
+    root = noise_root(others)
+    white = solve_lower(root, jacobians(others, at))
+    own = solve_lower(root, white @ belief.root @ belief.root.T, is_transposed=True)
+    return gradient_of(own.T, second)
 
 
 def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) -> list[Belief]:

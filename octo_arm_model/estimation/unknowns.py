@@ -103,6 +103,8 @@ class State:
         unknowns: what it holds.
         names: of its components.
         size: how many they are.
+        shapes: whether the shape depends on a component, (n,).
+        shaping: numbers of those on which it does.
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus: where
             each is in the vector; empty slices for what is not estimated.
     """
@@ -131,6 +133,9 @@ class State:
         self.current = self._add('current', unknowns.current, _AXES)
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
         self.size = len(self.names)
+        self.shapes = np.ones(self.size, dtype=bool)
+        self.shapes[self.tension_bias] = False
+        self.shaping = np.flatnonzero(self.shapes).tolist()
 
     def _add(self, what: str, walk: Walk | None, parts: tuple[str, ...]) -> slice:
         start = len(self.names)

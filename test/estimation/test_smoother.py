@@ -54,7 +54,7 @@ def test_at_the_last_time_both_agree() -> None:
     )
 
 
-def test_its_course_is_the_most_probable_one() -> None:
+def test_its_course_is_where_probability_and_information_balance() -> None:
     model = rubber(UNKNOWNS)
     recording, _ = recorded(model, 2, 4)
     smoothed = smooth(model, recording)
@@ -62,17 +62,26 @@ def test_its_course_is_the_most_probable_one() -> None:
     first = np.array([one.mean for one in smoothed])
 
     def cost(course: np.ndarray) -> float:
-        """Squares of all noise, from the definition of the problem."""
+        """Squares of all noise and ln(det A) of the information A, from their definitions."""
         total = float(((course[0] / state.prior_stddev()) ** 2).sum())
         for before, after in itertools.pairwise(course):
             noise = (after - state.decay(0.1) * before) / state.growth(0.1)
             total += float((noise**2).sum())
-        for x, (_, made) in zip(course, recording):
+        size, count = state.size, len(course)
+        rows = [np.eye(size, count * size) / state.prior_stddev()[:, np.newaxis]]
+        for k in range(1, count):
+            row = np.eye(size, count * size, k * size)
+            row -= state.decay(0.1)[:, np.newaxis] * np.eye(size, count * size, (k - 1) * size)
+            rows.append(row / state.growth(0.1)[:, np.newaxis])
+        for k, (x, (_, made)) in enumerate(zip(course, recording)):
             at = Prediction(model, x, None)
             for one in made:
                 left = one.innovation(at)
                 total += float(left @ np.linalg.solve(one.covariance, left))
-        return total
+                row = one.jacobian(at) @ np.eye(size, count * size, k * size)
+                rows.append(np.linalg.solve(one.noise_root, row))
+        root = np.concatenate(rows)
+        return total + float(np.linalg.slogdet(root.T @ root)[1])
 
     best, rng = cost(first), np.random.default_rng(3)
     stddev = np.array([np.sqrt(np.diag(one.covariance)) for one in smoothed])

@@ -14,7 +14,7 @@ from checkout import ROOT
 pytestmark = pytest.mark.slow
 FOLDER = ROOT / 'benchmarks'
 # Run by others.
-PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py'}
+PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py', 'tip_force_scenario.py'}
 BENCHMARKS = {path.name for path in FOLDER.glob('*.py')} - PARTS
 NEEDED = {
     'bags.py': ['rosbags'],

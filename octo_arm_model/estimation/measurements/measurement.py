@@ -1,0 +1,120 @@
+"""What every measurement of an arm is: value, covariance, what a state predicts, derivatives."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Hashable, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+
+from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.errors import MeasurementError, shown
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.prediction import Prediction
+
+_LARGEST = 1000  # numbers in one measurement
+
+
+class Measurement(abc.ABC):
+    """Something measured.
+
+    Attributes:
+        name: of its kind.
+        is_linear: whether it depends on the state alone, linearly, and not on the shape.
+        value: what was measured, (m,).
+        covariance: of its error, (m, m).
+    """
+
+    name: ClassVar[str]
+    is_linear: ClassVar[bool] = False
+
+    def __init__(self, value: ArrayLike, noise: ArrayLike) -> None:
+        """Take ``value`` with ``noise``.
+
+        That is one standard deviation for all numbers, one for each, (m,), or a covariance
+        (m, m).
+
+        Raises:
+            MeasurementError: if they are not finite numbers of such sizes, or the noise is no
+                positive definite covariance.
+        """
+        self.value = numbers(f'{self.name}: value', value).ravel()
+        size = self.value.size
+        if not 0 < size <= _LARGEST:
+            expected = f'1 to {_LARGEST} numbers'
+            raise MeasurementError(f'{self.name}: value has {size} numbers, expected {expected}')
+        given = numbers(f'{self.name}: noise', noise)
+        if given.ndim < 2 and given.size in (1, size):
+            if not (given > 0.0).all():
+                raise MeasurementError(
+                    f'{self.name}: noise is {shown(noise)}, expected standard deviations > 0'
+                )
+            self.covariance = np.diag(np.broadcast_to(given, size) ** 2)
+            self.noise_root: FloatArray = np.sqrt(self.covariance)
+            return
+        if given.shape != (size, size):
+            raise MeasurementError(
+                f'{self.name}: noise has shape {given.shape}, expected {size} standard deviations '
+                f'or a covariance ({size}, {size})'
+            )
+        self.covariance = 0.5 * (given + given.T)
+        try:
+            self.noise_root = np.asarray(np.linalg.cholesky(self.covariance), np.float64)
+        except np.linalg.LinAlgError:
+            raise MeasurementError(
+                f'{self.name}: noise is {shown(noise)}, expected a positive definite covariance'
+            ) from None
+
+    @property
+    def kind(self) -> Hashable:
+        """What is measured and where: measurements of one kind differ by their values alone."""
+        return self.name, self.value.size
+
+    @abc.abstractmethod
+    def innovation(self, at: Prediction) -> FloatArray:
+        """What was measured less what is predicted, (m,)."""
+
+    @abc.abstractmethod
+    def jacobian(self, at: Prediction) -> FloatArray:
+        """Change of what is predicted by the state, (m, state)."""
+
+    def check_size(self, expected: int, what: str) -> None:
+        """Check how many numbers there are; ``what`` they should be, in words.
+
+        Raises:
+            MeasurementError: if they are not as many as ``expected``.
+        """
+        if self.value.size != expected:
+            raise MeasurementError(
+                f'{self.name}: value has {self.value.size} numbers, expected {expected}: {what}'
+            )
+
+
+def residuals(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
+    """Innovations of all ``measurements``, one after the other."""
+    return np.concatenate([one.innovation(at) for one in measurements])
+
+
+def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
+    """Their Jacobians, one below the other."""
+    return np.concatenate([one.jacobian(at) for one in measurements])
+
+
+def noise_root(measurements: Sequence[Measurement]) -> FloatArray:
+    """Root of the covariance of all ``measurements`` together."""
+    return np.asarray(block_diag(*(one.noise_root for one in measurements)))
+
+
+def numbers(name: str, value: ArrayLike) -> FloatArray:
+    """A copy of ``value`` as an array.
+
+    Raises:
+        MeasurementError: if it is not of finite numbers.
+    """
+    array = real_numbers(value)
+    if array is None or not np.isfinite(array).all():
+        raise MeasurementError(f'{name} is {shown(value)}, expected finite numbers')
+    return array.copy()

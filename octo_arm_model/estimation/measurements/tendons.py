@@ -1,0 +1,81 @@
+"""What is measured of each tendon: its tension, or by how much it is drawn in."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.estimation.measurements.measurement import Measurement
+from octo_arm_model.estimation.prediction import Prediction
+
+
+class _OfTendons(Measurement):
+    """One number for each of some tendons."""
+
+    def __init__(
+        self, value: ArrayLike, noise: ArrayLike, tendons: tuple[str, ...] | None = None
+    ) -> None:
+        """One number for each of ``tendons`` by name; of all, in the order of the arm, if None."""
+        super().__init__(value, noise)
+        self._tendons = tendons
+
+    @property
+    def kind(self) -> Hashable:
+        """See `Measurement`."""
+        return self.name, self._tendons
+
+    def _which(self, at: Prediction) -> IntArray:
+        names = at.model.arm.tendon_names
+        wanted = names if self._tendons is None else self._tendons
+        self.check_size(len(wanted), 'one for each tendon')
+        for name in wanted:
+            if name not in names:
+                known = ', '.join(names)
+                raise MeasurementError(f'{self.name}: unknown tendon {name}; this arm has {known}')
+        return np.array([names.index(name) for name in wanted])
+
+
+class Tensions(_OfTendons):
+    """Tensions as load cells show them, bias included [N]."""
+
+    name = 'tensions'
+    is_linear = True
+
+    def innovation(self, at: Prediction) -> FloatArray:
+        """What was measured less what is predicted, (m,) [N]."""
+        return self.value - self.jacobian(at) @ at.x
+
+    def jacobian(self, at: Prediction) -> FloatArray:
+        """Change of what is predicted by the state, (m, state)."""
+        which, state = self._which(at), at.model.state
+        jacobian = np.zeros((which.size, state.size))
+        rows = np.arange(which.size)
+        jacobian[rows, state.tension.start + which] = 1.0
+        if state.tension_bias.stop > state.tension_bias.start:
+            jacobian[rows, state.tension_bias.start + which] = 1.0
+        return jacobian
+
+
+class TendonDisplacements(_OfTendons):
+    """Length that the winch of each tendon has reeled in [m].
+
+    By so much it is shorter within the arm than without tensions, and stretched itself.
+    """
+
+    name = 'tendon displacements'
+
+    def innovation(self, at: Prediction) -> FloatArray:
+        """What was measured less what is predicted, (m,) [m]."""
+        stretched = at.model.tendon_compliance * at.x[at.model.state.tension]
+        drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths + stretched
+        return self.value - drawn_in[self._which(at)]
+
+    def jacobian(self, at: Prediction) -> FloatArray:
+        """Change of what is predicted by the state, (m, state)."""
+        by_state, state = -at.change.tendon_length, at.model.state
+        by_state[:, state.tension] += np.diag(at.model.tendon_compliance)
+        return by_state[self._which(at)]

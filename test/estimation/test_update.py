@@ -1,0 +1,95 @@
+"""Which measurements are used: those that lie, are lost and come back, of every kind."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from checkout import ROOT
+from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.measurements import (
+    Curvatures,
+    Markers,
+    Measurement,
+    TendonDisplacements,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
+from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+from tip_force_scenario import arm_model, simulated
+
+MODEL = rubber(Unknowns(Walk(10.0, 5.0), tip_force=LIKELY), loads=WEIGHT)
+TRUTH = Prediction(MODEL, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
+PLACES = [0.05, 0.12]
+
+
+def _exact(one: Measurement) -> np.ndarray:
+    """What a measurement of zero would have been."""
+    return -one.innovation(TRUTH)
+
+
+def tip_pose(lie: float) -> TipPose:
+    turned = Rotation.from_rotvec([0.0, 0.01 * lie, 0.0])
+    quaternion = (turned * Rotation.from_quat(TRUTH.solved.quaternion[-1])).as_quat()
+    return TipPose(TRUTH.solved.tip, quaternion, [1e-3] * 3 + [0.01] * 3)
+
+
+# All with an error of so many standard deviations.
+KINDS: dict[str, Callable[[float], Measurement]] = {
+    'tensions': lambda lie: Tensions(TENSIONS + [0.02 * lie, 0.0, 0.0, 0.0], 0.02),
+    'tendon displacements': lambda lie: TendonDisplacements(
+        _exact(TendonDisplacements(np.zeros(4), 1.0)) + [2e-4 * lie, 0.0, 0.0, 0.0], 2e-4
+    ),
+    'tip position': lambda lie: TipPosition(TRUTH.solved.tip + [0.0, 1e-3 * lie, 0.0], 1e-3),
+    'tip pose': tip_pose,
+    'markers': lambda lie: Markers(
+        PLACES, _exact(Markers(PLACES, np.zeros((2, 3)), 1.0)) + 1e-3 * lie * np.eye(6)[1], 1e-3
+    ),
+    'curvatures': lambda lie: Curvatures(
+        PLACES, _exact(Curvatures(PLACES, np.zeros((2, 2)), 1.0)) + 0.1 * lie * np.eye(4)[0], 0.1
+    ),
+    'base wrench': lambda lie: BaseWrench(
+        _exact(BaseWrench(np.zeros(6), 1.0)) + 1e-3 * lie * np.eye(6)[1], 1e-3
+    ),
+}
+
+
+# Load cells are believed first: of their lies see the manual.
+@pytest.mark.parametrize('liar', [name for name in KINDS if name != 'tensions'])
+def test_one_that_lies_is_refused_and_named(liar: str) -> None:
+    own = Filter(MODEL)
+    found = own.add(0.0, [make(30.0 * (name == liar)) for name, make in KINDS.items()])
+    assert own.refused == {liar: 1}
+    assert [one.name for one in found.innovations if not one.is_accepted] == [liar]
+    stddev = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(found.mean - TRUTH.x) < stddev).all()
+
+
+@pytest.mark.parametrize('lost', KINDS)
+def test_one_that_is_lost_is_welcome_when_it_comes_back(lost: str) -> None:
+    own = Filter(MODEL)
+    for time, is_lost in ((0.0, False), (0.1, True), (60.0, True), (60.1, False)):
+        made = [make(0.0) for name, make in KINDS.items() if not (is_lost and name == lost)]
+        found = own.add(time, made)
+        stddev = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.mean - TRUTH.x) < stddev).all()
+    assert not own.refused
+
+
+def test_without_a_past_a_right_tip_is_never_refused() -> None:
+    # A force of the prior's size moves it by hundreds of times what it is measured to.
+    model = arm_model(remembers=False, stations=21)
+    for measured, _ in simulated(121, 2026)[::15]:
+        found = Filter(model).add(0.0, measured)
+        assert all(one.is_accepted for one in found.innovations)
