@@ -6,6 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
+from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 
 
@@ -60,3 +61,64 @@ def read_rod(
             position[i, k] = found[k, i]
         for k in range(4):
             quaternion[i, k] = over * found[3 + k, i]
+
+
+def read_changes(
+    tables: RodTables, state: RodState, change: FloatArray, turn: FloatArray, pose: FloatArray,
+    strain: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in changes of ``pose`` (stations, 6, columns) and of ``strain`` (stations, 4, columns).
+
+    From a ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross sections
+    (3, points, columns) near a ``state``.
+    """
+    s, columns, rotation = tables.weights.size, change.shape[2], state.rotation
+    rate, total = np.empty((6, s, columns)), np.zeros((6, columns))
+    found, at_station = np.empty((10, tables.most, columns)), np.empty((4, tables.most))
+    done, run = 0, 0
+    for element in range(tables.step.size):
+        first, h = element * s, tables.step[element]
+        for i in range(s):
+            at = first + i
+            k_0, k_1, k_2, v = change[0, at], change[1, at], change[2, at], change[3, at]
+            for p in range(3):
+                n, m = (p + 1) % 3, (p + 2) % 3
+                a, b, c = h * rotation[p, 0, at], h * rotation[p, 1, at], h * rotation[p, 2, at]
+                d, e = rotation[m, 0, at], rotation[n, 0, at]
+                d, e = h * state.twist[3, at] * d, h * state.twist[3, at] * e
+                t_n, t_m = turn[n, at], turn[m, at]
+                moved, angular = rate[p, i], rate[3 + p, i]
+                for j in range(columns):
+                    angular[j] = a * k_0[j] + b * k_1[j] + c * k_2[j]
+                    moved[j] = a * v[j] + d * t_n[j] - e * t_m[j]
+        while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
+            start, count = tables.station_runs[run, 1], tables.station_runs[run, 2]
+            within = tables.to_stations[done : done + s * count].reshape(s, count).T
+            values = tables.at_stations[done : done + s * count].reshape(s, count).T
+            for k in range(6):
+                np.dot(within, rate[k], found[k, :count])
+            for k in range(4):
+                np.dot(values, change[k, first : first + s], found[6 + k, :count])
+                np.dot(values, state.twist[k, first : first + s], at_station[k, :count])
+            for i in range(count):
+                place = start + i
+                for k in range(6):
+                    out, here, before = pose[place, k], found[k, i], total[k]
+                    for j in range(columns):
+                        out[j] = before[j] + here[j]
+                over = 1.0 / at_station[3, i]
+                longer, more = strain[place, 3], found[9, i]
+                for j in range(columns):
+                    longer[j] = more[j]
+                for k in range(3):
+                    omega = over * at_station[k, i]
+                    out, here = strain[place, k], found[6 + k, i]
+                    for j in range(columns):
+                        out[j] = over * (here[j] - omega * more[j])
+            run, done = run + 1, done + s * count
+        for k in range(6):
+            sums = total[k]
+            for i in range(s):
+                weight, here = tables.weights[i], rate[k, i]
+                for j in range(columns):
+                    sums[j] += weight * here[j]

@@ -19,7 +19,7 @@ from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
-from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import product
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -43,6 +43,17 @@ ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
 
+# From a balanced condition and shape, and resultants of dead loads per unit of each, force and
+# moment (loads, 3, points) in base_frame, to their changes of pose (stations, 6, columns), strain
+# (stations, 4, columns) and tendon length (tendons, columns); if asked for also to those, in
+# further columns, by tensions, E, nu and offsets. Raises ConvergenceError.
+Differentiate: TypeAlias = Callable[
+    [Condition, Shape, FloatArray, FloatArray, bool], tuple[FloatArray, FloatArray, FloatArray]
+]
+
+# Likewise to those of the tip alone, (6, columns), without the loads', for what `is_reciprocal`.
+DifferentiateTip: TypeAlias = Callable[[Condition, Shape], FloatArray]
+
 
 class LoadedRod:
     """One arm and its loads on elements of one size.
@@ -54,6 +65,8 @@ class LoadedRod:
         read_out: what a state is at nodes and stations.
         base: pose of the base.
         points: how many points there are.
+        differentiate: derivatives in machine code, if there is.
+        differentiate_tip: likewise of the tip alone.
     """
 
     def __init__(
@@ -80,6 +93,8 @@ class LoadedRod:
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
+        self.differentiate: Differentiate | None = None
+        self.differentiate_tip: DifferentiateTip | None = None
 
     @functools.cached_property
     def nodes(self) -> Readout:

@@ -8,6 +8,7 @@ change of twist (`Equilibrium.respond`), which turns and moves everything beyond
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -17,25 +18,43 @@ from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_response import respond
-from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
-def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
-    """Of the balanced ``state`` of a loaded ``rod``.
+def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivity:
+    """Of the balanced ``shape`` of a loaded ``rod``.
 
     Raises:
         LoadError: if a load states no tangent stiffness.
+        ConvergenceError: if the linearised equilibrium is singular.
     """
+    rod.equilibrium.require_tangents('sensitivity')
+    if rod.differentiate is None:
+        return _derivatives(rod, rod.equilibrium.state(condition, shape))
+    found = rod.differentiate(condition, shape, *_unit_wrenches(rod.points), True)
+    tendons = condition.tensions.size
+    wrench, tension, young, poisson, offset = _split(*found, [6, tendons, 1, 1])
+    return Sensitivity(tension, young, wrench, poisson, offset)
+
+
+@functools.lru_cache(8)
+def _unit_wrenches(points: int) -> tuple[FloatArray, FloatArray]:
+    """Resultants, force and moment (6, 3, points), of unit forces and moments on the tip."""
+    unit = np.repeat(np.eye(6)[:, :, np.newaxis], points, axis=2)
+    return unit[:, :3].copy(), unit[:, 3:].copy()
+
+
+def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
+    """`derivatives` of the balanced ``state``, by NumPy."""
     problem, parameters = rod.equilibrium, rod.parameters
-    problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
     local_tensions, direct = energy.local_tensions(tensions[np.newaxis]), None
@@ -83,9 +102,12 @@ def _split(
     pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int]
 ) -> list[Change]:
     """Changes of so many columns each, and of the rest."""
-    edges = np.cumsum(counts)
-    parts = (np.split(part, edges, axis=-1) for part in (pose, strains, length))
-    return [Change(*part) for part in zip(*parts, strict=True)]
+    parts, first = [], 0
+    for count in (*counts, pose.shape[-1] - sum(counts)):
+        own = slice(first, first + count)
+        parts.append(Change(pose[..., own], strains[..., own], length[..., own]))
+        first += count
+    return parts
 
 
 def _direct(rod: LoadedRod, state: State, sliding: Sliding, strain: FloatArray) -> FloatArray:
