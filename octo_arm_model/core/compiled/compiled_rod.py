@@ -25,6 +25,8 @@ from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
 
+_NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
+
 
 class CompiledRod:
     """`Newton` and `ReadOut` of one rod."""
@@ -76,18 +78,18 @@ class CompiledRod:
         return twist, position, quaternion
 
     def differentiate(
-        self, condition: Condition, shape: Shape, force: FloatArray, moment: FloatArray, all: bool
+        self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`Differentiate` of the rod."""
         tensions = condition.tensions
-        columns = len(force) + (2 * tensions.size + 2 if all else 0)
+        columns = len(dead[0]) if dead else 2 * tensions.size + 8
         pose = np.empty((self._stations, 6, columns))
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))
         self._check(
             self._differentiate(
                 self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
-                _state_of(shape), force, moment, pose, strain, length,
+                _state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
         )  # fmt: skip
         return pose, strain, length

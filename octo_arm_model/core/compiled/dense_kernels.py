@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from octo_arm_model.core.hints import FloatArray, IntArray
+
+_MANY = 8  # columns, from which it pays to go along them
 
 
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
@@ -61,8 +65,16 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """As `solve_transposed`, for columns that come last: ``right`` is (n, columns)."""
     n = len(factors)
-    if right.shape[1] == 1:
-        solve_transposed(factors, pivots, right.reshape(1, n))
+    columns = right.shape[1]
+    if columns < _MANY:
+        rows = np.empty((columns, n))
+        for c in range(columns):
+            for i in range(n):
+                rows[c, i] = right[i, c]
+        solve_transposed(factors, pivots, rows)
+        for c in range(columns):
+            for i in range(n):
+                right[i, c] = rows[c, i]
         return
     for i in range(n):
         subtract_rows(right, factors[:i, i], 0, i)
@@ -91,6 +103,12 @@ def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int
                 + ((e * some[4, k] + f * some[5, k]) + (g * some[6, k] + h * some[7, k]))
             )  # fmt: skip
         i += 8
+    if i + 4 <= factors.size:
+        a, b, c, d = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        some = rows[first + i : first + i + 4]
+        for k in range(out.size):
+            out[k] -= (a * some[0, k] + b * some[1, k]) + (c * some[2, k] + d * some[3, k])
+        i += 4
     while i < factors.size:
         factor, row = factors[i], rows[first + i]
         for k in range(out.size):

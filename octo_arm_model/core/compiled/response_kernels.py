@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import solve_columns
-from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.products import add_products, multiply
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.system_kernels import System
 from octo_arm_model.core.hints import FloatArray
@@ -22,68 +22,66 @@ def respond(
     And the rotation ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
     """
     s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
-    own, ends = np.empty((elements, 3 * s, columns)), np.zeros((elements, 6, columns))
-    carried, moved = np.empty((s, columns)), np.empty((s, columns))
+    own, ends = np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns))
+    carried, moved = np.empty((s, 3 * columns)), np.empty((s, 3 * columns))
+    before, more = np.empty((3, columns)), np.empty((3 * s, columns))
     at_points, rotation = system.at_points, system.rotation
     for element in range(elements):
         first, h, sides = element * s, tables.step[element], own[element]
-        for p in range(3):
-            before = ends[element, 3 + p]
-            for j in range(s):
-                at = first + j
+        for j in range(s):
+            for p in range(3):
+                factor, start = -h * at_points[3 + p, first + j], p * columns
+                for i in range(columns):
+                    carried[j, start + i] = factor * imbalance[3, first + j, i]
+        np.dot(tables.to_end_columns.T, carried, moved)
+        for j in range(s):
+            at = first + j
+            over = 1.0 / at_points[9, at]
+            for p in range(3):
                 a, b, c = rotation[p, 0, at], rotation[p, 1, at], rotation[p, 2, at]
-                d = at_points[6 + p, at] / at_points[9, at]
-                e, weight = -h * at_points[3 + p, at], tables.weights[j]
-                g_0, g_1 = imbalance[0, at], imbalance[1, at]
-                g_2, g_3 = imbalance[2, at], imbalance[3, at]
-                side, out = sides[p * s + j], carried[j]
+                d, row, start = over * at_points[6 + p, at], p * s + j, p * columns
                 for i in range(columns):
-                    side[i] = a * g_0[i] + b * g_1[i] + c * g_2[i] - d * g_3[i]
-                    out[i] = e * g_3[i]
-                    before[i] += weight * out[i]
-            np.dot(tables.to_end_columns.T, carried, moved)
-            for j in range(s):
-                side, more = sides[p * s + j], moved[j]
-                for i in range(columns):
-                    side[i] += more[i]
+                    sides[row, i] = (
+                        moved[j, start + i] + a * imbalance[0, at, i] + b * imbalance[1, at, i]
+                        + c * imbalance[2, at, i] - d * imbalance[3, at, i]
+                    )  # fmt: skip
         solve_columns(system.factors[element], system.pivots[element], sides)
+        np.dot(system.to_moment[element], sides, before)
         for p in range(3):
-            last, before = ends[element, p], ends[element, 3 + p]
-            for j in range(3 * s):
-                weight, k = system.to_moment[element, p, j], sides[j]
-                for i in range(columns):
-                    before[i] -= weight * k[i]
+            start = p * columns
+            for i in range(columns):
+                ends[element, p, i], ends[element, 3 + p, i] = 0.0, -before[p, i]
             for j in range(s):
-                weight, k = h * tables.weights[j], sides[p * s + j]
+                weight, row = tables.weights[j], p * s + j
                 for i in range(columns):
-                    last[i] += weight * k[i]
+                    ends[element, 3 + p, i] += weight * carried[j, start + i]
+                for i in range(columns):
+                    ends[element, p, i] += h * weight * sides[row, i]
     link_changes(system, ends)
     for element in range(elements):
         first, h, bends = element * s, tables.step[element], own[element]
-        bends += np.dot(system.bends[element].T, ends[element])
+        multiply(system.bends[element], ends[element], more)
+        bends += more
         for p in range(3):
-            np.dot(tables.from_start, bends[p * s : p * s + s], moved)
+            angles = turn[p, first : first + s]
+            multiply(tables.from_start_columns, bends[p * s : p * s + s], angles)
             for j in range(s):
-                angle, more, start = turn[p, first + j], moved[j], ends[element, p]
                 for i in range(columns):
-                    angle[i] = start[i] + h * more[i]
+                    angles[j, i] = ends[element, p, i] + h * angles[j, i]
         for j in range(s):
             at = first + j
-            k_0, k_1, k_2 = bends[j], bends[s + j], bends[2 * s + j]
             for p in range(3):
                 a, b, c = rotation[0, p, at], rotation[1, p, at], rotation[2, p, at]
-                out = change[p, at]
                 for i in range(columns):
-                    out[i] = a * k_0[i] + b * k_1[i] + c * k_2[i]
+                    change[p, at, i] = a * bends[j, i] + b * bends[s + j, i] + c * bends[2 * s + j, i]
             over = 1.0 / at_points[9, at]
             a, b, c = over * at_points[0, at], over * at_points[1, at], over * at_points[2, at]
             d, e, f = over * at_points[6, at], over * at_points[7, at], over * at_points[8, at]
-            t_0, t_1, t_2 = turn[0, at], turn[1, at], turn[2, at]
-            out, given = change[3, at], imbalance[3, at]
             for i in range(columns):
-                out[i] = (
-                    over * given[i] + a * t_0[i] + b * t_1[i] + c * t_2[i]
-                    - d * k_0[i] - e * k_1[i] - f * k_2[i]
+                change[3, at, i] = (
+                    over * imbalance[3, at, i] + a * turn[0, at, i] + b * turn[1, at, i]
+                    + c * turn[2, at, i] - d * bends[j, i] - e * bends[s + j, i]
+                    - f * bends[2 * s + j, i]
                 )  # fmt: skip
 
 

@@ -155,8 +155,8 @@ def differentiate(
     """Fill in the changes of a balanced ``state`` of twist and orientations, as `derivatives`.
 
     ``pose`` (stations, 6, columns), ``strain`` (stations, 4, columns) and ``length`` (tendons,
-    columns). First columns are those of dead loads, see `dead_wrenches`, then those of
-    `find_imbalance`, if there are more.
+    columns). Columns are those of dead loads, see `dead_wrenches`; without these, the wrench on
+    the tip and then those of `find_imbalance`.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
@@ -171,20 +171,22 @@ def differentiate(
         return 0
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
     find_stretch(tables, state.twist, stretch)
-    own, loads = np.empty(tendons), len(force)
-    dead_wrenches(tables, state, force, moment, imbalance)
-    if columns > loads:
-        find_imbalance(
-            tables, parameters, tensions, state.twist, stretch, imbalance, loads, own
-        )
+    own = np.empty(tendons)
+    if len(force):
+        dead_wrenches(tables, state, force, moment, imbalance)
+    else:
+        wrench = tip_wrenches(tables, state.twist, state.rotation)
+        wrench[:, :, 3:] /= tables.length
+        imbalance[:, :, :6] = wrench
+        find_imbalance(tables, parameters, tensions, state.twist, stretch, imbalance, 6, own)
     change, turn = np.empty((4, count, columns)), np.empty((3, count, columns))
     respond(tables, system, imbalance, change, turn)
     read_changes(tables, state, change, turn, pose, strain)
     weigh(tables, stretch)
     np.dot(stretch.reshape(tendons, 4 * count), change.reshape(4 * count, columns), length)
-    if columns > loads:
+    if not len(force):
         for tendon in range(tendons):
-            length[tendon, loads + tendons + 2 + tendon] += own[tendon]
+            length[tendon, tendons + 8 + tendon] += own[tendon]
     return sign
 
 

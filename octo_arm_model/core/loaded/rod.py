@@ -45,13 +45,14 @@ Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
 
 # From a balanced condition and shape, and resultants of dead loads per unit of each, force and
 # moment (loads, 3, points) in base_frame, to their changes of pose (stations, 6, columns), strain
-# (stations, 4, columns) and tendon length (tendons, columns); if asked for also to those, in
-# further columns, by tensions, E, nu and offsets. Raises ConvergenceError.
+# (stations, 4, columns) and tendon length (tendons, columns). Without loads to those by the wrench
+# on the tip, tensions, E, nu and offsets. Raises ConvergenceError.
 Differentiate: TypeAlias = Callable[
-    [Condition, Shape, FloatArray, FloatArray, bool], tuple[FloatArray, FloatArray, FloatArray]
+    [Condition, Shape, tuple[FloatArray, FloatArray] | None],
+    tuple[FloatArray, FloatArray, FloatArray],
 ]
 
-# Likewise to those of the tip alone, (6, columns), without the loads', for what `is_reciprocal`.
+# Likewise to those of the tip alone, (6, columns), by tensions, E, nu and offsets, by reciprocity.
 DifferentiateTip: TypeAlias = Callable[[Condition, Shape], FloatArray]
 
 

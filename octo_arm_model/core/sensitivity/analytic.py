@@ -8,7 +8,6 @@ change of twist (`Equilibrium.respond`), which turns and moves everything beyond
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -22,7 +21,11 @@ from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
-from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
+from octo_arm_model.core.rod.quadrature import (
+    integrate_from_base,
+    integrate_from_tip,
+    integration_weights,
+)
 from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.imbalance import Imbalance
@@ -39,17 +42,10 @@ def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivi
     rod.equilibrium.require_tangents('sensitivity')
     if rod.differentiate is None:
         return _derivatives(rod, rod.equilibrium.state(condition, shape))
-    found = rod.differentiate(condition, shape, *_unit_wrenches(rod.points), True)
+    found = rod.differentiate(condition, shape, None)
     tendons = condition.tensions.size
     wrench, tension, young, poisson, offset = _split(*found, [6, tendons, 1, 1])
     return Sensitivity(tension, young, wrench, poisson, offset)
-
-
-@functools.lru_cache(8)
-def _unit_wrenches(points: int) -> tuple[FloatArray, FloatArray]:
-    """Resultants, force and moment (6, 3, points), of unit forces and moments on the tip."""
-    unit = np.repeat(np.eye(6)[:, :, np.newaxis], points, axis=2)
-    return unit[:, :3].copy(), unit[:, 3:].copy()
 
 
 def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
@@ -152,16 +148,10 @@ def _strains(twist: FloatArray, change: FloatArray) -> FloatArray:
     return strain
 
 
-def papers_derivatives(
-    solve: Callable[[FloatArray], Solution],
-    energy: SectionEnergy,
-    grid: StationGrid,
-    twist: FloatArray,
-    frames: Quaternions,
-    tensions: FloatArray,
-    batch: int,
-) -> Sensitivity:
-    """Of ``twist`` (4, nodes) and ``frames``, a solution of the paper's model ``solve``.
+def papers_twist_changes(
+    solve: Callable[[FloatArray], Solution], energy: SectionEnergy, tensions: FloatArray, batch: int
+) -> FloatArray:
+    """Change (4, tendons + 1, nodes) of the twist of a paper's model ``solve`` by tensions and E.
 
     ``batch`` of them are solved at once.
 
@@ -174,10 +164,8 @@ def papers_derivatives(
     moved = tensions + 1j * step * np.eye(tensions.size)
     parts = [moved[first : first + batch] for first in range(0, len(moved), batch)]
     by_tension = np.concatenate([solve(part).twist.imag for part in parts], axis=1) / step
-    changes = np.zeros((4, tensions.size + 1, twist.shape[1]))
-    changes[:, :-1] = by_tension
-    changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
-    return Sensitivity(*from_twist_changes(energy, grid, twist, frames, changes, [tensions.size]))
+    by_young = np.einsum('ijn,j->in', by_tension, -tensions)
+    return np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
 
 
 def from_twist_changes(
@@ -197,6 +185,20 @@ def from_twist_changes(
     by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = lengths_along(by_twist * integration_weights(grid), changes)
     return _split(pose, strains, length, counts)
+
+
+def tip_from_twist_changes(
+    grid: StationGrid, twist: FloatArray, frames: Quaternions, changes: FloatArray
+) -> FloatArray:
+    """Change of the tip alone, (6, columns), otherwise as `from_twist_changes`."""
+    rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
+    # A bend turns what lies beyond about itself.
+    lever = integrate_from_tip(rotation[:, 0] * twist[3], grid)
+    by_twist = np.zeros((6, 4, twist.shape[1]))
+    by_twist[:3, :3] = cross(rotation, np.broadcast_to(lever[:, np.newaxis], rotation.shape))
+    by_twist[:3, 3] = rotation[:, 0]
+    by_twist[3:, :3] = rotation
+    return np.tensordot(by_twist * integration_weights(grid), changes, axes=([1, 2], [0, 2]))
 
 
 def lengths_along(weighted: FloatArray, changes: FloatArray) -> FloatArray:

@@ -38,7 +38,7 @@ def by_loads(
     dead = [_resultants(problem.collocation, arm, one) for one in loads]
     force, moment = (np.array(part) for part in zip(*dead, strict=True))
     if rod.differentiate is not None:
-        return Change(*rod.differentiate(condition, shape, force, moment, False))
+        return Change(*rod.differentiate(condition, shape, (force, moment)))
     state, twist = problem.state(condition, shape), shape.twist
     response = problem.linearised(state).solve(_wrenches(problem, state, force, moment))
     pose, strains = read_out(rod, state, response)
