@@ -1,5 +1,7 @@
 # make run        an arm without hardware, shown at http://localhost:8080, its tendons in your hand;
 #                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port
+# make touch      the same arm, pushed again and again: from tensions, tip and markers with noise
+#                 an estimator finds the force, and says how well it knows the shape
 # make octopus    eight arms around a body, crawling
 # make test       all tests; ARGS='-k name' passes options to pytest,
 #                 NUMPY=1.26 SCIPY=1.11 tests on those versions
@@ -18,13 +20,16 @@ export PYTHON
 export OCTO_ARM_NUMPY := $(NUMPY)
 export OCTO_ARM_SCIPY := $(SCIPY)
 
-.PHONY: help run octopus test lint bench soak docs screenshots prepare clean
+.PHONY: help run touch octopus test lint bench soak docs screenshots prepare clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
 
 run: prepare
 	@tools/with_ros octo_arm_demo $(ARM) --port $(PORT)
+
+touch: prepare
+	@tools/with_ros octo_arm_demo $(ARM) --estimate --port $(PORT)
 
 octopus: prepare
 	@tools/with_ros octo_arm_octopus $(ARM) --port $(PORT)

@@ -29,6 +29,16 @@ def demo() -> int:
     return _run('octo_arm_model.apps.demo', 0)
 
 
+def estimator() -> int:
+    """Run ``octo_arm_estimator``."""
+    return _run('octo_arm_model.ros.estimator.main', 0)
+
+
+def lifecycle_estimator() -> int:
+    """Run ``octo_arm_lifecycle_estimator``."""
+    return _run('octo_arm_model.ros.estimator.lifecycle', 0)
+
+
 def lifecycle_node() -> int:
     """Run ``octo_arm_lifecycle_node``."""
     return _run('octo_arm_model.ros.node.lifecycle', 0)

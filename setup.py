@@ -51,6 +51,8 @@ setup(
         'console_scripts': [
             'octo-arm = octo_arm_start:command_line',
             'octo_arm_demo = octo_arm_start:demo',
+            'octo_arm_estimator = octo_arm_start:estimator',
+            'octo_arm_lifecycle_estimator = octo_arm_start:lifecycle_estimator',
             'octo_arm_lifecycle_node = octo_arm_start:lifecycle_node',
             'octo_arm_node = octo_arm_start:node',
             'octo_arm_octopus = octo_arm_start:octopus',

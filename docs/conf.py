@@ -14,6 +14,7 @@ from sphinx.application import Sphinx
 from octo_arm_model import __version__
 from octo_arm_model.config.parameter import as_markdown
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR
 
 project = 'octo_arm_model'
@@ -39,7 +40,11 @@ napoleon_use_ivar = True
 # The manual's tables of parameters are generated from their declarations.
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
-for _name, _table in (('parameters', PARAMETERS), ('simulator_parameters', SIMULATOR)):
+for _name, _table in (
+    ('parameters', PARAMETERS),
+    ('simulator_parameters', SIMULATOR),
+    ('estimator_parameters', ESTIMATOR_PARAMETERS),
+):
     (_GENERATED / f'{_name}.md').write_text(as_markdown(_table), encoding='utf-8')
 
 

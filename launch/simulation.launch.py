@@ -4,7 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.config import load_config, load_parameters
 from octo_arm_model.ros.launch_parts import (
     arm_node,
     declare,
@@ -15,6 +15,7 @@ from octo_arm_model.ros.launch_parts import (
     value_of,
 )
 from octo_arm_model.simulation.parameters import for_arm_node
+from octo_arm_model.simulation.touched_arm import touched
 
 
 def start(context):
@@ -27,8 +28,14 @@ def start(context):
     of_simulator.append(sim_time())
     if value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
+    program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
+    if value_of('estimate', context).lower() in ('true', '1'):
+        of_sensors, of_estimator = touched(load_config(value_of('params_file', context)))
+        of_simulator.append(of_sensors)
+        of_truth = {'model': of_sensors['model']}
+        program, of_arm = 'octo_arm_estimator', {**of_load_cells, **of_estimator}
     actions = [
-        arm_node(context, **of_load_cells),
+        arm_node(context, program, **of_arm),
         node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
         rviz('octo_arm.rviz', namespace),
     ]
@@ -37,7 +44,7 @@ def start(context):
         prefix = value_of('frame_prefix', context) or load_parameters(
             value_of('params_file', context)
         ).get('frame_prefix', '')
-        truth = sim_time() | {'frame_prefix': f'{prefix}ground_truth_'}
+        truth = sim_time() | {'frame_prefix': f'{prefix}ground_truth_', **of_truth}
         name, where = 'octo_arm', [namespace, '/ground_truth']
         actions.append(node('octo_arm_node', name, where, params_file, truth))
     return actions
@@ -58,6 +65,12 @@ def generate_launch_description():
                 'profile',
                 default_value='',
                 description='movement or file to play over and over; empty to wait for commands',
+            ),
+            DeclareLaunchArgument(
+                'estimate',
+                default_value='false',
+                description='whether the arm is pushed again and again and measured with noise, '
+                'and octo_arm_estimator runs in place of octo_arm_node',
             ),
             DeclareLaunchArgument(
                 'ground_truth',

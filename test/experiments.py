@@ -85,6 +85,14 @@ def measured(
     return shapes(lines, pulls, rng, noise, frames=8)
 
 
+def with_encoders(
+    step: MeasuredShape, lengths: np.ndarray, is_driven: bool = False
+) -> MeasuredShape:
+    """A ``step`` in which encoders read ``lengths`` (tendons,) [m]."""
+    window = dataclasses.replace(step.window, displacements=lengths, is_driven=is_driven)
+    return dataclasses.replace(step, window=window)
+
+
 def tips(steps: list[MeasuredShape]) -> list[MeasuredShape]:
     """The same ``steps`` of which the tips alone were measured."""
     return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]

@@ -12,16 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import trapezoid
 from scipy.optimize import least_squares, minimize
 
 from octo_arm_model.analysis.targets import Stiffness, Target
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import check_highest
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
@@ -113,22 +110,6 @@ def find_tensions(
     if search.distance(best) <= enough:
         best = search.relax(best, enough)
     return search.result(best)
-
-
-def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
-    """Default upper bounds of tensions [N], of `Arm.tension_shape`.
-
-    Of each tendon the tension that alone compresses the cross section at its anchorage by
-    ``part``, or, if that is less, as for slender rods, bends the arm by two turns to first order.
-    """
-    highest = np.empty(len(arm.tendons))
-    for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
-        s = np.linspace(0.0, arm.sections[section - 1].anchorage, 101)
-        stiffness = SectionStiffness.at(arm, s)
-        turn = float(trapezoid(tendon.offset.value(s) / stiffness.bending, s))
-        bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
-        highest[j] = min(part * float(stiffness.axial[-1]), bending)
-    return highest.reshape(arm.tension_shape)
 
 
 class _Search:

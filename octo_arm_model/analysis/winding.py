@@ -50,13 +50,12 @@ class Wound:
 
 def tendon_compliance(solver: Solver) -> FloatArray:
     """By how much each tendon itself stretches per newton [m/N], (tendons,)."""
-    arm = solver.arm
-    whole = solver.rest_lengths.ravel().copy()
-    if arm.free_length:
-        whole += arm.free_length
-    stiffness = np.array(arm.axial_stiffness or np.zeros(whole.size))
-    does = stiffness > 0.0
-    return np.divide(whole, stiffness, out=np.zeros_like(whole), where=does)
+    return solver.arm.tendon_compliance(solver.rest_lengths.ravel())
+
+
+def stretching_lengths(solver: Solver) -> FloatArray:
+    """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
+    return solver.arm.stretching_lengths(solver.rest_lengths.ravel())
 
 
 class Winding:

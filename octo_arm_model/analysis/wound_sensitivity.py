@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.analysis.winding import Wound, tendon_compliance
+from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.tendon_sums import transmission
@@ -66,7 +66,7 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
     young = held(found.by_youngs_modulus)
     assert young is not None
     # A tendon that stretches does so over its unloaded length too.
-    stretch = 1.0 + tensions * _per_length(solver, compliance)
+    stretch = 1.0 + tensions * compliance / stretching_lengths(solver)
     return WoundSensitivity(
         by_displacement=_times(by_tension, tension),
         tension=tension,
@@ -75,7 +75,7 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             young,
             held(found.by_tip_wrench),
             held(found.by_poisson_ratio),
-            held(found.by_offset, np.diag(stretch * _rest_by_offset(solver))),
+            held(found.by_offset, np.diag(stretch * rest_by_offset(solver))),
             held(found.by_sheath_stiffness),
         ),
     )
@@ -94,15 +94,7 @@ def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
     )
 
 
-def _per_length(solver: Solver, compliance: FloatArray) -> FloatArray:
-    """Strain of each tendon per newton [1/N]."""
-    arm = solver.arm
-    free = np.array(arm.free_length or np.zeros(compliance.size))
-    strain: FloatArray = compliance / (solver.rest_lengths.ravel() + free)
-    return strain
-
-
-def _rest_by_offset(solver: Solver) -> FloatArray:
+def rest_by_offset(solver: Solver) -> FloatArray:
     """Derivative of each unloaded length with the tendon's distance from the midline (tendons,).
 
     Only of tendons that wind about it.

@@ -1,12 +1,14 @@
-"""The program `octo_arm_demo`: node, simulator and viewer of one arm, with a status line."""
+"""The program `octo_arm_demo`: node or estimator, simulator and viewer of one arm."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -19,12 +21,14 @@ from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import profile_names
+from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser
 from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
+_SLOWLY = 0.3  # speed of the movement of an arm that is pushed
 _POLL = 1.0 / 30.0  # [s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
@@ -32,6 +36,7 @@ examples:
   octo_arm_demo config/renda2012_table4.yaml
   octo_arm_demo renda2012_table2 --port 8081
   octo_arm_demo renda2012_prototype --no-viewer
+  octo_arm_demo renda2012_prototype --estimate   # it is pushed; who pushes it is found out
 
 The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
 """
@@ -63,6 +68,12 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         'config', metavar='CONFIG', help='ROS parameter file of the arm, or the name of a preset'
     )
+    parser.add_argument(
+        '--estimate',
+        action='store_true',
+        help='push the arm again and again, and run octo_arm_estimator in place of the node: from '
+        'tensions, tip and markers with noise it finds the force',
+    )
     add_optional_page(parser)
     return parser
 
@@ -72,16 +83,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = build_parser().parse_args(arguments)
     try:
         path = str(find_path(options.config))
-        movement = movement_of(find_config(path).arm)
+        config = find_config(path)
+        movement = movement_of(config.arm)
     except OctoArmError as error:
         return fail(_PROG, error)
     is_over = stop_signals()
     common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
-    playing = (f'rate:={RATE}', f'profile.name:={movement}', 'profile.loop:=true')
-    commands = (
-        ('octo_arm_model.ros.node.main', *common),
-        ('octo_arm_model.ros.simulator_node', *common, *(a for p in playing for a in ('-p', p))),
-    )
+    playing: dict[str, Any] = {'rate': RATE, 'profile.name': movement, 'profile.loop': True}
+    commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common)]
+    if options.estimate:
+        pushing, estimating = touched(config)
+        playing |= {**pushing, 'profile.speed': _SLOWLY}
+        commands = [('octo_arm_model.ros.estimator.main', *common, *_given(estimating))]
+    commands.append(('octo_arm_model.ros.simulator_node', *common, *_given(playing)))
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
@@ -102,6 +116,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             step()
             line.show(lambda: describe(client))
         return 0 if is_over() else fail(_PROG, ended(started), 1)
+
+
+def _given(parameters: Mapping[str, Any]) -> list[str]:
+    """Arguments of ROS for ``parameters``."""
+    return [
+        word
+        for name, value in parameters.items()
+        for word in ('-p', f'{name}:={json.dumps(value)}')
+    ]
 
 
 def _watching(client: ArmClient) -> Callable[[], None]:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.analysis.wound_sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
@@ -16,6 +15,7 @@ from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'

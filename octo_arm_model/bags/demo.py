@@ -12,7 +12,6 @@ from rosbags.interfaces import Connection
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model.analysis.displacement import displacements_of
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.types import known_types
@@ -24,6 +23,7 @@ from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
@@ -54,8 +54,10 @@ class Experiment:
         midline_noise: standard deviation of each coordinate of a midline [m].
         dropped: share of the midlines that are missing [-].
         outliers: share of the midlines with points that are nowhere near the arm [-].
-        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it the
-            encoders of the winches are recorded as well.
+        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it, or
+            with the next, the encoders of the winches are recorded as well.
+        axial_stiffness: true E A of the tendons themselves [N]; 0 for that of the config.
+        encoder_noise: standard deviation of what an encoder reads [m].
         friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
             down again the way they came.
 
@@ -74,6 +76,8 @@ class Experiment:
     dropped: float = 0.05
     outliers: float = 0.03
     sheath: float = 0.0
+    axial_stiffness: float = 0.0
+    encoder_noise: float = 2e-5
     friction: float = 0.0
 
     def __post_init__(self) -> None:
@@ -81,6 +85,7 @@ class Experiment:
         positive('--stiffness', self.stiffness, 'of that of the config')
         finite('--clock-offset', self.clock_offset)
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
+        not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
         not_negative('--friction', self.friction, 'coefficient', '-')
 
 
@@ -115,8 +120,11 @@ def add_demo(
     for time, tension in zip(sampled, measured):
         messages.add_tension(time, tension)
 
-    if experiment.sheath:
+    if experiment.sheath or experiment.axial_stiffness:
         reeled_in = _reeled_in(parameters, np.interp(sampled, times, pulls), experiment)
+        # Random numbers of their own: all else is the same with encoders and without.
+        noise = np.random.default_rng([seed, 1]).standard_normal(reeled_in.shape)
+        reeled_in += experiment.encoder_noise * noise
         for time, displacements in zip(sampled, reeled_in):
             messages.add_displacements(time, displacements)
 
@@ -178,6 +186,8 @@ def _true_config(parameters: Mapping[str, Any], experiment: Experiment) -> Confi
             stiffer[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
     if experiment.sheath:
         stiffer['tendons.sheath_stiffness'] = [experiment.sheath]
+    if experiment.axial_stiffness:
+        stiffer['tendons.axial_stiffness'] = [experiment.axial_stiffness]
     if experiment.friction:
         stiffer['tendons.friction'] = [experiment.friction]
     return Config.from_parameters({**parameters, **stiffer})

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.tensions import Reading, stampable
-from octo_arm_model.bags.topics import names
+from octo_arm_model.bags.topics import names, pick_topic
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import BagError, OctoArmError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
@@ -36,6 +36,37 @@ class DisplacementTopic:
         except (AttributeError, TypeError, ValueError) as error:
             # The bag defines the type otherwise: fields are missing or of other types.
             return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
+
+
+def read_topic(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:
+    """Every message of ``topic``, read as the node reads it.
+
+    Raises:
+        BagError: if the bag is damaged.
+    """
+    displacements = DisplacementTopic(reader, arm)
+    for record in reader.messages([topic]):
+        yield from displacements.read([record])
+
+
+def pick_displacements(reader: BagReader, wanted: str | None) -> str | None:
+    """Topic of displacements: ``wanted``, or that with the usual name; None where there is none.
+
+    Raises:
+        BagError: if there is no ``wanted`` one, it is of another type, or there are several.
+    """
+    if wanted is not None:
+        return pick_topic(reader, wanted, (TYPE_NAME,), 'displacements')
+    found = [
+        topic
+        for topic, type_name in reader.topics.items()
+        if holds_displacements(topic, type_name) and reader.count([topic])
+    ]
+    if len(found) > 1:
+        raise BagError(
+            f'{reader.path}: several topics of displacements, name one of {", ".join(found)}'
+        )
+    return found[0] if found else None
 
 
 def holds_displacements(topic: str, type_name: str) -> bool:

@@ -57,7 +57,7 @@ def replay(
         if reader.topics.get(arm.prefix + _WRENCH) and reader.count([arm.prefix + _WRENCH]):
             report.notes.append(f'{arm.prefix}{_WRENCH} is not applied, which the node would')
     written = {topic for output in outputs for topic in output.written}
-    copies = _open_copies(reader, writer, written, report) if copy else {}
+    copies, report.not_copied = open_copies(reader, writer, written) if copy else ({}, {})
     wanted = sorted({*of_topic, *(topic for topic, _ in copies)})
     done, total = 0, reader.count(wanted)
     progress(done, total)
@@ -140,22 +140,26 @@ class _Output:
         return dict(zip(places, answers))
 
 
-def _open_copies(
-    reader: BagReader, writer: BagWriter, written: Iterable[str], report: Report
-) -> dict[tuple[str, str], Connection]:
-    """Where to copy messages to, by topic and type."""
+def open_copies(
+    reader: BagReader, writer: BagWriter, written: Iterable[str]
+) -> tuple[dict[tuple[str, str], Connection], dict[str, str]]:
+    """Where to copy messages to, by topic and type, and which topics are not copied, and why.
+
+    Those ``written`` anew are not.
+    """
     copies: dict[tuple[str, str], Connection] = {}
+    left_out: dict[str, str] = {}
     for source in reader.connections():
         key = source.topic, source.msgtype
         if source.topic in written:
-            report.not_copied[source.topic] = 'written anew'
+            left_out[source.topic] = 'written anew'
         elif key not in copies:
             copied = writer.add_copy(reader, source)
             if copied is None:
-                report.not_copied[source.topic] = f'nothing says what {source.msgtype} is'
+                left_out[source.topic] = f'nothing says what {source.msgtype} is'
             else:
                 copies[key] = copied
-    return copies
+    return copies, left_out
 
 
 def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
@@ -68,10 +69,13 @@ def read_tensions(
         yield from tensions.read(some)
 
 
-def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
+def pick_tensions(
+    reader: BagReader, wanted: str | None, without: str | None = None
+) -> tuple[str, str]:
     """Topic of tensions and the field they are in, '' for the usual one of its type.
 
-    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is.
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is ``without`` one that
+    is read as something else.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
@@ -87,7 +91,7 @@ def pick_tensions(reader: BagReader, wanted: str | None) -> tuple[str, str]:
             )
         return topic, field
     try:
-        topic = pick_topic(reader, wanted, TYPES, 'tensions')
+        topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [one if one in reader.topics else f'/{one}' for one in others]
@@ -109,13 +113,17 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
 class TensionTopic:
     """Reads the messages of one topic: those laid out like one before them many at once."""
 
-    def __init__(self, reader: BagReader, config: Config, field: str = '') -> None:
+    def __init__(
+        self, reader: BagReader, config: Config, field: str = '', raw: bool = False
+    ) -> None:
         """Read from ``reader`` for the arm and the load cells of ``config``.
 
-        Tensions are in ``field``, if that is given.
+        Tensions are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
         """
         self._field = field
         self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
+        cells = config.load_cells
+        self._calibrated = cells.scale_and_offset if raw else partial(cells.tensions, config.arm)
         self._layout: TensionLayout | None = None
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
@@ -135,7 +143,7 @@ class TensionTopic:
         if given is not None:
             stamps = [one if any(one) else received for one, received in zip(given, stamps)]
         try:
-            tensions = self._load_cells.tensions(self._arm, tensions)
+            tensions = self._calibrated(tensions)
         except TensionError:
             readings = [self._checked(*pair) for pair in zip(stamps, tensions)]
         else:
@@ -171,7 +179,7 @@ class TensionTopic:
 
     def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
         try:
-            return Reading(stamp, self._load_cells.tensions(self._arm, readings), '')
+            return Reading(stamp, self._calibrated(readings), '')
         except TensionError as error:
             return Reading(stamp, None, str(error))
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
@@ -38,14 +39,19 @@ def is_usual(topic: str) -> bool:
 
 
 def pick_topic(
-    reader: BagReader, wanted: str | None, types: Sequence[str] | None, what: str
+    reader: BagReader,
+    wanted: str | None,
+    types: Sequence[str] | None,
+    what: str,
+    without: str | None = None,
 ) -> str:
     """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
 
     ``types`` are None where ``wanted`` may be of any.
 
-    What the model answers with is none unless wanted. Of several topics that with messages is
-    taken, or with a usual name such as tendon_tensions, in whatever namespace.
+    What the model answers with is none unless wanted, nor are displacements, nor the topic
+    ``without`` which the choice is made, as it is read as something else. Of several topics that
+    with messages is taken, or with a usual name such as tendon_tensions, in whatever namespace.
 
     Raises:
         BagError: if there is none, or several; the message lists what is there.
@@ -65,7 +71,10 @@ def pick_topic(
     found = [
         topic
         for topic, type_name in reader.topics.items()
-        if type_name in (types or ()) and not is_answer(topic)
+        if type_name in (types or ())
+        and not is_answer(topic)
+        and not names(topic, DISPLACEMENTS)
+        and topic != without
     ]
     for narrower in (
         [topic for topic in found if reader.count([topic])],

@@ -4,22 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 from octo_arm_model.cli.options import add_config_option, add_number, add_path, add_tendons
-from octo_arm_model.cli.progress import Bar
-from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.csv_table import read_columns
-from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
-from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
-from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
+from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS
 
 ALL = 'all'
 EPILOG = """\
@@ -93,6 +83,13 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='TOPIC[:FIELD]',
         help='tensions, or any numeric field of any topic; by default the only ones there',
     )
+    parser.add_argument(
+        '--displacements',
+        metavar='TOPIC',
+        help='lengths that winches have reeled in, as encoders read them '
+        '(sensor_msgs/JointState, position [m] by name); by default tendon_displacements; where '
+        'no tensions were recorded these follow from them (model exact)',
+    )
     add_tendons(parser)
     parser.add_argument(
         '--align',
@@ -102,12 +99,14 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
     )
     tables = parser.add_argument_group(
-        'CSV files', 'in place of topics; with both of them there is no BAG'
+        'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
     )
     text = 'tensions: time [s] and a column for each tendon [N]'
     add_path(tables, '--tension-csv', 'CSV', text)
     text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
     add_path(tables, '--midline-csv', 'CSV', text)
+    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
+    add_path(tables, '--displacement-csv', 'CSV', text)
     tables.add_argument(
         '--columns',
         nargs='+',
@@ -153,96 +152,3 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     )
     settle = 'time from its beginning until the arm is at rest [s]'
     add_number(pairing, '--settle', 0.5, settle, 'S')
-
-
-def read_options(
-    options: argparse.Namespace, default_models: Sequence[str] = ()
-) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
-    """The recording of `add_recording`'s options, and how it is to be compared.
-
-    Without --model it is ``default_models``, or the config's if there are none.
-
-    Returns:
-        The recording, its shapes, the models, the alignment (None for one to be fitted) and
-        notes on these choices.
-
-    Raises:
-        OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
-    """
-    tolerance, offset = options.tolerance, options.clock_offset
-    if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise ConfigError(f'--tolerance is {tolerance!r}, expected a time >= 0 [s]')
-    if offset is not None and not math.isfinite(offset):
-        raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
-    steady = SteadyRule(options.steady, options.hold, options.settle)
-    if options.align is not None:
-        _alignment(options.align)  # Checked before the bag is read.
-    measured = Measured(
-        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
-        options.length_unit,
-    )  # fmt: skip
-    columns = read_columns(options.columns)
-    with Bar('messages, rows and values') as bar:
-        recording = read_recording(
-            options.bag,
-            options.config,
-            options.tensions,
-            measured,
-            CsvSources(options.tension_csv, options.midline_csv, columns),
-            options.tendons,
-            progress=bar.on_terminal,
-        )
-    config = Config.from_parameters(recording.parameters)
-    notes: list[str] = []
-    if options.align is not None:
-        alignment = _alignment(options.align)
-    elif recording.frame_id == config.base_frame:
-        alignment = Alignment.none()
-        notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
-    else:
-        alignment = None
-        notes.append(
-            f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
-            'alignment is fitted'
-        )
-    ramp = options.ramp
-    width = None if ramp is None or math.isnan(ramp) else ramp
-    pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
-    with Bar('clock offsets') as bar:
-        observations = observe(recording, pairing, alignment, bar.on_terminal)
-    return (
-        recording,
-        observations,
-        _models(options.model or default_models, config),
-        alignment,
-        notes,
-    )
-
-
-def _models(given: Sequence[str], config: Config) -> list[str]:
-    if not given:
-        return [config.model]
-    return list(MODELS) if ALL in given else list(dict.fromkeys(given))
-
-
-def _alignment(words: Sequence[str]) -> Alignment | None:
-    """The alignment of ``--align``; None for one to be fitted.
-
-    Raises:
-        ConfigError: if it is none.
-    """
-    if list(words) == ['fit']:
-        return None
-    if list(words) == ['none']:
-        return Alignment.none()
-    try:
-        x, y, z, *quaternion = (float(word) for word in words)
-        a, b, c, d = quaternion
-    except ValueError:
-        raise ConfigError(
-            f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
-        ) from None
-    try:
-        return Alignment.from_pose(Pose((x, y, z), (a, b, c, d)))
-    except ConfigError as error:
-        raise ConfigError(f'--align: {str(error).replace("base.", "")}') from error

@@ -7,8 +7,9 @@ from typing import Any
 
 from octo_arm_model.experiment.fitting.fitted_file import in_words
 from octo_arm_model.experiment.fitting.held_back import Misfit
-from octo_arm_model.experiment.fitting.identify import Identification
+from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.model_choice import envelope_of, rank
+from octo_arm_model.experiment.fitting.unknown import is_of_arm
 from octo_arm_model.experiment.recording.observations import Observations
 
 
@@ -107,7 +108,7 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
             values = ', '.join(
                 f'{name} {estimate.value:.5g} {estimate.unit}'
                 for name, estimate in one.estimates.items()
-                if estimate.value is not None and not name.startswith('alignment')
+                if estimate.value is not None and is_of_arm(name)
             )
             lines.append(f'  {one.model:<33}{_cells(one.cross_validation)}   {values}')
     return '\n'.join(lines)

@@ -6,10 +6,11 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording, read_options
+from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording
 from octo_arm_model.cli.fit_report import as_dict, summary
 from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
 from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.read_experiment import read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import compare
@@ -17,9 +18,10 @@ from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.fitted_file import as_config
 from octo_arm_model.experiment.fitting.held_back import AUTO
-from octo_arm_model.experiment.fitting.identify import Identification, identify
+from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
-from octo_arm_model.experiment.fitting.unknowns import FITS
+from octo_arm_model.experiment.fitting.unknown import FITS
 
 _DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
@@ -28,9 +30,10 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
   {'  '.join(FITS)}
 
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
-renda2012 and steps that were loaded and unloaded. The alignment is fitted as well where --align is
-'fit', or not given while the midlines are not in base_frame. What the data cannot tell is left as
-it is, one parameter at a time, and said.
+renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
+encoder readings of tendons under tension, with an unknown zero for each. The alignment is fitted
+as well where --align is 'fit', or not given while the midlines are not in base_frame. What the
+data cannot tell is left as it is, one parameter at a time, and said.
 """
 _EXAMPLES = """\
 examples:
@@ -39,6 +42,7 @@ examples:
   octo-arm identify experiment --model exact --fit youngs_modulus tension_offset --json
   octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
   octo-arm identify experiment --model exact --fit youngs_modulus friction
+  octo-arm identify experiment --model exact --fit youngs_modulus axial_stiffness
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
 degrees of freedom are one less than the loads that matter. They hold what differs from one load

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.inverse import Inverse, default_highest, find_tensions
+from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.cli.options import (
     add_config,
@@ -23,6 +23,7 @@ from octo_arm_model.cli.options import (
 from octo_arm_model.cli.report import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.solver import Solver
 
 _DESCRIPTION = """\

@@ -29,7 +29,8 @@ and 1 s to the next. Topics:
                      the midlines missing, 3 percent outliers, and stamps of a clock that is ahead
   /arm_description   std_msgs/String, latched: the arm as the config has it
   /tendon_displacements
-                     sensor_msgs/JointState, 100 Hz, with --sheath: what encoders of winches read
+                     sensor_msgs/JointState, 100 Hz, with --sheath or --axial-stiffness: what
+                     encoders of winches read, noise of 0.02 mm
   /note              std_msgs/String, latched: what this is
 """
 _EPILOG = """\
@@ -37,6 +38,7 @@ examples:
   octo-arm record-demo experiment
   octo-arm record-demo experiment --storage sqlite3 --seed 7
   octo-arm record-demo digging --sheath 250000
+  octo-arm record-demo stretching --axial-stiffness 300
   octo-arm record-demo softer --stiffness 0.8 --clock-offset -0.2
   octo-arm record-demo rough --friction 0.2
 
@@ -64,6 +66,8 @@ def add_command(commands: Any) -> None:
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
     add_number(parser, '--sheath', 0.0, sheath, 'K')
+    stretch = 'true E A of the tendons themselves [N]; 0 for that of the config'
+    add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
     add_number(
         parser,
         '--friction',
@@ -84,6 +88,7 @@ def _run(options: argparse.Namespace) -> None:
         stiffness=options.stiffness,
         clock_offset=options.clock_offset,
         sheath=options.sheath,
+        axial_stiffness=options.axial_stiffness,
         friction=options.friction,
     )
     custom = custom_data(experiment, options.seed)

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.cli.options import (
     add_config,
@@ -22,6 +21,7 @@ from octo_arm_model.cli.options import (
 )
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.highest_tensions import default_highest
 
 _DESCRIPTION = """\
 Find where the tip of the arm can go: solve it for many sets of tensions, spread evenly between 0

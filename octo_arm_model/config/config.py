@@ -20,11 +20,12 @@ from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
+from octo_arm_model.config.ros_parameters import parameters_of
+from octo_arm_model.config.yaml_files import dump_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.core.errors import ConfigError, OctoArmError
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
@@ -174,7 +175,7 @@ def load_config(path: str | Path) -> Config:
             the file.
     """
     with naming(path):
-        return Config.from_parameters(_parse(read_text(path, MAX_YAML_BYTES)))
+        return Config.from_parameters(parameters_of(read_text(path, MAX_YAML_BYTES)))
 
 
 def load_parameters(path: str | Path) -> dict[str, Any]:
@@ -184,7 +185,7 @@ def load_parameters(path: str | Path) -> dict[str, Any]:
         ConfigError: if the file cannot be read or is no parameter file; the message names it.
     """
     with naming(path):
-        return _parse(read_text(path, MAX_YAML_BYTES))
+        return parameters_of(read_text(path, MAX_YAML_BYTES))
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
@@ -194,7 +195,7 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
         ConfigError: if it is no parameter file.
     """
     with naming(name):
-        return _parse(text)
+        return parameters_of(text)
 
 
 def parameters_as_yaml(values: Mapping[str, Any]) -> str:
@@ -205,17 +206,6 @@ def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     return dump_yaml({'/**': {'ros__parameters': plain}})
 
 
-def is_of_every_node(name: str) -> bool:
-    """Whether ROS declares the parameter ``name`` for every node; `ros2 param dump` writes it."""
-    own = ('start_type_description_service', 'use_sim_time')
-    return name in own or name.startswith('qos_overrides.')
-
-
-def _parse(text: str) -> dict[str, Any]:
-    values = _flatten(_ros_parameters(load_yaml(text)))
-    return {name: value for name, value in values.items() if not is_of_every_node(name)}
-
-
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
     """Convert every error of a parameter file to one that names the file."""
@@ -224,34 +214,3 @@ def naming(path: str | Path) -> Iterator[None]:
             yield
         except OctoArmError as error:
             raise ConfigError(f'{path}: {error}') from error
-
-
-def _ros_parameters(document: object) -> Mapping[str, Any]:
-    if not isinstance(document, dict):
-        raise ConfigError("no node name at the top, expected '/**:' and ros__parameters below it")
-    nodes = [
-        name
-        for name, content in document.items()
-        if isinstance(content, dict) and 'ros__parameters' in content
-    ]
-    if len(nodes) != 1:
-        raise ConfigError(
-            f'ros__parameters found below {nodes or "no node name"}, '
-            "expected exactly one, best below '/**:'"
-        )
-    parameters = document[nodes[0]]['ros__parameters']
-    if not isinstance(parameters, dict):
-        raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
-    return parameters
-
-
-def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings to dotted names."""
-    flat: dict[str, Any] = {}
-    for key, value in parameters.items():
-        name = f'{prefix}{key}'
-        found = _flatten(value, name + '.') if isinstance(value, dict) else {name: value}
-        for twice in flat.keys() & found.keys():
-            raise ConfigError(f'{twice} is given twice, nested and with a dot')
-        flat.update(found)
-    return flat

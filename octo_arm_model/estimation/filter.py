@@ -13,7 +13,7 @@ from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.update import Updated, update
+from octo_arm_model.estimation.update import Innovation, Updated, update
 
 GATE = 0.9999
 MAX_STEPS = 1000  # that a window holds
@@ -70,6 +70,7 @@ class Filter:
         model: the arm.
         refused: how many measurements the gate refused, by name.
         late: how many came later than the window.
+        innovations: of the last that were added.
     """
 
     def __init__(self, model: ArmModel, window: float = 0.0, gate: float = GATE) -> None:
@@ -87,6 +88,7 @@ class Filter:
         self.model, self._window, self._gate = model, window, gate
         self.refused: dict[str, int] = {}
         self.late = 0
+        self.innovations: tuple[Innovation, ...] = ()
         self._first: float | None = None
         self._steps: list[Step] = []
 
@@ -130,6 +132,7 @@ class Filter:
         return self._estimate(newest)
 
     def _count(self, updated: Updated) -> None:
+        self.innovations = updated.innovations
         for one in updated.innovations:
             if not one.is_accepted:
                 self.refused[one.name] = self.refused.get(one.name, 0) + 1

@@ -133,18 +133,24 @@ class Tensions(_OfTendons):
 
 
 class TendonDisplacements(_OfTendons):
-    """By how much each tendon is shorter within the arm than without tensions [m]."""
+    """Length that the winch of each tendon has reeled in [m].
+
+    By so much it is shorter within the arm than without tensions, and stretched itself.
+    """
 
     name = 'tendon displacements'
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (m,) [m]."""
-        drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths
+        stretched = at.model.tendon_compliance * at.x[at.model.state.tension]
+        drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths + stretched
         return self.value - drawn_in[self._which(at)]
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
-        return -at.change.tendon_length[self._which(at)]
+        by_state, state = -at.change.tendon_length, at.model.state
+        by_state[:, state.tension] += np.diag(at.model.tendon_compliance)
+        return by_state[self._which(at)]
 
 
 class TipPosition(Measurement):

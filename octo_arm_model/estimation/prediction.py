@@ -40,6 +40,7 @@ class ArmModel:
         loads: that act besides those of the state.
         unit_loads: loads of magnitude one of which the state holds the magnitudes, from
             ``state.point_forces`` to ``state.current``.
+        tendon_compliance: by how much each tendon itself stretches [m/N], (tendons,).
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class ArmModel:
             dead = dataclasses.replace(dead, others=(*dead.others, self._scaled))
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
+        self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
         self._wrench_parts = [
             state.tip_force.stop > state.tip_force.start,
             state.tip_moment.stop > state.tip_moment.start,

@@ -12,9 +12,9 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
-from octo_arm_model.experiment.fitting.identify import Identification
+from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
-from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
+from octo_arm_model.experiment.fitting.unknown import is_of_arm
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.reproduce.plotting import LINES
 
@@ -36,12 +36,12 @@ def pictures_of(
 
 
 def _shown(fitted: Sequence[Identification]) -> list[str]:
-    """Parameters with a value by any model, without the camera's pose."""
+    """Parameters with a value by any model, without poses and zeros."""
     names = dict.fromkeys(name for one in fitted for name in one.estimates)
     return [
         name
         for name in names
-        if name not in ALIGNMENT
+        if is_of_arm(name)
         and any(name in one.estimates and one.estimates[name].value is not None for one in fitted)
     ]
 

@@ -62,11 +62,11 @@ def overrides(context: LaunchContext, *names: str) -> dict[str, ParameterValue]:
     return {name: text(name) for name in names if value_of(name, context)}
 
 
-def arm_node(context: LaunchContext, **own: Any) -> Node:
+def arm_node(context: LaunchContext, program: str = 'octo_arm_node', **own: Any) -> Node:
     """The node of an arm, its namespace and overrides from the arguments."""
     return node(
-        'octo_arm_node',
-        'octo_arm',
+        program,
+        program.removesuffix('_node'),
         LaunchConfiguration('namespace'),
         LaunchConfiguration('params_file'),
         sim_time() | overrides(context, *_OVERRIDES) | own,

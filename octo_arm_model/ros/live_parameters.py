@@ -13,8 +13,8 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from octo_arm_model.config.config import is_of_every_node
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.ros_parameters import is_of_every_node
 from octo_arm_model.core.errors import ConfigError, OctoArmError
 
 Prepared = TypeVar('Prepared')

@@ -4,7 +4,8 @@ Commanded tensions in, measured tensions out, on the topic that `octo_arm_node` 
 load cells do not see, the tensions as they are, seen through an arm that gives way, goes to
 ``ground_truth/tendon_tensions``: another `octo_arm_node`, in the namespace ``ground_truth``, then
 has the shape that the arm really has. Winches are commanded by tension or, those that are named on
-``tendon_commands/displacements``, by length; what their encoders read goes out where wanted.
+``tendon_commands/displacements``, by length; what their encoders read goes out where wanted. The
+arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_estimator` hears.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from octo_arm_model.ros.node.tension_subscription import (
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.ros.simulated_sensors import SensorPublishers
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
@@ -80,6 +82,7 @@ class SimulatorNode(CheckedNode):
             self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
         )
         table = (*ARM_PARAMETERS, *PARAMETERS)
+        self._sensors = SensorPublishers(self)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         work = WorkQueue(self)
@@ -198,6 +201,11 @@ class SimulatorNode(CheckedNode):
             self._counts['published'] += 1
         if config.encoders:
             self._publish_encoders(effective, stamp)
+        if config.pushed_arm is not None:
+            try:
+                self._sensors.publish(config, effective, elapsed, stamp)
+            except OctoArmError as error:
+                self._refusal_log.warn('push', error)
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""

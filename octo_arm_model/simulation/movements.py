@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,
@@ -19,6 +18,7 @@ from octo_arm_model.config.paper_data import (
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_sums import check_highest
 from octo_arm_model.simulation.profile import CommandProfile

@@ -20,7 +20,9 @@ from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model.simulation.sensors import SENSOR_PARAMETERS, Push, Sensors
 from octo_arm_model.simulation.winches import Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
@@ -66,6 +68,7 @@ PARAMETERS = (
     Parameter('profile.speed', float, 'factor of the speed it is played at [-]', 1.0,
               range='> 0'),
     Parameter('profile.loop', bool, 'whether it is repeated', False),
+    *SENSOR_PARAMETERS,
 )  # fmt: skip
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
@@ -85,6 +88,8 @@ class SimulatorConfig:
         loop: whether it is repeated.
         encoders: whether lengths that the winches have reeled in are published.
         model: what the arm's file says of how it is solved.
+        push: what pushes the arm.
+        sensors: those besides load cells and encoders.
     """
 
     arm: Arm
@@ -97,11 +102,20 @@ class SimulatorConfig:
     loop: bool
     encoders: bool
     model: Config
+    push: Push
+    sensors: Sensors
 
     @functools.cached_property
     def solver(self) -> Solver:
         """Solver of the arm, for lengths of tendons."""
         return self.model.solver()
+
+    @functools.cached_property
+    def pushed_arm(self) -> PushedArm | None:
+        """The arm that is pushed and seen; None where nothing does either."""
+        if not any(self.push.force) and not any(self.sensors.rates):
+            return None
+        return PushedArm(self.model, self.push, self.sensors)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> SimulatorConfig:
@@ -110,6 +124,7 @@ class SimulatorConfig:
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if a value is outside its range.
+            OctoArmError: if the arm cannot be pushed, or seen by the sensors.
             ProfileError: if the profile is invalid, not for this arm, or beyond the limit of a
                 tendon.
         """
@@ -127,7 +142,7 @@ class SimulatorConfig:
         profile = find_profile(name, config.arm) if name else None
         if profile is not None:
             check_profile(profile, config.arm, limits)
-        return cls(
+        found = cls(
             arm=config.arm,
             limits=limits,
             base_frame=config.base_frame,
@@ -143,7 +158,11 @@ class SimulatorConfig:
             loop=own['profile.loop'],
             encoders=encoders,
             model=config,
+            push=Push(**_group(own, 'push')),
+            sensors=Sensors(**_group(own, 'sensors')),
         )
+        found.pushed_arm  # noqa: B018 - what it refuses is refused here
+        return found
 
 
 def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ _MOST_SHOWN = 80  # characters of a header in a message
 class Access:
     """The allowed hosts and origins of a page served on one host."""
 
-    def __init__(self, host: str, origins: Sequence[str] = ()) -> None:
+    def __init__(self, host: str, origins: Sequence[str]) -> None:
         """Allow the page itself on ``host``, and pages of ``origins``, as http://arm.lab:8080.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Messages as bytes and as tensions.
+"""Messages as bytes, as tensions and as measurements.
 
-May import analysis, config and core; nothing of ROS.
+May import analysis, estimation, config and core; nothing of ROS.
 """

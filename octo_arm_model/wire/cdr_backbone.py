@@ -46,7 +46,7 @@ class BackboneWriter:
         self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
         self._tip = Template(_pose_with_covariance(frame))
         self._lengths = Template(_joint_state(frame, tendon_names))
-        self._tensions = Template(_tendon_tensions(frame, tendon_names))
+        self._tensions = Template(tendon_tensions(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message geometry_msgs/PoseArray."""
@@ -167,7 +167,8 @@ def _pose_with_covariance(frame: bytes) -> Layout:
     return layout
 
 
-def _tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
+def tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
+    """Layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
     layout = Layout(frame)
     layout.strings([text_field('tendon name', name) for name in names])
     layout.sequence(len(names))
@@ -175,7 +176,7 @@ def _tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
 
 
 def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
-    layout = _tendon_tensions(frame, names)  # but that the numbers are positions
+    layout = tendon_tensions(frame, names)  # but that the numbers are positions
     layout.count(0)  # no velocities
     layout.sequence(len(names))
     return layout

@@ -12,12 +12,12 @@ from octo_arm_model.wire.cdr_layout import Layout, text_field
 from octo_arm_model.wire.cdr_templates import Template
 
 # Of visualization_msgs/Marker.
-_TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
+TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
 _ADD = 0
 
 BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
 DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
-_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
+ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
 
 
 class MarkersWriter:
@@ -38,24 +38,24 @@ class MarkersWriter:
         frame = text_field('frame_id', frame_id)
         layout = Layout()
         layout.count(1 + drawing.disc_count + len(drawing.tendon_points))
-        _begin(layout, frame, b'body', 0, _TRIANGLE_LIST)
-        layout.constants(_ORIGIN)
+        begin_marker(layout, frame, b'body', 0, TRIANGLE_LIST)
+        layout.constants(ORIGIN)
         layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
         layout.constants(np.array(BODY_COLOUR, '<f4'))
-        _finish(layout, self._corners.size)
+        finish_marker(layout, self._corners.size)
         for index in range(drawing.disc_count):
-            _begin(layout, frame, b'anchorages', index + 1, _CYLINDER)
+            begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
             layout.poses(1)
             layout.numbers(2)
             layout.constants(np.array([drawing.disc_thickness], '<f8'))
             layout.constants(np.array(DISC_COLOUR, '<f4'))
-            _finish(layout, 0)
+            finish_marker(layout, 0)
         for index, points in enumerate(drawing.tendon_points):
-            _begin(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.constants(_ORIGIN)
+            begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
+            layout.constants(ORIGIN)
             layout.constants(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
-            _finish(layout, points)
+            finish_marker(layout, points)
         self._template = Template(layout)
 
     def write(
@@ -129,14 +129,16 @@ class FramesWriter:
         return self._template.write(sec, nanosec, *values)
 
 
-def _begin(layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int) -> None:
+def begin_marker(
+    layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = _ADD
+) -> None:
     """The first fields of a Marker: its pose, scale and colour follow."""
     layout.header(frame)
     layout.string(namespace)
-    layout.constants(np.array([number, kind, _ADD], '<i4'))
+    layout.constants(np.array([number, kind, action], '<i4'))
 
 
-def _finish(layout: Layout, points: int) -> None:
+def finish_marker(layout: Layout, points: int) -> None:
     """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
     layout.zeros(4, 2)  # lifetime
     layout.zeros(1, 1)  # frame_locked

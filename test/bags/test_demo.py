@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
 
 CLEAN = Experiment(
     clock_offset=0.25, hold=1.0, ramp=0.5, camera_rate=4.0, tension_noise=0.0, midline_noise=0.0,
-    dropped=0.0, outliers=0.0,
+    dropped=0.0, outliers=0.0, encoder_noise=0.0,
 )  # fmt: skip
 
 
@@ -67,14 +68,16 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     assert seen > 40
 
 
-def test_a_demo_with_sheaths_has_what_encoders_read(tmp_path: Path) -> None:
-    softer = dataclasses.replace(CLEAN, sheath=2.5e5, tension_rate=5.0)
+@pytest.mark.parametrize('softer', [{'sheath': 2.5e5}, {'axial_stiffness': 300.0}])
+def test_a_demo_with_softer_tendons_has_what_encoders_read(
+    tmp_path: Path, softer: dict[str, float]
+) -> None:
+    experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
     with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, softer, 0)
-    true = {
-        'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0,
-        'tendons.sheath_stiffness': [2.5e5],
-    }  # fmt: skip
+        add_demo(writer, PROTOTYPE, experiment, 0)
+    true: dict[str, Any] = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
+    for name, value in softer.items():
+        true[f'tendons.{name.removesuffix("_stiffness")}_stiffness'] = [value]
     solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
     with BagReader(tmp_path / 'bag') as reader:
         config = Config.from_parameters(PROTOTYPE)
@@ -130,6 +133,7 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
+        (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
     ):
         assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2

@@ -20,7 +20,7 @@ OF_ONE_ARM = {'params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'fram
 ARGUMENTS = {
     'octo_arm': OF_ONE_ARM | {'bag'},
     'octopus': {'params_file', 'use_sim_time', 'rviz', 'model', 'radius', 'base_frame'},
-    'simulation': OF_ONE_ARM | {'simulator_file', 'profile', 'ground_truth'},
+    'simulation': OF_ONE_ARM | {'simulator_file', 'profile', 'estimate', 'ground_truth'},
 }
 # What the shared functions read.
 READ = {
@@ -143,6 +143,16 @@ def test_the_node_knows_what_the_simulated_load_cells_read() -> None:
     values = load_parameters(EXAMPLE)
     assert {name: node[name] for name in for_arm_node(values)} == for_arm_node(values)
     assert node['tension_deadband'] == 0.06
+
+
+def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed() -> None:
+    nodes = started('simulation', estimate='true', ground_truth='true')
+    programs = {program: given for (program, _), given in nodes.items()}
+    assert set(programs) == {'octo_arm_estimator', 'octo_arm_sim', 'octo_arm_node'}
+    assert len(programs['octo_arm_sim']['push.force']) == 3
+    found = programs['octo_arm_estimator']['estimator.marker_s']
+    assert found == programs['octo_arm_sim']['sensors.marker_s'] and len(found) == 2
+    assert programs['octo_arm_node']['model'] == 'exact'
 
 
 def test_the_octopus_has_eight_arms_and_rviz_if_wanted() -> None:

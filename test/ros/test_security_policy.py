@@ -15,11 +15,14 @@ from rclpy.node import Node
 
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
+from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.simulator_node import SimulatorNode
 
 POLICY = ROOT / 'config' / 'sros2' / 'octo_arm_policy.xml'
+ENCLAVES = ('octo_arm', 'octo_arm_estimator', 'octo_arm_sim', 'octo_arm_viewer')
 KINDS = ('publish', 'subscribe', 'reply', 'request')
 Names = dict[str, set[str]]
 
@@ -67,6 +70,11 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         managed.on_configure(None)
         managed.on_activate(None)
         return [OctoArmNode(**options), managed]
+    if enclave == 'octo_arm_estimator':
+        managed = ManagedEstimatorNode(**options)
+        managed.on_configure(None)
+        managed.on_activate(None)
+        return [EstimatorNode(**options), managed]
     if enclave == 'octo_arm_sim':
         return [SimulatorNode(**options)]
     viewer = Node(
@@ -77,7 +85,7 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
 
 
 @pytest.mark.parametrize('namespace', ['/', '/left', '/right/ground_truth'])
-@pytest.mark.parametrize('enclave', ['octo_arm', 'octo_arm_sim', 'octo_arm_viewer'])
+@pytest.mark.parametrize('enclave', ENCLAVES)
 def test_the_policy_grants_what_the_nodes_have(
     enclave: str, namespace: str, context: object
 ) -> None:
@@ -104,4 +112,4 @@ def test_the_policy_grants_what_the_nodes_have(
 
 def test_every_enclave_is_tested() -> None:
     paths = {found.attrib['path'] for found in ElementTree.parse(POLICY).iter('enclave')}
-    assert paths == {'/octo_arm', '/octo_arm_sim', '/octo_arm_viewer'}
+    assert paths == {f'/{enclave}' for enclave in ENCLAVES}

@@ -129,6 +129,22 @@ class Arm:
         counts = [len(section.tendons) for section in self.sections]
         return np.repeat(np.arange(1, len(counts) + 1), counts)
 
+    def stretching_lengths(self, lengths: FloatArray) -> FloatArray:
+        """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,).
+
+        ``lengths`` (tendons,) [m] are those within the unloaded arm.
+        """
+        return lengths + np.array(self.free_length or np.zeros(lengths.size))
+
+    def tendon_compliance(self, lengths: FloatArray) -> FloatArray:
+        """By how much each tendon itself stretches per newton [m/N], (tendons,).
+
+        ``lengths`` are as those of `stretching_lengths`.
+        """
+        whole = self.stretching_lengths(lengths)
+        stiffness = np.array(self.axial_stiffness or np.zeros(lengths.size))
+        return np.divide(whole, stiffness, out=np.zeros_like(whole), where=stiffness > 0.0)
+
     @functools.cached_property
     def tension_shape(self) -> tuple[int, ...]:
         """Shape of one set of tensions.

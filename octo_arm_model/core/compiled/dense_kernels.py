@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from octo_arm_model.core.hints import FloatArray, IntArray
-
-_MANY = 8  # columns, from which it pays to go along them
 
 
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
@@ -65,16 +61,8 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """As `solve_transposed`, for columns that come last: ``right`` is (n, columns)."""
     n = len(factors)
-    columns = right.shape[1]
-    if columns < _MANY:
-        rows = np.empty((columns, n))
-        for c in range(columns):
-            for i in range(n):
-                rows[c, i] = right[i, c]
-        solve_transposed(factors, pivots, rows)
-        for c in range(columns):
-            for i in range(n):
-                right[i, c] = rows[c, i]
+    if right.shape[1] == 1:
+        solve_transposed(factors, pivots, right.reshape(1, n))
         return
     for i in range(n):
         subtract_rows(right, factors[:i, i], 0, i)

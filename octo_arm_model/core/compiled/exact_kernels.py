@@ -5,32 +5,56 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.frame_kernels import read_out
+from octo_arm_model.core.compiled.minimum_kernels import find_minima, find_some_minima
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.section_kernels import find_minima
 from octo_arm_model.core.compiled.section_tables import ExactTables
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.models.exact import RESOLVED
+from octo_arm_model.core.models.unloaded_exact import RESOLVED
 
 
-def is_resolved(tables: ExactTables, twist: FloatArray) -> bool:
-    """Whether the points resolve deviations ``twist`` (4, points), as `Exact` asks."""
+def find_tails(tables: ExactTables, twist: FloatArray, tail: FloatArray, size: FloatArray) -> None:
+    """Fill in the largest of the last Chebyshev coefficients in each panel, (4, panels).
+
+    And the ``size`` (4,) of the deviations ``twist`` (4, points) that they are measured by, which
+    is one for all that turns.
+    """
     count = tables.tail.shape[0]
-    size, last = np.zeros(4), np.zeros(4)
     for k in range(4):
-        for first in range(0, twist.shape[1], count):
+        size[k] = 0.0
+        for panel in range(tail.shape[1]):
             one, other = 0.0, 0.0
             for i in range(count):
-                value = twist[k, first + i]
+                value = twist[k, panel * count + i]
                 size[k] = max(size[k], abs(value))
                 one += value * tables.tail[i, 0]
                 other += value * tables.tail[i, 1]
-            last[k] = max(last[k], abs(one), abs(other))
-    angular = max(size[0], size[1], size[2])
-    for k in range(4):
-        if last[k] > RESOLVED * (angular if k < 3 else size[3]):
-            return False
-    return True
+            tail[k, panel] = max(abs(one), abs(other))
+    size[:3] = max(size[0], size[1], size[2])
+
+
+def refine(
+    tables: ExactTables, panel: int, tensions: FloatArray, twist: FloatArray
+) -> tuple[float, int]:
+    """From nearly right ``twist`` (4, nodes) at the nodes of one ``panel`` to the right one.
+
+    Returns:
+        What `find_minima` does.
+    """
+    at_nodes = np.empty((4, tables.at_nodes.axial.size))
+    start, stop = tables.node_blocks[panel]
+    place = 0
+    for number, first, count in tables.runs:
+        if number == panel:
+            at_nodes[:, place : place + count] = twist[:, first : first + count]
+        place += count
+    residual, steps = find_some_minima(tables.at_nodes, start, stop, tensions, at_nodes, True)
+    place = 0
+    for number, first, count in tables.runs:
+        if number == panel:
+            twist[:, first : first + count] = at_nodes[:, place : place + count]
+        place += count
+    return residual, steps
 
 
 def find_exact_twist(
@@ -45,8 +69,8 @@ def find_exact_twist(
     # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
     for i in range(coarse.shape[1]):
         coarse[3, i] -= 1.0
-    if not is_resolved(tables, coarse):
-        return find_minima(tables.at_nodes, tensions, twist)
+    tail, size = np.empty((4, len(tables.node_blocks))), np.empty(4)
+    find_tails(tables, coarse, tail, size)
     twist[:] = 0.0
     done = 0
     for panel, first, count in tables.runs:
@@ -57,7 +81,17 @@ def find_exact_twist(
         done += points * count
     for i in range(twist.shape[1]):
         twist[3, i] += 1.0
-    return residual, steps
+    taken = steps
+    for panel in range(tail.shape[1]):
+        unresolved = 0
+        for k in range(4):
+            unresolved += not tail[k, panel] <= RESOLVED * size[k]
+        if unresolved:
+            left, more = refine(tables, panel, tensions, twist)
+            if more < 0:
+                return left, -1
+            residual, taken = max(residual, left), max(taken, steps + more)
+    return residual, taken
 
 
 def find_exact_shapes(

@@ -26,6 +26,7 @@ from octo_arm_model.core.compiled import (
     exact_kernels,
     frame_kernels,
     kernels,
+    minimum_kernels,
     products,
     readout_kernels,
     response_kernels,
@@ -52,8 +53,8 @@ _LOG = logging.getLogger(__name__)
 _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 _OWN = 'octo_arm_model.'
 _KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_kernels, rod_kernels, system_kernels,
-    state_kernels, response_kernels, dense_kernels, readout_kernels, products,
+    kernels, frame_kernels, exact_kernels, section_kernels, minimum_kernels, rod_kernels,
+    system_kernels, state_kernels, response_kernels, dense_kernels, readout_kernels, products,
     sensitivity_kernels,
 )  # fmt: skip
 
@@ -141,9 +142,9 @@ def find_turn() -> Callable[..., None]:
 
 @functools.cache
 def find_minima() -> Callable[..., tuple[float, int]]:
-    """`section_kernels.find_minima`, compiled; raises as `find_shapes`."""
+    """`minimum_kernels.find_minima`, compiled; raises as `find_shapes`."""
     return _made(
-        functools.partial(_entry, function=section_kernels.find_minima),
+        functools.partial(_entry, function=minimum_kernels.find_minima),
         (no_exact().sections, np.zeros(0), np.zeros((4, 0))),
     )
 

@@ -73,7 +73,9 @@ def respond(
             for p in range(3):
                 a, b, c = rotation[0, p, at], rotation[1, p, at], rotation[2, p, at]
                 for i in range(columns):
-                    change[p, at, i] = a * bends[j, i] + b * bends[s + j, i] + c * bends[2 * s + j, i]
+                    change[p, at, i] = (
+                        a * bends[j, i] + b * bends[s + j, i] + c * bends[2 * s + j, i]
+                    )
             over = 1.0 / at_points[9, at]
             a, b, c = over * at_points[0, at], over * at_points[1, at], over * at_points[2, at]
             d, e, f = over * at_points[6, at], over * at_points[7, at], over * at_points[8, at]

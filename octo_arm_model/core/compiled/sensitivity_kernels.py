@@ -8,10 +8,14 @@ from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.readout_kernels import read_changes
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import ParameterTables, RodTables
-from octo_arm_model.core.compiled.section_kernels import density, widening
 from octo_arm_model.core.compiled.state_kernels import RodState, find_state
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.elastic_laws import (
+    incompressible_widening,
+    linear_density,
+    neo_hookean_density,
+)
 from octo_arm_model.core.section.formulas import (
     bending_terms,
     offset_direction,
@@ -23,19 +27,24 @@ from octo_arm_model.core.section.formulas import (
 )
 
 
+def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
+    """Widening of a section and its derivatives."""
+    return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
+
+
 def find_stretch(tables: RodTables, twist: FloatArray, stretch: FloatArray) -> None:
     """Fill in the gradient of every tendon's ``stretch`` by the twist, (tendons, 4, points)."""
     sections = tables.sections
     for i in range(twist.shape[1]):
-        width, slope, _ = widening(sections, twist[3, i])
+        width, slope, _ = widening(sections.widens, twist[3, i])
         t, n, b = width * twist[0, i], width * twist[1, i], width * twist[2, i]
         for tendon in range(len(stretch)):
             # One that ends before has no transmission, and nothing to shorten.
-            if sections.transmission[i, tendon] == 0.0:
+            if sections.transmission[tendon, i] == 0.0:
                 stretch[tendon, :, i] = 0.0
                 continue
-            x, y = sections.x[i, tendon], sections.y[i, tendon]
-            dx, dy = sections.dx[i, tendon], sections.dy[i, tendon]
+            x, y = sections.x[tendon, i], sections.y[tendon, i]
+            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
             u_t, u_n, u_b, length = tendon_direction(t, n, b, twist[3, i], width, x, y, dx, dy)
             over = 1.0 / length
             g = tendon_gradient(u_t * over, u_n * over, u_b * over, slope, x, y, dx, dy)
@@ -61,10 +70,14 @@ def find_imbalance(
     for i in range(twist.shape[1]):
         weight = tables.step[i // s] * tables.weights[i % s]
         kappa_t, kappa_n, kappa_b, stretched = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
-        width, slope, _ = widening(sections, stretched)
+        width, slope, _ = widening(sections.widens, stretched)
         t, n, b = width * kappa_t, width * kappa_n, width * kappa_b
         squared = sections.squared[i]
-        f_s, f_z, f_ss, f_sz, f_zz = density(sections, stretched, (n * n + b * b) * squared)
+        bend = (n * n + b * b) * squared
+        if sections.widens:
+            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(stretched, bend)
+        else:
+            f_s, f_z, f_ss, f_sz, f_zz = linear_density(stretched, bend)
         terms = bending_terms(n, b, f_s, f_z, f_ss, f_sz, f_zz, sections.axial[i], squared)
         young = unscaled_gradient(
             kappa_t, kappa_n, kappa_b, width, slope,
@@ -78,15 +91,15 @@ def find_imbalance(
             left[k, i, first + tendons] = -young[k]
             left[k, i, first + tendons + 1] = -poisson[k]
         for tendon in range(tendons):
-            part = sections.transmission[i, tendon]
+            part = sections.transmission[tendon, i]
             for k in range(4):
                 left[k, i, first + tendon] = -part * stretch[tendon, k, i]
             column = first + tendons + 2 + tendon
             if part == 0.0:
                 left[:, i, column] = 0.0
                 continue
-            x, y = sections.x[i, tendon], sections.y[i, tendon]
-            dx, dy = sections.dx[i, tendon], sections.dy[i, tendon]
+            x, y = sections.x[tendon, i], sections.y[tendon, i]
+            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
             out_x, out_y = parameters.x[tendon, i], parameters.y[tendon, i]
             out_dx, out_dy = parameters.dx[tendon, i], parameters.dy[tendon, i]
             u_t, u_n, u_b, length = tendon_direction(t, n, b, stretched, width, x, y, dx, dy)

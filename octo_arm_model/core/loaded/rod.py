@@ -16,7 +16,7 @@ from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
-from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import Condition, State
@@ -36,6 +36,8 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 RESOLVED = 3e-5
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 _RESOLVED_TENSIONS = 1e-6
+
+_KEPT = 64  # loads whose resultants are
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
@@ -66,6 +68,8 @@ class LoadedRod:
         read_out: what a state is at nodes and stations.
         base: pose of the base.
         points: how many points there are.
+        dead_resultants: of dead loads, force and moment without its levers, (3, points) in
+            base_frame, of the tip's wrench too; kept for those asked for last.
         differentiate: derivatives in machine code, if there is.
         differentiate_tip: likewise of the tip alone.
     """
@@ -94,6 +98,7 @@ class LoadedRod:
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
+        self.dead_resultants = functools.lru_cache(_KEPT)(self._dead_resultants)
         self.differentiate: Differentiate | None = None
         self.differentiate_tip: DifferentiateTip | None = None
 
@@ -144,6 +149,11 @@ class LoadedRod:
     def read_from(self, other: LoadedRod) -> Readout:
         """What values at the points of an ``other`` rod are at the points of this one."""
         return other._own.readout(self._own.s, self._own.s)
+
+    def _dead_resultants(self, loads: Loads) -> tuple[FloatArray, FloatArray]:
+        force, moment = dead_resultants(self._arm, self._own, loads)
+        force = force + np.array(loads.tip_force)[:, np.newaxis]
+        return force, moment + np.array(loads.tip_moment)[:, np.newaxis]
 
     def _read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of this rod."""

@@ -1,9 +1,7 @@
 """Beyond the paper: no small-stretch approximation, loads, and a choice of elastic laws.
 
-Without loads the steady state minimises the energy of every cross section by itself (`energy`).
-Strains are smooth between anchorages, so they are found at Chebyshev points and interpolated to
-the nodes; where that does not resolve them (a tabulated profile, say) they are found at all nodes.
-Under loads that is where continuation begins.
+Without loads every cross section is in balance by itself, see `unloaded_exact`. Under loads that
+is where continuation begins.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -24,26 +22,17 @@ from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
-from octo_arm_model.core.numerics.chebyshev import (
-    barycentric_matrix,
-    chebyshev_integration,
-    tail_matrix,
-)
+from octo_arm_model.core.models.unloaded_exact import UnloadedExact
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.newton import Minimum, can_be, initial_strain, minimise
 from octo_arm_model.core.section.sheath import sections_of
-from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
+from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.by_loads import by_loads
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
-POINTS = 20  # in each panel
-# Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
-RESOLVED = 1e-9
 COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
@@ -55,9 +44,7 @@ class Exact:
         law: elastic law.
         strains: 4, or 6 with shear.
         slides: whether tendons have friction.
-        at_points: cross sections at the Chebyshev points of all panels.
-        panels: nodes in each panel, and the matrix from its points to these.
-        tail: matrix to the last two Chebyshev coefficients, (points of a panel, 2).
+        unloaded: the arm without loads.
     """
 
     takes_loads = True
@@ -83,24 +70,7 @@ class Exact:
         self._rods = Rods(self._rod)
         self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
-        nodes, section = setup.grid.nodes, setup.grid.node_section
-        points, _ = chebyshev_integration(POINTS)
-        s, numbers, self.panels = [], [], []
-        for panel in panels_of(setup.arm):
-            # Where no tendon acts the section stays as it is.
-            if panel.section > 0:
-                inside = (
-                    (section == panel.section) & (nodes >= panel.start) & (nodes <= panel.stop)
-                )
-                at_nodes = np.flatnonzero(inside)
-                targets = (nodes[at_nodes] - panel.start) / panel.length
-                self.panels.append((at_nodes, barycentric_matrix(points, targets).T.copy()))
-                s.append(panel.start + panel.length * points)
-                numbers += [panel.section] * POINTS
-        self.at_points = sections_of(
-            setup.arm, np.concatenate(s), np.array(numbers), setup.law, setup.shear
-        )
-        self.tail = tail_matrix(POINTS)
+        self.unloaded = UnloadedExact(setup)
 
     def use(self, compiled: Callable[[LoadedRod], None]) -> None:
         """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
@@ -112,11 +82,8 @@ class Exact:
     @functools.cached_property
     def sections(self) -> SectionEnergy:
         """Cross sections at the nodes."""
-        grid = self._setup.grid
-        return self._sections_at(grid.nodes, grid.node_section)
-
-    def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
-        return sections_of(self._setup.arm, s, section, self.law, self._setup.shear)
+        setup, grid = self._setup, self._setup.grid
+        return sections_of(setup.arm, grid.nodes, grid.node_section, setup.law, setup.shear)
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
@@ -145,7 +112,7 @@ class Exact:
             solution = (
                 self._rods.slide(_sections, rows, before)
                 if self.slides
-                else self._solve_unloaded(rows)
+                else self.unloaded.solve(rows)
             )
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
@@ -229,50 +196,6 @@ class Exact:
             return known, unloaded  # Too few points, perhaps.
         return wanted, fine.from_coarser(coarse, state.shape)
 
-    def _solve_unloaded(self, tensions: FloatArray) -> Solution:
-        """Twist at every node under ``tensions`` (batch, tendons) [N].
-
-        Raises:
-            ConvergenceError: if a cross section finds no balance.
-        """
-        energy = self.at_points
-        local_tensions = energy.local_tensions(tensions)
-        found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
-        check_fibres(energy, found.strain)
-        energy.check_tendons(found.strain, local_tensions)
-        energy.check_stable(found.strain, local_tensions)
-        coarse = to_twist(energy.law, found.strain)
-        # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
-        coarse[3] -= 1.0
-        twist = np.zeros((energy.strains, len(tensions), self._setup.grid.nodes.size))
-        by_panel = coarse.reshape(*coarse.shape[:2], -1, POINTS)
-        tail = np.abs(by_panel @ self.tail).max(axis=(1, 2, 3))
-        size = np.abs(coarse).max(axis=(1, 2))
-        angular = size[:3].max()
-        size[:3] = angular
-        for panel, (at_nodes, to_nodes) in enumerate(self.panels):
-            twist[..., at_nodes] = by_panel[:, :, panel] @ to_nodes
-        twist[3] += 1.0
-        if (tail > RESOLVED * size).any():
-            return self._refine(tensions, twist, found)
-        return Solution(twist, found.residual, np.full(len(tensions), found.iterations))
-
-    def _refine(self, tensions: FloatArray, twist: FloatArray, coarse: Minimum) -> Solution:
-        """From nearly right strains at the nodes to right ones."""
-        energy = self.sections
-        local_tensions = energy.local_tensions(tensions)
-        start = to_scaled(energy.law, twist)
-        # Where the strain has a peak between the points, what is interpolated can turn a section
-        # inside out, which has no energy to descend from.
-        outside = ~can_be(energy, start[3], np.sqrt(start[1] ** 2 + start[2] ** 2))
-        if np.count_nonzero(outside):
-            start = np.where(outside, initial_strain(energy, local_tensions), start)
-        found = minimise(energy, local_tensions, start)
-        iterations = coarse.iterations + found.iterations
-        return Solution(
-            to_twist(energy.law, found.strain), found.residual, np.full(len(tensions), iterations)
-        )
-
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
         return derivatives(*self._balance_of(backbone))
@@ -286,7 +209,7 @@ class Exact:
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of ``backbone`` per unit of each of ``loads``."""
-        return by_loads(*self._balance_of(backbone), self._setup.arm, loads)
+        return by_loads(*self._balance_of(backbone), loads)
 
     def _balance_of(self, backbone: Backbone) -> tuple[LoadedRod, Condition, Shape]:
         """The rod that a ``backbone`` is a solution of, what acts on it and its shape."""

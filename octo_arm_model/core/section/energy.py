@@ -32,6 +32,8 @@ from octo_arm_model.core.section.formulas import (
     tendon_hessian,
 )
 from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.planar_tendons import PlanarTendons
+from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.tendon_sums import transmission
 
 if TYPE_CHECKING:
@@ -53,6 +55,7 @@ class SectionEnergy:
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
         stiffness: of the undeformed cross sections.
         radius: reference radius at each node [m].
+        squared_radius: its square [m^2], likewise.
         lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
         active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
         transmission: local over given tension of each tendon, likewise.
@@ -90,8 +93,7 @@ class SectionEnergy:
         routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
-        self._slope_squared = self.dx**2 + self.dy**2
-        self._squared = self.radius**2
+        self.squared_radius = self.radius**2
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
@@ -105,65 +107,49 @@ class SectionEnergy:
         total: FloatArray = np.einsum('ij...,j...->i...', self._levers, local_tensions)
         return total
 
-    def _along(self, bending: FloatArray) -> FloatArray:
+    def along(self, bending: FloatArray) -> FloatArray:
         """Part of u along t, for two curvatures and the stretch (3, batch, nodes)."""
         u_t: FloatArray = np.einsum('ij...,i...->j...', self._levers, bending)
         return u_t
 
     def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
-        flat = len(strain) == 3
-        bending = slice(None) if flat else slice(1, 4)
-        slope = None
-        if self.law.widens:
-            width, slope, _ = self.law.widening(strain[-1] if flat else strain[3])
-            strain = strain / width  # u / w has the direction of u, and r' in it no factor w
-        u_t = self._along(strain[bending])
-        square = u_t * u_t
-        if flat:
-            square += self._slope_squared
-        else:
-            u_n, u_b = self._across(strain, 1.0)
-            square += u_n * u_n
-            square += u_b * u_b
-        np.sqrt(square, out=square)
-        pull = np.divide(local_tensions, square, out=square)
+        width, slope, _ = self.widening(strain[3])
+        u_t, u_n, u_b, length = self.stretching(strain, width)
+        pull = local_tensions / length
         u_t *= pull
-        gradient = np.empty_like(strain)
-        gradient[bending] = self.resultants(u_t)
-        if flat:
-            if slope is not None:
-                gradient[2] += slope * np.einsum('j...,j...->...', pull, self._slope_squared)
-            return gradient
         u_n *= pull
         u_b *= pull
+        gradient = np.empty_like(strain)
         gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
-        if slope is not None:
+        gradient[1:4] = self.resultants(u_t)
+        if self.law.widens:
             gradient[3] += slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
         if len(strain) == 6:
             np.add.reduce(u_n, out=gradient[4])
             np.add.reduce(u_b, out=gradient[5])
         return gradient
 
-    def _across(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
-        """Components of u along n and b."""
-        torsion = strain[0]
-        u_n, u_b = width * self.dx - torsion * self.y, width * self.dy + torsion * self.x
-        if self.strains == 6:
-            u_n += strain[4]
-            u_b += strain[5]
-        return u_n, u_b
+    def softening(self, local_tensions: FloatArray) -> Number:
+        """Nearly what sheaths take from the bending stiffness, over 2 E A R^2, (batch, nodes)."""
+        return 0.0
+
+    def tendons(self, local_tensions: FloatArray) -> Tendons | None:
+        """What `quasi_newton` asks of tendons; None where it is not meant for them."""
+        return PlanarTendons(self, local_tensions) if self.planar else None
 
     def stretching(
         self, strain: FloatArray, width: Number
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Components of u along t, n and b, and the stretch |u| of every tendon."""
-        if self.strains == 4:
-            t, n, b, stretch = strain
-            return tendon_direction(t, n, b, stretch, width, self.x, self.y, self.dx, self.dy)
-        u_t = self._along(strain[1:4])
-        u_n, u_b = self._across(strain, width)
-        return u_t, u_n, u_b, np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        t, n, b, stretch = strain[:4]
+        u_t, u_n, u_b, length = tendon_direction(
+            t, n, b, stretch, width, self.x, self.y, self.dx, self.dy
+        )
+        if self.strains == 6:
+            u_n, u_b = u_n + strain[4], u_b + strain[5]
+            length = np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        return u_t, u_n, u_b, length
 
     def widening(self, stretch: FloatArray) -> tuple[Number, Number, Number]:
         """The widening of the sections and its two derivatives; numbers where there is none."""
@@ -240,18 +226,15 @@ class SectionEnergy:
 
         Both are NaN where the state is impossible, see `Density`.
         """
-        first = 0 if len(strain) == 3 else 1
-        n, b, stretch = strain[first : first + 3]
-        f = self.law.density(stretch, (n * n + b * b) * self._squared)
-        terms = bending_terms(n, b, *f, self.stiffness.axial, self._squared)
+        t, n, b, stretch = strain[:4]
+        f = self.law.density(stretch, (n * n + b * b) * self.squared_radius)
+        terms = bending_terms(n, b, *f, self.stiffness.axial, self.squared_radius)
         gradient = np.empty_like(strain)
         hessian = np.zeros((len(strain), *strain.shape))
-        gradient[first : first + 3] = terms[:3]
+        gradient[0], gradient[1:4] = self.stiffness.torsion * t, terms[:3]
+        hessian[0, 0] = self.stiffness.torsion
         for (i, j), term in zip(LOWER, terms[3:]):
-            hessian[first + i, first + j] = hessian[first + j, first + i] = term
-        if first:
-            hessian[0, 0] = self.stiffness.torsion
-            np.multiply(self.stiffness.torsion, strain[0], out=gradient[0])
+            hessian[1 + i, 1 + j] = hessian[1 + j, 1 + i] = term
         if len(strain) == 6:
             gradient[4:] = self.shear_stiffness * strain[4:]
             hessian[4, 4] = hessian[5, 5] = self.shear_stiffness

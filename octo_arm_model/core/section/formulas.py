@@ -61,7 +61,12 @@ def unit_change(
 ) -> tuple[Number, Number, Number, Number]:
     """Change of |u| and of u / |u| with a change c of u; from the latter and ``over`` |u|."""
     along = u_t * c_t + u_n * c_n + u_b * c_b
-    return along, (c_t - u_t * along) * over, (c_n - u_n * along) * over, (c_b - u_b * along) * over
+    return (
+        along,
+        (c_t - u_t * along) * over,
+        (c_n - u_n * along) * over,
+        (c_b - u_b * along) * over,
+    )
 
 
 def offset_gradient(
@@ -117,6 +122,30 @@ def sheath_mixed(
     )  # fmt: skip
 
 
+def condensed_terms(
+    nn: Number, nb: Number, bb: Number,
+    m_t: Number, m_n: Number, m_b: Number, m_s: Number,
+    c_t: Number, c_n: Number, c_b: Number, c_s: Number,
+) -> tuple[Number, ...]:  # fmt: skip
+    """C D^-1 C^T, what the Hessian by the strain loses as a tendon follows it in its sheath.
+
+    From D^-1 (nn, nb, bb) and the columns m and c of C, see `sheath_mixed`.
+    """
+    o_t, o_n, o_b, o_s = (
+        nn * m_t + nb * c_t, nn * m_n + nb * c_n, nn * m_b + nb * c_b, nn * m_s + nb * c_s
+    )  # fmt: skip
+    q_t, q_n, q_b, q_s = (
+        nb * m_t + bb * c_t, nb * m_n + bb * c_n, nb * m_b + bb * c_b, nb * m_s + bb * c_s
+    )  # fmt: skip
+    return (
+        m_t * o_t + c_t * q_t,
+        m_n * o_t + c_n * q_t, m_n * o_n + c_n * q_n,
+        m_b * o_t + c_b * q_t, m_b * o_n + c_b * q_n, m_b * o_b + c_b * q_b,
+        m_s * o_t + c_s * q_t, m_s * o_n + c_s * q_n, m_s * o_b + c_s * q_b,
+        m_s * o_s + c_s * q_s,
+    )  # fmt: skip
+
+
 def bending_terms(
     n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
     stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,
@@ -166,15 +195,16 @@ def unscaled_hessian(
     )  # fmt: skip
 
 
-def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
+def planar_start(load: Number, force: Number, softening: Number) -> tuple[Number, Number, Number]:
     """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
 
-    For ``load``, the moment over E A and the radius, and ``force`` of compression over E A. The
-    bend is the curvature times the radius. Correct to first order for every law, and a possible
-    state for any load.
+    For ``load``, the moment over E A and the radius, ``force`` of compression over E A, and
+    bending stiffness that sheaths take over 2 E A and the square of the radius. The bend is the
+    curvature times the radius. Correct to first order for every law, and a possible state for any
+    load.
     """
     straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
-    slope = 4.0 * load
+    slope = 4.0 * load / (1.0 - 8.0 * softening)
     ratio = slope / straight
     bend = slope / np.sqrt(1.0 + ratio * ratio)
     # Bending lengthens rubber by this to leading order.
@@ -182,15 +212,15 @@ def planar_start(load: Number, force: Number) -> tuple[Number, Number, Number]:
 
 
 def planar_step(
-    stretch: Number, bend: Number, load: Number, force: Number,
+    stretch: Number, bend: Number, load: Number, force: Number, softening: Number,
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
     """Newton's step of stretch and bend, with the `Density` of the law at bend^2."""
-    twice = bend + bend
-    left, moved = by_stretch + force, twice * by_bend - load
+    twice, secant = bend + bend, by_bend - softening
+    left, moved = by_stretch + force, twice * secant - load
     cross = twice * stretch_bend
-    about = 2.0 * by_bend + 4.0 * bend * bend * bend_bend
+    about = 2.0 * secant + 4.0 * bend * bend * bend_bend
     over = 1.0 / (stretch_stretch * about - cross * cross)
     return (
         stretch - over * (about * left - cross * moved),

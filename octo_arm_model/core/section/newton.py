@@ -1,4 +1,4 @@
-"""Minimum of the energy of each cross section: Newton's method with a line search."""
+"""Minimum of the energy of each cross section."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.formulas import planar_start, planar_step
+from octo_arm_model.core.section.quasi_newton import balance
 
 # Converged when the residual forces and moments are below this fraction of their `force_scale`.
 TOLERANCE = 1e-11
@@ -19,10 +20,6 @@ MAX_ITERATIONS = 200
 # A step is too long where the slope of the energy at its end exceeds this fraction of the negative
 # slope at its start.
 OVERSHOOT = 0.9
-# The Hessian of the tendons is included while a step leaves more than this of the residual.
-_SLOW = 1e-2
-# Where tendons cannot twist the arm it is small, and included after this many steps only.
-_PATIENCE = 6
 # Relative residual below which the slopes of the line search are rounding.
 ROUNDING = 1e-6
 FIRST_STEPS = 2  # Newton steps for the two unknowns of `initial_strain`
@@ -52,10 +49,11 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
     load = moment / energy.radius
-    straight, stretch, bend = planar_start(load, force)
+    softening = energy.softening(local_tensions)
+    straight, stretch, bend = planar_start(load, force, softening)
     for _ in range(FIRST_STEPS):
         f = energy.law.density(stretch, bend * bend)
-        stretch, bend = planar_step(stretch, bend, load, force, *f)
+        stretch, bend = planar_step(stretch, bend, load, force, softening, *f)
     curvature = bend / energy.radius
     # The straight state where that is impossible or NaN.
     fails = ~can_be(energy, stretch, np.abs(curvature))
@@ -97,58 +95,55 @@ def minimise(energy: SectionEnergy, local_tensions: FloatArray, start: FloatArra
         SolveError: if a tendon would be shortened to nothing.
         ConvergenceError: if balance is not reached.
     """
-    if energy.planar and not np.count_nonzero(start[0]):
-        found = _descend(energy, local_tensions, start[1:4])
-        return found._replace(strain=_full(found.strain))
-    return _descend(energy, local_tensions, start)
+    scale = force_scale(energy, local_tensions)
+    tendons = energy.tendons(local_tensions)
+    if tendons is not None:
+        first = 0 if tendons.has_torsion else 1
+        near = balance(energy, tendons, start[first:4], scale[first:4], TOLERANCE)
+        if near is not None:
+            strain = np.concatenate([np.zeros((first, *start.shape[1:])), near.strain])
+            return Minimum(strain, near.residual, near.iterations)
+    return _descend(energy, local_tensions, start, scale)
 
 
-def _full(strain: FloatArray) -> FloatArray:
-    """Strains with the torsion that was left out, zero."""
-    return strain if len(strain) > 3 else np.concatenate([np.zeros_like(strain[:1]), strain])
-
-
-def _descend(energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArray) -> Minimum:
-    """`minimise` for strains (4 or 6, batch, nodes), or the last three of 4 without torsion."""
-    flat = len(strain) == 3
-    over = 1.0 / force_scale(energy, local_tensions)[slice(1, 4) if flat else slice(None)]
+def _descend(
+    energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArray, scale: FloatArray
+) -> Minimum:
+    """`minimise` by Newton's method with a line search."""
+    over = 1.0 / scale
     step: FloatArray | None = None
     slope = np.zeros(0)
-    previous = np.inf
-    tendons: FloatArray | None = None
     iterations = 0
     for _ in range(MAX_ITERATIONS):
         gradient, hessian = energy.material(strain)
-        gradient += energy.tendon_gradient(strain, local_tensions)
-        left = gradient * over
-        np.abs(left, out=left)
+        of_tendons = energy.tendon_derivatives(strain, local_tensions)
+        gradient += of_tendons[0]
+        hessian += of_tendons[1]
+        if energy.planar:
+            # Tendons cannot twist the arm, but for rounding.
+            gradient[0] = hessian[0, 1:] = hessian[1:, 0] = 0.0
+        left = np.abs(gradient * over)
         worst = float(left.max(initial=0.0))  # NaN where a section cannot be
         if worst <= TOLERANCE:
+            # A last step leaves rounding, whatever the tolerance is.
+            strain = strain - substitute(factorise(hessian), gradient)
             return Minimum(strain, left.max(axis=(0, 2), initial=0.0), iterations)
         if step is not None:
             fine = np.add.reduce(gradient * step) <= OVERSHOOT * slope  # not where NaN
-            if np.count_nonzero(fine) < fine.size:
-                fine |= left.max(axis=0) <= ROUNDING
-            if np.count_nonzero(fine) < fine.size:
+            fine |= left.max(axis=0) <= ROUNDING
+            if not fine.all():
                 # Halve the steps that are too long.
                 strain = strain - np.where(fine, 0.0, 0.5) * step
                 step = np.where(fine, step, 0.5 * step)
                 slope = np.where(fine, slope, 0.5 * slope)
                 continue
-        is_slow = not iterations or worst > _SLOW * previous
-        if is_slow and (iterations >= _PATIENCE or not flat):
-            _, tendons = energy.tendon_derivatives(_full(strain), local_tensions)
-            tendons = tendons[1:, 1:] if flat else tendons
-        previous = worst
-        if tendons is not None:
-            hessian += tendons
         step = substitute(factorise(hessian), gradient)
         np.negative(step, out=step)
         slope = -np.add.reduce(gradient * step)
         strain = strain + step
         iterations += 1
-    _refuse_short_tendons(energy, _full(strain), local_tensions)
-    raise ConvergenceError('the balance of the cross sections', worst, iterations, _full(strain))
+    _refuse_short_tendons(energy, strain, local_tensions)
+    raise ConvergenceError('the balance of the cross sections', worst, iterations, strain)
 
 
 def _refuse_short_tendons(

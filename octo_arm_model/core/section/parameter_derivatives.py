@@ -23,13 +23,14 @@ class ParameterDerivatives:
         """Tabulate the directions of increasing offset of the tendons of ``arm``."""
         self._energy = energy
         self.torsion_by_poisson = -energy.stiffness.torsion / (1.0 + energy.poisson)
-        self.outwards = tuple(
+        x, y, dx, dy = (
             np.ascontiguousarray(table[:, np.newaxis]) * energy.active
             for table in (
                 *arm.tendon_outwards(energy.s),
                 *arm.tendon_outward_slopes(energy.s),
             )
         )
+        self.outwards = x, y, dx, dy
 
     def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
         """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
@@ -53,7 +54,7 @@ class ParameterDerivatives:
         over = 1.0 / length
         unit = u_t * over, u_n * over, u_b * over
         moved = self.direction_by_offset(strain)
-        _, *turned = unit_change(*unit, over, *moved)
+        turned = unit_change(*unit, over, *moved)[1:]
         change = np.empty((energy.strains, *length.shape))
         change[:4] = offset_gradient(
             *unit, *turned, slope, energy.x, energy.y, energy.dx, energy.dy, *self.outwards

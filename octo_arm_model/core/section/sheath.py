@@ -40,9 +40,16 @@ from octo_arm_model.core.section.formulas import (
     sheath_pull,
     tendon_gradient,
 )
+from octo_arm_model.core.section.quasi_newton import Tendons
+from octo_arm_model.core.section.sheathed_tendons import SheathedTendons
 
-MOST_STEPS = 30  # of Newton's method for where tendons stand
-STANDING = 1e-14  # what may be left of that, of the lever arm
+# Of 1/8, which is all the stiffness of a straight section: a start for the search of a balance.
+MOST_SOFTENED = 0.1
+_MOST_STEPS = 30  # of Newton's method for the offsets of tendons
+_TOLERANCE = 1e-14  # of their balance, over the lever arm
+# Sections are stable, as long as tendons run within this of the midline (sine squared) and their
+# sheaths take no more than this part from the bending stiffness: the rest is of that order.
+_SURELY_ALONG, _SURELY_STIFF = 0.1, 0.25
 
 
 def sections_of(
@@ -53,7 +60,7 @@ def sections_of(
     return kind(arm, nodes, section, law, shear)
 
 
-class _Stand(NamedTuple):
+class _Placed(NamedTuple):
     """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
 
     sections: SectionEnergy
@@ -68,8 +75,9 @@ class SheathedSections(SectionEnergy):
     """Cross sections whose tendons stand off their paths.
 
     Attributes:
-        give: 1 / k of each tendon, zero of one that keeps its place [1/Pa], (tendons, 1, nodes).
-        farthest: how far from the midline a tendon may stand [m], likewise.
+        sheath_compliance: 1 / k of each tendon, zero of one that keeps its place [1/Pa],
+            (tendons, 1, nodes).
+        farthest: largest distance from the midline that a tendon may have [m], likewise.
     """
 
     def __init__(
@@ -79,20 +87,20 @@ class SheathedSections(SectionEnergy):
         super().__init__(arm, nodes, section, law, shear)
         stiffness = np.array(arm.sheath_stiffness)
         compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-        self.give = compliance[:, np.newaxis, np.newaxis] * self.active
+        self.sheath_compliance = compliance[:, np.newaxis, np.newaxis] * self.active
         self.farthest = np.maximum(self.radius, np.hypot(self.x, self.y))
-        # A tendon pushed aside twists where its path has a slope.
-        self.planar = False
+        # A tendon off its path twists the arm where that has a slope.
+        self._in_planes, self.planar = self.planar, False
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed:
-        """Where tendons stand under scaled ``strain``, and what follows from that.
+        """Offsets of the tendons under scaled ``strain``, and what follows from them.
 
         Raises:
-            ConvergenceError: if they stand nowhere.
+            ConvergenceError: if they have no balance.
         """
         t, n, b = strain[:3]
         slope = self.widening(strain[3])[1]
-        moved, offset, unit, over, pull, inverse = self._stand(strain, local_tensions)
+        moved, offset, unit, over, pull, inverse = self._placed(strain, local_tensions)
         g = tendon_gradient(*unit, slope, moved.x, moved.y, self.dx, self.dy)
         weight = local_tensions * over
         mixed = np.empty((2, len(strain), *weight.shape))
@@ -106,41 +114,51 @@ class SheathedSections(SectionEnergy):
             (_, e_n, e_b), (p_n, p_b) = unit, pull
             mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
             mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
-        compliance = self.give * np.stack(inverse)
+        compliance = self.sheath_compliance * np.stack(inverse)
         return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
 
-    def _stand(self, strain: FloatArray, local_tensions: FloatArray) -> _Stand:
-        """Newton's method for where tendons stand; raises as `condensed`."""
-        t, n, b = strain[:3]
-        width = self.widening(strain[3])[0]
-        gives = self.give * local_tensions
-        offset = np.zeros((2, *gives.shape))
+    def _placed(self, strain: FloatArray, local_tensions: FloatArray) -> _Placed:
+        """Offsets of the tendons by Newton's method; raises as `condensed`."""
+        t, n, b, stretch = strain[:4]
+        yielding = self.sheath_compliance * local_tensions
+        # Nearly: for tendons along the midline.
+        offset = np.stack([yielding * b, -yielding * n])
         moved = copy.copy(self)
-        worst = np.inf
-        for _ in range(MOST_STEPS):
-            self._place(moved, *offset)
+        width, worst = self.widening(stretch)[0], np.inf
+        for _ in range(_MOST_STEPS):
+            moved.x, moved.y = self.x + offset[0], self.y + offset[1]
             u_t, u_n, u_b, length = SectionEnergy.stretching(moved, strain, width)
             over = 1.0 / length
             unit = u_t * over, u_n * over, u_b * over
             pull = sheath_pull(t, n, b, *unit)
-            inverse = sheath_inverse(t, n, b, *pull, gives * over)
-            left_n, left_b = offset[0] + gives * pull[0], offset[1] + gives * pull[1]
+            inverse = sheath_inverse(t, n, b, *pull, yielding * over)
+            left_n, left_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
             worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
-            if not worst > STANDING:  # NaN where a section cannot be
-                return _Stand(moved, offset, unit, over, pull, inverse)
+            if not worst > _TOLERANCE:  # NaN where a section cannot be
+                moved._levers = np.stack([moved.y, -moved.x, np.ones_like(moved.x)])
+                return _Placed(moved, offset, unit, over, pull, inverse)
             nn, nb, bb = inverse
             offset[0] -= nn * left_n + nb * left_b
             offset[1] -= nb * left_n + bb * left_b
-        raise ConvergenceError('the place of tendons in their sheaths', worst, MOST_STEPS)
+        raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
 
-    def _place(self, moved: SectionEnergy, offset_n: FloatArray, offset_b: FloatArray) -> None:
-        """Put the tendons of ``moved`` where they are off their paths."""
-        moved.x, moved.y = self.x + offset_n, self.y + offset_b
-        moved._levers = np.stack([moved.y, -moved.x, np.ones_like(moved.x)])
+    def softening(self, local_tensions: FloatArray) -> FloatArray:
+        """As `SectionEnergy.softening`, for tendons along the midline; at most `MOST_SOFTENED`."""
+        return np.minimum(self._softening(local_tensions), MOST_SOFTENED)
+
+    def _softening(self, local_tensions: FloatArray) -> FloatArray:
+        taken: FloatArray = np.einsum(
+            'jbn,jbn,jbn->bn', self.sheath_compliance, local_tensions, local_tensions
+        )
+        return taken / (2.0 * self.stiffness.axial * self.squared_radius)
+
+    def tendons(self, local_tensions: FloatArray) -> Tendons | None:
+        """As `SectionEnergy.tendons`."""
+        return SheathedTendons(self, local_tensions) if self._in_planes else None
 
     def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Gradient (n, batch, nodes) of the energy of tendons and sheaths."""
-        moved = self._stand(strain, local_tensions).sections
+        moved = self._placed(strain, local_tensions).sections
         return SectionEnergy.tendon_gradient(moved, strain, local_tensions)
 
     def tendon_derivatives(
@@ -156,7 +174,7 @@ class SheathedSections(SectionEnergy):
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
-        moved = self._stand(strain, local_tensions).sections
+        moved = self._placed(strain, local_tensions).sections
         return SectionEnergy.stretches(moved, strain, local_tensions)
 
     def lengthening(
@@ -178,7 +196,12 @@ class SheathedSections(SectionEnergy):
         Raises:
             SolveError: if one is; the message says where.
         """
-        moved = self._stand(strain, local_tensions).sections
+        # Derivatives of |u| by the offset are no larger than the curvature.
+        curvature = np.sqrt(np.add.reduce(strain[:3] ** 2))
+        off_path = self.sheath_compliance * local_tensions * curvature
+        if not np.any(np.hypot(self.x, self.y) + off_path > self.farthest):
+            return
+        moved = self._placed(strain, local_tensions).sections
         outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)
         self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
 
@@ -188,6 +211,8 @@ class SheathedSections(SectionEnergy):
         Raises:
             SolveError: if one is; the message says where.
         """
+        if self._is_surely_stable(strain, local_tensions):
+            return
         _, hessian = self.material(strain)
         hessian += self.tendon_derivatives(strain, local_tensions)[1]
         factors = factorise(hessian)
@@ -195,6 +220,25 @@ class SheathedSections(SectionEnergy):
         for row in range(len(strain)):
             unstable |= ~(factors[row, row] > 0.0)
         self._refuse(unstable, 'bend the arm without end', 'sheaths are')
+
+    def _is_surely_stable(self, strain: FloatArray, local_tensions: FloatArray) -> bool:
+        """Whether sheaths take little from the stiffness of the sections, without a Hessian.
+
+        C has entries up to T, and beside those only smaller ones in the sine between tendon and
+        midline; a straight rod is stiffer in torsion than 2/3 of what it is in bending.
+        """
+        z = (strain[1] * strain[1] + strain[2] * strain[2]) * self.squared_radius
+        f = self.law.density(strain[3], z)
+        # In the plane in which the section bends, and across it; all over 2 E A R^2.
+        along = f.by_bend + 2.0 * z * (
+            f.by_bend_bend - f.by_stretch_bend * f.by_stretch_bend / f.by_stretch_stretch
+        )
+        taken = self._softening(local_tensions)
+        _, u_n, u_b, length = self.stretching(strain, self.widening(strain[3])[0])
+        return not (
+            np.any(taken > _SURELY_STIFF * np.minimum(f.by_bend, along))
+            or np.any(u_n * u_n + u_b * u_b > _SURELY_ALONG * length * length)
+        )
 
     def _refuse(self, where: NDArray[np.bool_], effect: str, soft: str) -> None:
         """Raise a `SolveError` at the first of the places ``where`` (batch, nodes), if any."""

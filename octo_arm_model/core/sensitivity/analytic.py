@@ -149,7 +149,10 @@ def _strains(twist: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def papers_twist_changes(
-    solve: Callable[[FloatArray], Solution], energy: SectionEnergy, tensions: FloatArray, batch: int
+    solve: Callable[[FloatArray], Solution],
+    energy: SectionEnergy,
+    tensions: FloatArray,
+    batch: int,
 ) -> FloatArray:
     """Change (4, tendons + 1, nodes) of the twist of a paper's model ``solve`` by tensions and E.
 

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.loaded.load_resultants import dead_resultants
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.vectors import cross
@@ -22,10 +19,8 @@ from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change
 
 
-def by_loads(
-    rod: LoadedRod, condition: Condition, shape: Shape, arm: Arm, loads: Sequence[Loads]
-) -> Change:
-    """Of the balanced ``shape`` of a loaded ``rod`` of ``arm``, per unit of each of ``loads``.
+def by_loads(rod: LoadedRod, condition: Condition, shape: Shape, loads: Sequence[Loads]) -> Change:
+    """Of the balanced ``shape`` of a loaded ``rod``, per unit of each of ``loads``.
 
     Raises:
         LoadError: if a load that acts already states no tangent stiffness.
@@ -35,7 +30,7 @@ def by_loads(
     if problem.friction is not None:
         raise ConfigError('tendons have friction, with which there is no derivative by loads')
     problem.require_tangents('sensitivity')
-    dead = [_resultants(problem.collocation, arm, one) for one in loads]
+    dead = [rod.dead_resultants(one) for one in loads]
     force, moment = (np.array(part) for part in zip(*dead, strict=True))
     if rod.differentiate is not None:
         return Change(*rod.differentiate(condition, shape, (force, moment)))
@@ -47,13 +42,6 @@ def by_loads(
     stretch = Imbalance(energy, rod.parameters, twist, local_tensions).length_by_twist
     length = lengths_along(stretch * problem.collocation.weights, response.twist)
     return Change(pose, strains, length)
-
-
-def _resultants(own: Collocation, arm: Arm, loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Force beyond each point and its moment without levers (3, points), in base_frame."""
-    force, moment = dead_resultants(arm, own, loads)
-    force = force + np.array(loads.tip_force)[:, np.newaxis]
-    return force, moment + np.array(loads.tip_moment)[:, np.newaxis]
 
 
 def _wrenches(

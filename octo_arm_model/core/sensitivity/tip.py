@@ -32,8 +32,8 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
         ConvergenceError: if the linearised equilibrium is singular.
     """
     if rod.differentiate_tip is not None:
-        found, tendons = rod.differentiate_tip(condition, shape), condition.tensions.size
-        parts = np.split(found, [tendons, tendons + 1, tendons + 2], axis=1)
+        tip, tendons = rod.differentiate_tip(condition, shape), condition.tensions.size
+        parts = np.split(tip, [tendons, tendons + 1, tendons + 2], axis=1)
         quantities = 'tension', 'youngs_modulus', 'poisson_ratio', 'offset'
         return dict(zip(quantities, parts, strict=True)).get
     problem = rod.equilibrium

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,14 @@ from scipy.optimize import least_squares
 
 from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.fitting.pairing import (
     first_alignment,
     shape_residuals,
     shape_residuals_change,
 )
+from octo_arm_model.experiment.fitting.readings import Readings
+from octo_arm_model.experiment.fitting.solutions import Solutions
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
@@ -25,6 +25,8 @@ from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
 # Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6
+# Likewise of encoders: the drum of a winch and its zero are not known better.
+ENCODERS_FINEST = 1e-4
 SOFT_L1, LINEAR = 'soft_l1', 'linear'
 LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and robust
 _ROUNDS = 10
@@ -40,86 +42,85 @@ class Problem:
         shapes: the measurements.
         unknowns: the parameters to fit.
         length: of the arm [m].
+        solutions: of the model.
     """
 
     def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
         """Fit ``unknowns`` to ``shapes``."""
         self.shapes, self.unknowns = tuple(shapes), unknowns
         self.length = unknowns.arm.length
-        self._read = np.array([shape.window.tensions for shape in self.shapes])
-        self._at: FloatArray | None = None
-        self._solver: Solver | None = None
-        self._backbones: dict[int, Backbone] = {}
-        self._displacements: FloatArray | None = None
-
-    def backbone(self, x: FloatArray, step: int) -> Backbone:
-        """Solution for a ``step`` at ``x``.
-
-        Raises:
-            SolveError: if it has none.
-            ArmDefinitionError: if there can be no such arm.
-        """
-        if self._solver is None or self._at is None or (x != self._at).any():
-            self._solver, self._at, self._backbones = self.unknowns.solver(x), x.copy(), {}
-            self._displacements = None
-        if step not in self._backbones:
-            if self.unknowns.slides:
-                # Tendons slide on from the step before.
-                self._backbones = dict(enumerate(self._sequence(x, self._solver)))
-            else:
-                tensions = self.unknowns.tensions(x, self._read[step])
-                shape = self._solver.arm.tension_shape
-                self._backbones[step] = self._solver.solve(tensions.reshape(shape))
-        return self._backbones[step]
-
-    def _sequence(self, x: FloatArray, solver: Solver) -> list[Backbone]:
-        """Solutions for all steps at ``x``, one after the other."""
-        return followed(solver, [self.unknowns.tensions(x, read) for read in self._read])
-
-    def _displacement(self, x: FloatArray, step: int) -> FloatArray:
-        """Derivative of the stations of a ``step`` by x, (n, 3, unknowns)."""
-        backbone, unknowns = self.backbone(x, step), self.unknowns
-        assert self._solver is not None
-        if not unknowns.slides:
-            return unknowns.displacement(x, self._read[step], backbone, self._solver)
-        if self._displacements is None:
-            # Where a tendon sticks there are no others: differences of whole sequences.
-            here = np.array([self.backbone(x, n).position for n in range(len(self.shapes))])
-            self._displacements = np.zeros((*here.shape, x.size))
-            for number in range(x.size):
-                if number in unknowns.alignment_columns:
-                    continue
-                moved, by = x.copy(), unknowns.difference(x, number)
-                moved[number] += by
-                there = [b.position for b in self._sequence(moved, unknowns.solver(moved))]
-                self._displacements[..., number] = (np.array(there) - here) / by
-        return np.asarray(self._displacements[step])
+        self.solutions = Solutions(unknowns)
+        self._weight, self._is_weighed = 1.0, False
 
     def residuals(self, x: FloatArray, step: int) -> FloatArray:
         """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
         measured = self.unknowns.alignment(x).to_base(self.shapes[step].points)
-        return shape_residuals(self.shapes[step], measured, self.backbone(x, step))
+        return shape_residuals(self.shapes[step], measured, self.solutions.backbone(x, step))
 
     def change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `residuals` by x, (m, 3, unknowns)."""
-        points, backbone = self.shapes[step].points, self.backbone(x, step)
+        points, backbone = self.shapes[step].points, self.solutions.backbone(x, step)
         alignment, columns = self.unknowns.alignment(x), self.unknowns.alignment_columns
         by_measured = np.zeros((*points.shape, x.size))
         if columns:
             parts = alignment.by_parameters(points)[..., self.unknowns.alignment_parts]
             by_measured[..., columns] = parts
-        by_model = self._displacement(x, step)
+        by_model = self.solutions.position_change(x, step)
         measured = alignment.to_base(points)
         return shape_residuals_change(self.shapes[step], measured, by_measured, backbone, by_model)
 
+    def weighed(self, x: FloatArray, step: int) -> FloatArray:
+        """All residuals of a ``step`` as points, (m + taut, 3) [m].
+
+        Those of encoders, of one coordinate each, come before the `residuals` of the camera and
+        are weighed so that both are of one size.
+        """
+        camera = self.residuals(x, step)
+        if not self.unknowns.reads_encoders:
+            return camera
+        encoders = self.solutions.encoder_residuals(x, step)
+        return np.concatenate([self._as_points(encoders), camera])
+
+    def weighed_change(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of what is `weighed` by x, (m + taut, 3, unknowns)."""
+        camera = self.change(x, step)
+        if not self.unknowns.reads_encoders:
+            return camera
+        return np.concatenate([self._as_points(self.solutions.encoder_change(x, step)), camera])
+
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
-        """Derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
-        return [self.change(x, step) for step in range(len(self.shapes))]
+        """Derivative of what is `weighed` of each step by x, (m + taut, 3, unknowns)."""
+        return [self.weighed_change(x, step) for step in range(len(self.shapes))]
+
+    def _as_points(self, readings: FloatArray) -> FloatArray:
+        """Weighed ``readings`` (taut, ...) as the first coordinate of points (taut, 3, ...)."""
+        points = np.zeros((len(readings), 3, *readings.shape[1:]))
+        points[:, 0] = self._weight * readings
+        return points
+
+    def encoder_scale(self, x: FloatArray) -> float:
+        """Scale of the residuals of encoders at ``x`` [m]: their accuracy, as far as it shows."""
+        away = [self.solutions.encoder_residuals(x, step) for step in range(len(self.shapes))]
+        least = ENCODERS_FINEST * self.length
+        return robust_loss.scale_of(np.concatenate(away)[:, np.newaxis], least)
+
+    def _weigh(self, x: FloatArray) -> None:
+        """Settle the weight of encoder readings beside the camera, from the fit at ``x`` on."""
+        for _ in range(_ROUNDS):
+            x = self.minimise(x, None)
+            before, self._weight = self._weight, self.scale(x) / self.encoder_scale(x)
+            if abs(self._weight - before) < _SETTLED * before:
+                return
 
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss, from the residuals at ``x`` [m]."""
         away = [self.residuals(x, step) for step in range(len(self.shapes))]
         return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
+
+    def _count(self, step: int) -> int:
+        """Number of coordinates that are `weighed` in a ``step``."""
+        taut = len(self.solutions.taut(step)) if self.unknowns.reads_encoders else 0
+        return 3 * taut + self.shapes[step].points.size
 
     def minimise(
         self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
@@ -134,17 +135,20 @@ class Problem:
         """
         chosen = range(len(self.shapes)) if steps is None else steps
         for step in chosen:
-            self.backbone(x, step)  # Without a solution here it is an error, not a rejected trial.
+            self.solutions.backbone(
+                x, step
+            )  # Without a solution here it is an error, not a rejected trial.
 
         def fun(x: FloatArray) -> FloatArray:
             try:
-                return np.concatenate([self.residuals(x, step) for step in chosen]).ravel()
+                return np.concatenate([self.weighed(x, step) for step in chosen]).ravel()
             except (SolveError, ArmDefinitionError):
                 # No such arm or no solution: infinite residuals, so that the step is shortened.
-                return np.full(sum(self.shapes[step].points.size for step in chosen), np.inf)
+                return np.full(sum(self._count(step) for step in chosen), np.inf)
 
         def jacobian(x: FloatArray) -> FloatArray:
-            return np.concatenate([self.change(x, step) for step in chosen]).reshape(-1, x.size)
+            changes = [self.weighed_change(x, step) for step in chosen]
+            return np.concatenate(changes).reshape(-1, x.size)
 
         unknowns = self.unknowns.unknowns
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
@@ -173,6 +177,9 @@ class Problem:
             MeasurementError: if a midline does not begin near the base.
         """
         x = self.unknowns.start
+        if self.unknowns.reads_encoders and not self._is_weighed:
+            self._weigh(x)
+            self._is_weighed = True
         found: float | None = None
         if loss == SOFT_L1:
             scale = self.scale(x)
@@ -187,24 +194,8 @@ class Problem:
             if shape.s is not None:
                 continue
             measured = self.unknowns.alignment(x).to_base(shape.points)
-            fraction_at_start(measured, self.backbone(x, step).position, check=True)
+            fraction_at_start(measured, self.solutions.backbone(x, step).position, check=True)
         return x, found
-
-
-def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
-    """Shapes under sets of ``tensions`` (tendons,) [N], in their order.
-
-    Each tendon with friction slides on from the set before.
-
-    Raises:
-        SolveError: if the model has no answer for one.
-    """
-    found: list[Backbone] = []
-    for pulled in tensions:
-        shaped = pulled.reshape(solver.arm.tension_shape)
-        last = found[-1] if found and solver.arm.friction else None
-        found.append(solver.follow(shaped, last))
-    return found
 
 
 def fit_alignment(
@@ -216,11 +207,11 @@ def fit_alignment(
         SolveError: if the model has no answer, or no minimum is found.
         MeasurementError: if there are too few points, or a midline does not begin near the base.
     """
-    tensions = np.array([shape.window.tensions for shape in shapes])
-    unknowns = Unknowns(parameters, model, ['alignment'], tensions, Alignment.none())
-    solver = unknowns.solver(unknowns.start)
-    backbones = followed(solver, tensions)
+    readings = Readings.of(shapes)
+    unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
+    solutions = Solutions(unknowns)
+    backbones = [solutions.backbone(unknowns.start, step) for step in range(len(shapes))]
     begin = first_alignment(shapes, [backbone.position for backbone in backbones], backbones[0].s)
-    unknowns = Unknowns(parameters, model, ['alignment'], tensions, begin)
+    unknowns = Unknowns(parameters, model, ['alignment'], readings, begin)
     x, _ = Problem(shapes, unknowns).solve()
     return unknowns.alignment(x)

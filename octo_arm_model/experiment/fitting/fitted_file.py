@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
-from octo_arm_model.experiment.fitting.identify import Identification
+from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.uncertainty import Estimate
 
 

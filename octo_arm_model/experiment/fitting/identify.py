@@ -6,9 +6,8 @@ their intervals and correlations.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,73 +16,21 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting import held_back, model_error
 from octo_arm_model.experiment.fitting.fit import Problem, fit_alignment
 from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, Misfit, misfit_of
+from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.loads import folds_of, loaded, steps_by_load
 from octo_arm_model.experiment.fitting.notes import notes_on
 from octo_arm_model.experiment.fitting.open_directions import open_direction
+from octo_arm_model.experiment.fitting.readings import Readings
 from octo_arm_model.experiment.fitting.uncertainty import (
     Estimate,
     correlations_of,
     estimates_of,
     freedom_of,
 )
-from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT, Unknowns
+from octo_arm_model.experiment.fitting.unknown import AXIAL, is_of_arm
+from octo_arm_model.experiment.fitting.unknowns import Unknowns
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
-
-
-@dataclass(frozen=True)
-class Identification:
-    """A fitted model.
-
-    Attributes:
-        model: its name.
-        loss: what was minimised, of `fit.LOSSES`.
-        estimates: by name; those that the data leave open have no value.
-        correlations: of the estimates with a value, (n, n), in their order; None of none.
-        undetermined: why each of the others was left as it was, in words.
-        notes: remarks, in words.
-        before: misfit of the parameters the fit began with.
-        after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
-        cross_validation: misfit of loads on which the model was not fitted; None of fewer than
-            two loads.
-        step_misfits: that of each fold of steps left out, and which these are, from 1.
-        floor: distance that held-back loads show and neither noise nor a change at single steps
-            explains, in `Estimate.model_stddev` [m]; None without held-back loads.
-        tip_stddev: standard deviation of each coordinate of the tip at held-back loads, without
-            the camera's noise, in parts of the length [-]; None likewise.
-        parameters: of the fitted arm; see `Config.from_parameters`.
-        alignment: transform camera to base.
-        tensions: those of each step by the fitted load cells, (steps, tendons) [N].
-    """
-
-    model: str
-    loss: str
-    estimates: Mapping[str, Estimate]
-    correlations: FloatArray | None
-    undetermined: tuple[str, ...]
-    notes: tuple[str, ...]
-    before: Misfit
-    after: Misfit | None
-    cross_validation: Misfit | None
-    step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...]
-    floor: float | None
-    tip_stddev: float | None
-    parameters: Mapping[str, Any]
-    alignment: Alignment
-    tensions: FloatArray
-
-    @property
-    def is_trustworthy(self) -> bool:
-        """Whether the data determine any parameter but the camera's pose, if others were asked."""
-        own = [name for name in self.estimates if name not in ALIGNMENT] or list(self.estimates)
-        return any(self.estimates[name].value is not None for name in own)
-
-    def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
-        """The ``shapes`` it was fitted to, with the tensions of the fitted load cells."""
-        return [
-            dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
-            for shape, row in zip(shapes, self.tensions, strict=True)
-        ]
 
 
 def identify(
@@ -101,66 +48,122 @@ def identify(
         shapes: one for each steady step.
         parameters: what is not fitted, and where the fit begins.
         model: name of the model.
-        fits: of `unknowns.FITS`.
+        fits: of `unknown.FITS`.
         alignment: transform camera to base, or the start of its fit; None for the identity, or,
             where it is fitted, for a fit of the alignment alone as the start.
         progress: called with the numbers of fits done and of all fits.
         loss: of `fit.LOSSES`, or 'auto' for that with the lesser misfit at held-back loads.
 
     Raises:
-        ConfigError: if the model has no derivative by what is to be fitted.
+        ConfigError: if the model has no derivative by what is to be fitted, or no reading is
+            of it.
         SolveError: if the model has no answer, or no minimum is found.
         MeasurementError: if a midline does not begin near the base.
     """
-    tensions = np.array([shape.window.tensions for shape in shapes])
-    loads = steps_by_load(tensions)
-    folds = folds_of(loads)
-    total = len(held_back.losses_of(loss, folds)) * (len(folds) + 1)
-    progress(0, total)
-    if alignment is None:
-        alignment = Alignment.none()
-        if 'alignment' in fits:
-            alignment = fit_alignment(shapes, parameters, model)
-    every = Unknowns(parameters, model, fits, tensions, alignment)
-    before = misfit_of(_residuals(Problem(shapes, every), every.start), every.arm.length)
+    fit = _Fit(shapes, parameters, model, fits, alignment, loss)
     left_out: dict[str, str] = {}
-    unknowns, problem, fitted = every, None, {}
-    while unknowns.unknowns:
-        problem = Problem(shapes, unknowns)
-        # Checked before: with an undetermined direction the minimisation does not converge.
-        found = open_direction(np.concatenate(problem.jacobian(unknowns.start)), unknowns)
-        if found is None:
-            fitted = {name: problem.solve(name) for name in held_back.losses_of(loss, folds)}
-            for x, _ in fitted.values():
-                found = found or open_direction(np.concatenate(problem.jacobian(x)), unknowns)
-        if found is None:
-            break
-        left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
-        unknowns = Unknowns(parameters, model, fits, tensions, alignment, tuple(left_out))
-    estimates = {u.name: Estimate(None, None, None, u.unit) for u in every.unknowns}
-    if problem is None or not unknowns.unknowns:
+    while True:
+        found = fit.without(left_out, progress)
+        stretch = found.estimates.get(AXIAL)
+        if stretch is None or stretch.value is None:
+            return found
+        low, high = stretch.interval95 or (0.0, stretch.value)
+        if high < math.inf:
+            return found
+        left_out[AXIAL] = (
+            f'{AXIAL} is left as it is: what the readings leave uncertain is more than what '
+            f'tendons stretch by; all from {low:.3g} N on explain them'
+        )
+
+
+class _Fit:
+    """A fit of some unknowns, to be repeated without those that the data leave open."""
+
+    def __init__(
+        self,
+        shapes: Sequence[MeasuredShape],
+        parameters: Mapping[str, Any],
+        model: str,
+        fits: Sequence[str],
+        alignment: Alignment | None,
+        loss: str,
+    ) -> None:
+        """As `identify`."""
+        self._shapes, self._parameters, self._model, self._fits = shapes, parameters, model, fits
+        self._readings = Readings.of(shapes)
+        self._loads = steps_by_load(self._readings.tensions)
+        self._folds = folds_of(self._loads)
+        self._loss, self._losses = loss, held_back.losses_of(loss, self._folds)
+        if alignment is None:
+            alignment = Alignment.none()
+            if 'alignment' in fits:
+                alignment = fit_alignment(shapes, parameters, model)
+        self._alignment = alignment
+        self._every = self._unknowns(())
+        every = Problem(shapes, self._every)
+        self._before = misfit_of(_residuals(every, self._every.start), every.length)
+
+    def _unknowns(self, without: Collection[str]) -> Unknowns:
+        return Unknowns(
+            self._parameters, self._model, self._fits, self._readings, self._alignment, without
+        )
+
+    def without(
+        self, left_out: dict[str, str], progress: Callable[[int, int], None]
+    ) -> Identification:
+        """The fit without those ``left_out``, and why; what else is open is added to them."""
+        total = len(self._losses) * (len(self._folds) + 1)
+        progress(0, total)
+        problem, fitted = self._determined(left_out)
+        estimates = {u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns}
+        if problem is None:
+            progress(total, total)
+            return Identification(
+                self._model, self._loss, estimates, None, tuple(left_out.values()), (),
+                self._before, None, None, (), None, None, self._parameters, self._alignment,
+                self._readings.tensions,
+            )  # fmt: skip
+        tensions = self._readings.tensions
+        first = next(iter(fitted.values()))[0]
+        loose = _needed(problem, first, self._folds, self._loads, tensions)
+        used = [] if loose else self._folds
+        begun = iter(range(total))
+
+        def tick() -> None:
+            progress(next(begun), total)
+
+        tried = []
+        for name, (x, scale) in fitted.items():
+            tick()
+            tried.append(held_back.fit_by(problem, x, scale, name, used, tick))
+        best = held_back.better(tried)
         progress(total, total)
-        return Identification(
-            model, loss, estimates, None, tuple(left_out.values()), (), before, None, None, (),
-            None, None, parameters, alignment, tensions,
+        return _identification(
+            problem, best, used, left_out, {'loose': loose, 'fits': self._fits, 'tried': tried},
+            estimates, self._before,
         )  # fmt: skip
-    loose = _needed(problem, next(iter(fitted.values()))[0], folds, loads, tensions)
-    used = [] if loose else folds
-    begun = iter(range(total))
 
-    def tick() -> None:
-        progress(next(begun), total)
+    def _determined(
+        self, left_out: dict[str, str]
+    ) -> tuple[Problem | None, dict[str, tuple[FloatArray, float | None]]]:
+        """The fit of what the data determine, and what it comes to by each loss; None of nothing.
 
-    tried = []
-    for name, (x, scale) in fitted.items():
-        tick()
-        tried.append(held_back.fit_by(problem, x, scale, name, used, tick))
-    best = held_back.better(tried)
-    progress(total, total)
-    return _identification(
-        problem, best, used, left_out, {'loose': loose, 'fits': fits, 'tried': tried}, estimates,
-        before,
-    )  # fmt: skip
+        What else is open is added to ``left_out``.
+        """
+        while (unknowns := self._unknowns(tuple(left_out))).unknowns:
+            problem = Problem(self._shapes, unknowns)
+            start = unknowns.start
+            # Checked before: with an undetermined direction the minimisation does not converge.
+            found = open_direction(np.concatenate(problem.jacobian(start)), unknowns, start)
+            if found is None:
+                fitted = {name: problem.solve(name) for name in self._losses}
+                for x, _ in fitted.values():
+                    jacobian = np.concatenate(problem.jacobian(x))
+                    found = found or open_direction(jacobian, unknowns, x)
+            if found is None:
+                return problem, fitted
+            left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
+        return None, {}
 
 
 def _identification(
@@ -179,15 +182,16 @@ def _identification(
     floor, tip_stddev = None, None
     if folds:
         cross_validation = misfit_of(best.away, length)
-        columns = [n for n, name in enumerate(unknowns.names) if name not in ALIGNMENT]
-        rest = model_error.unexplained(best.away, jacobian, columns)
+        columns = [n for n, name in enumerate(unknowns.names) if is_of_arm(name)]
+        seen = [problem.change(x, step) for step in range(len(problem.shapes))]
+        rest = model_error.unexplained(best.away, seen, columns)
         floor = float(np.sqrt(max(rest**2 - model_error.noise_of(problem.shapes) ** 2, 0.0)))
         tip_stddev = model_error.tip_error(best.away, problem.shapes, length)
     correlations = correlations_of(np.concatenate(jacobian))
     found = estimates_of(
         unknowns, x, best.found,
         freedom_of(jacobian, folds) if folds else np.ones(x.size),
-        model_error.floor_of(floor or 0.0, jacobian),
+        model_error.floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
     )  # fmt: skip
     return Identification(
         model=unknowns.model,
@@ -208,7 +212,8 @@ def _identification(
         parameters=unknowns.parameters(x),
         alignment=unknowns.alignment(x),
         tensions=np.array([
-            unknowns.tensions(x, shape.window.tensions) for shape in problem.shapes
+            problem.solutions.backbone(x, step).tensions.ravel()
+            for step in range(len(problem.shapes))
         ]),
     )  # fmt: skip
 
@@ -235,7 +240,7 @@ def _needed(
     jacobian = problem.jacobian(x)
     for fold in folds:
         others = [part for step, part in enumerate(jacobian) if step not in fold]
-        if found := open_direction(np.concatenate(others), problem.unknowns):
+        if found := open_direction(np.concatenate(others), problem.unknowns, x):
             numbers = ', '.join(str(step + 1) for step in fold)
             return (
                 f'without step {numbers} it would be open ({found.reason}), so nothing confirms '

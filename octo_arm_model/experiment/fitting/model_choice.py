@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.experiment.fitting.identify import Identification
-from octo_arm_model.experiment.fitting.unknowns import ALIGNMENT
+from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.unknown import is_of_arm
 
 # Misfits are near-equal where their mean squares over the loads left out differ by less than so
 # many standard errors, or where one is above the other by less than this part.
@@ -51,7 +51,7 @@ def disagreements(fitted: Sequence[Identification]) -> list[str]:
     for other in near_best(fitted):
         for name, estimate in best.estimates.items():
             rival = other.estimates.get(name)
-            if other is best or name in ALIGNMENT or rival is None:
+            if other is best or not is_of_arm(name) or rival is None:
                 continue
             if estimate.value is None or rival.value is None:
                 continue

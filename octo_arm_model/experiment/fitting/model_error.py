@@ -40,14 +40,22 @@ def unexplained(
     return float(np.sqrt(np.mean(squares)))
 
 
-def floor_of(size: float, jacobian: Sequence[FloatArray]) -> FloatArray:
+def floor_of(size: float, jacobian: Sequence[FloatArray], points: Sequence[int]) -> FloatArray:
     """Shift of each of x, (n,), by a model error of root mean square ``size`` [m] along it.
 
-    From the derivatives (m, 3, n) of the residuals of each step.
+    Args:
+        size: of the error, at what the camera sees.
+        jacobian: derivatives (m, 3, n) of all residuals of each step.
+        points: how many of the m are of the camera, the last ones.
     """
     stacked = np.concatenate([part.reshape(-1, part.shape[-1]) for part in jacobian])
-    points = sum(len(part) for part in jacobian)
-    return np.asarray(size * np.sqrt(points) * np.linalg.norm(np.linalg.pinv(stacked), axis=1))
+    inverse = np.linalg.pinv(stacked)
+    seen = np.concatenate([
+        np.repeat(np.arange(len(part)) >= len(part) - count, 3)
+        for part, count in zip(jacobian, points, strict=True)
+    ])  # fmt: skip
+    along = np.linalg.norm(inverse[:, seen], axis=1)
+    return np.asarray(size * np.sqrt(sum(points)) * along)
 
 
 def tip_error(away: Sequence[FloatArray], shapes: Sequence[MeasuredShape], length: float) -> float:

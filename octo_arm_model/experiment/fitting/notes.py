@@ -59,6 +59,12 @@ def notes_on(
         notes.append(
             'one tension offset for all tendons that read at least 1 % of the highest tension'
         )
+    if problem.unknowns.reads_encoders:
+        notes.append(
+            f'encoder readings are weighed by an accuracy of '
+            f'{problem.encoder_scale(best.x) * 1e3:.3g} mm, what the camera sees by '
+            f'{problem.scale(best.x) * 1e3:.3g} mm: what each leaves'
+        )
     if 'alignment' in fits:
         notes += undetermined(
             np.concatenate([shape.points for shape in problem.shapes]), after.rms

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.unknowns import Unknown, Unknowns
+from octo_arm_model.experiment.fitting.unknown import Unknown
+from octo_arm_model.experiment.fitting.unknowns import Unknowns
 
 # Singular values of the Jacobian below this part of the largest count as zero.
 _SINGULAR = 1e-4
@@ -30,11 +31,13 @@ class OpenDirection(NamedTuple):
     reason: str
 
 
-def open_direction(jacobian: FloatArray, unknowns: Unknowns) -> OpenDirection | None:
-    """The first direction of x that changes no residual, from derivatives (points, 3, n).
+def open_direction(
+    jacobian: FloatArray, unknowns: Unknowns, x: FloatArray
+) -> OpenDirection | None:
+    """The first direction from ``x`` that changes no residual, from derivatives (points, 3, n).
 
     An unknown without any effect comes first. Of several that only together change nothing, that
-    which is last in the order of `unknowns.FITS` is to be left out.
+    which is last in the order of `unknown.FITS` is to be left out.
     """
     scales = np.array([unknown.scale for unknown in unknowns.unknowns])
     moves = np.linalg.norm(jacobian * scales, axis=1).max(axis=0)
@@ -48,7 +51,7 @@ def open_direction(jacobian: FloatArray, unknowns: Unknowns) -> OpenDirection | 
     move = directions[-1] / norms
     share = np.abs(directions[-1])
     last = int(np.flatnonzero(share >= _PART * share.max())[-1])
-    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, move, scales))
+    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, x, move, scales))
 
 
 def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -58,15 +61,19 @@ def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     return flat / norms, norms
 
 
-def _in_words(unknowns: Sequence[Unknown], move: FloatArray, scales: FloatArray) -> str:
+def _in_words(
+    unknowns: Sequence[Unknown], x: FloatArray, move: FloatArray, scales: FloatArray
+) -> str:
     """A direction of x in words, without its small components."""
     share = np.abs(move / scales)
     largest = np.abs(move[share > 0.01 * share.max()]).max()
     words = []
-    for unknown, step, part in zip(unknowns, move / largest, share / share.max(), strict=True):
+    columns = zip(unknowns, x.tolist(), move / largest, share / share.max(), strict=True)
+    for unknown, at, step, part in columns:
         if part > 0.01:
+            relative = unknown.relative_change(at, step)
             change = f'{step:+.3g} {unknown.unit}'
-            if unknown.reference is not None:
-                change = f'{100.0 * step:+.3g} %'
+            if relative is not None:
+                change = f'{100.0 * relative:+.3g} %'
             words.append(f'{unknown.name} {change}')
     return f'changed together in this proportion nothing measured changes: {", ".join(words)}'

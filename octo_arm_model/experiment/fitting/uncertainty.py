@@ -25,7 +25,8 @@ from scipy.special import ndtri, stdtrit
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.open_directions import normalised
-from octo_arm_model.experiment.fitting.unknowns import Unknown, Unknowns
+from octo_arm_model.experiment.fitting.unknown import Unknown
+from octo_arm_model.experiment.fitting.unknowns import Unknowns
 
 _CONFIDENCE = 0.95
 
@@ -78,11 +79,12 @@ def estimates_of(
 def _estimate(
     unknown: Unknown, at: float, deviation: float, reach: float, floor: float
 ) -> Estimate:
-    low, high = (min(max(end, unknown.low), unknown.high) for end in (at - reach, at + reach))
+    ends = (min(max(end, unknown.low), unknown.high) for end in (at - reach, at + reach))
+    low, high = sorted(unknown.value(end) for end in ends)
     return Estimate(
         unknown.value(at),
         unknown.stddev(at, deviation),
-        (unknown.value(low), unknown.value(high)),
+        (low, high),
         unknown.unit,
         unknown.stddev(at, floor),
     )

@@ -1,12 +1,16 @@
-"""Tensions and measured points out of CSV files."""
+"""Tensions, encoder readings and measured points out of CSV files."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.csv_table import FORCE, LENGTH, CsvTable
@@ -14,7 +18,26 @@ from octo_arm_model.experiment.recording.measured_points import Frame, Measured,
 from octo_arm_model.experiment.recording.measured_topics import Skip
 from octo_arm_model.wire.tension_fields import NONE
 
+DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
+NO_READING = 'no encoder reading'
 _POINT = re.compile(r'^x_?([0-9]{1,6})$')
+
+
+@dataclass(frozen=True)
+class CsvSources:
+    """CSV files in place of topics.
+
+    Attributes:
+        tensions: of the tensions; None for those in the bag.
+        midlines: of what was measured; None for that in the bag.
+        displacements: of encoder readings; None for those in the bag, if it has any.
+        columns: which column is what, see `read_csv`.
+    """
+
+    tensions: Path | None = None
+    midlines: Path | None = None
+    displacements: Path | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 def csv_tensions(
@@ -47,6 +70,32 @@ def csv_tensions(
         except TensionError as error:
             skip(str(table.path), stamp, str(error))
     return kept, tensions
+
+
+def csv_displacements(table: CsvTable, arm: Arm, skip: Skip) -> tuple[list[int], list[FloatArray]]:
+    """Stamps [ns] and encoder readings (tendons,) [m] of the rows, NaN of tendons without.
+
+    ``skip`` is called with rows that have none.
+
+    Raises:
+        MeasurementError: if there is no column of a tendon, or a cell holds no number.
+    """
+    names = [f'{DISPLACEMENT}{tendon}' for tendon in arm.tendon_names]
+    if all(table.find(name) is None for name in names):
+        raise MeasurementError(
+            f'{table.path}: no column {names[0]}, nor that of another tendon; {table.listing}; '
+            f'say --columns {names[0]}=COLUMN'
+        )
+    stamps = table.times()
+    rows = np.full((len(stamps), len(names)), np.nan)
+    for column, name in zip(rows.T, names):
+        if table.find(name) is not None:
+            column[:] = table.numbers(name, LENGTH, 'm')
+    reads = np.isfinite(rows).any(axis=1)
+    for stamp, read in zip(stamps, reads):
+        if not read:
+            skip(str(table.path), stamp, NO_READING)
+    return [stamp for stamp, read in zip(stamps, reads) if read], list(rows[reads])
 
 
 def csv_frames(

@@ -8,7 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,7 +60,7 @@ class CsvTable:
     rows: tuple[Sequence[str], ...]
     lines: tuple[int, ...]
     given: Mapping[str, str]
-    count: Count = field(default_factory=Count)
+    count: Count
 
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
@@ -140,9 +140,7 @@ class CsvTable:
         return [round(second * 1e9) for second in seconds.tolist()]
 
 
-def read_csv(
-    path: str | Path, given: Mapping[str, str] | None = None, count: Count | None = None
-) -> CsvTable:
+def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
     """Read a file with one line of headers and rows below; ``given`` says which column is what.
 
     Fields are separated by commas, semicolons or tabs, whichever the header has. Of the progress
@@ -153,7 +151,7 @@ def read_csv(
     """
     with reading(path, MeasurementError):
         text = read_text(path, MAX_CSV_BYTES)
-    head, count = text.split('\n', 1)[0], count or Count()
+    head = text.split('\n', 1)[0]
     separator = max((',', ';', '\t'), key=head.count)
     rows: list[Sequence[str]] = []
     lines: list[int] = []
@@ -184,7 +182,7 @@ def read_csv(
         raise MeasurementError(f'{path}, line {reader.line_num}: no CSV: {error}') from error
     if not rows:
         raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
-    return CsvTable(Path(path), columns, tuple(rows), tuple(lines), dict(given or {}), count)
+    return CsvTable(path, columns, tuple(rows), tuple(lines), given, count)
 
 
 def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:

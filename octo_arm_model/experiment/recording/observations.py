@@ -14,6 +14,11 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
+from octo_arm_model.experiment.recording.encoder_windows import (
+    by_length,
+    mean_of,
+    with_displacements,
+)
 from octo_arm_model.experiment.recording.markers import mean_markers
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.midlines import is_tip_first
@@ -83,7 +88,8 @@ def observe(
     config = Config.from_parameters(recording.parameters)
     frames = _base_first(recording, pairing, config, known, notes)
     offset = _offset(recording, pairing, config, frames, notes, progress)
-    time, sampled = recording.tension_time, recording.tensions
+    time, sampled = recording.held
+    what, unit = ('length', 'm') if recording.is_driven else ('tension', 'N')
     if pairing.is_ramp:
         windows = ramp_windows(time, sampled, pairing.ramp_width)
     else:
@@ -91,40 +97,49 @@ def observe(
     duration = pairing.steady.duration
     if not windows:
         raise SolveError(
-            f'nothing to compare: no tension stays within '
-            f'{pairing.steady.tolerance_for(recording.tensions):.3g} N for {duration:g} s; '
+            f'nothing to compare: no {what} stays within '
+            f'{pairing.steady.tolerance_for(sampled):.3g} {unit} for {duration:g} s; '
             'where it changes slowly instead of in steps, say --ramp'
         )
-    time = recording.frame_time + offset
-    usable = _distance(time, recording.tension_time) <= pairing.tolerance
-    shapes, used = [], 0
+    span = float(np.ptp(time))
+    share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
+    seen = recording.frame_time + offset
+    usable = _distance(seen, time) <= pairing.tolerance
+    steady = f'{len(windows)} {"windows of a ramp" if pairing.is_ramp else "steady steps"}'
+    paired: list[tuple[Window, list[FloatArray]]] = []
     margin = 0.0 if pairing.is_ramp else pairing.tolerance
     for window in windows:
-        inside = usable & (time >= window.start + margin) & (time <= window.stop - margin)
+        inside = usable & (seen >= window.start + margin) & (seen <= window.stop - margin)
         if inside.any():
-            if pairing.is_ramp:
-                window = _at_frames(window, time[inside], recording)
-            shown = list(itertools.compress(frames, inside))
-            if recording.marker_s is None:
-                shapes.append(mean_shape(window, shown))
-                used += len(shown)
-            elif (markers := mean_markers(window, shown, recording.marker_s)) is not None:
-                shapes.append(markers)
-                used += len(shown)
-    what = 'windows of a ramp' if pairing.is_ramp else 'steady steps'
-    steady = f'{len(windows)} {what}'
+            at = seen[inside] if pairing.is_ramp else None
+            window = _read_in(window, at, recording)
+            paired.append((window, list(itertools.compress(frames, inside))))
+    if recording.is_driven:
+        followed = by_length([window for window, _ in paired], config)
+        paired = [(window, shown) for window, (_, shown) in zip(followed, paired, strict=True)]
+        notes.append(
+            'no load cells: tensions follow from the lengths that winches reeled in, by the arm '
+            'as the config has it'
+        )
+    shapes, used = [], 0
+    for window, shown in paired:
+        shape = (
+            mean_shape(window, shown) if recording.marker_s is None
+            else mean_markers(window, shown, recording.marker_s)
+        )  # fmt: skip
+        if shape is not None:
+            shapes.append(shape)
+            used += len(shown)
     if not shapes:
         raise SolveError(
-            f'nothing to compare: none of {len(frames)} frames from {time[0]:.3f} to '
-            f'{time[-1]:.3f} s lies in one of {steady} from {windows[0].start:.3f} to '
-            f'{windows[-1].stop:.3f} s with tensions within {pairing.tolerance:g} s'
+            f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
+            f'{seen[-1]:.3f} s lies in one of {steady} from {windows[0].start:.3f} to '
+            f'{windows[-1].stop:.3f} s with {what}s within {pairing.tolerance:g} s'
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
-    span = float(np.ptp(recording.tension_time))
-    share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
     if share < _FEW_STEADY and not pairing.is_ramp:
         notes.append(
-            f'tensions are steady in {100.0 * share:.0f} % of the time: where they change slowly '
+            f'{what}s are steady in {100.0 * share:.0f} % of the time: where they change slowly '
             'instead of in steps, say --ramp'
         )
     notes += recording.refusals.lines()
@@ -161,6 +176,9 @@ def _offset(
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
         return pairing.offset
+    if recording.is_driven:
+        notes.append('clock offset taken as 0 s: without load cells it is not looked for')
+        return 0.0
     tips = np.array([points[-1] for points in frames])
     seen = np.isfinite(tips).all(axis=1)
     found = None
@@ -178,10 +196,18 @@ def _offset(
     return found
 
 
-def _at_frames(window: Window, times: FloatArray, recording: Recording) -> Window:
-    """The ``window`` of a ramp, with the mean tensions at the ``times`` of its frames [s]."""
-    columns = [np.interp(times, recording.tension_time, one) for one in recording.tensions.T]
-    return dataclasses.replace(window, tensions=np.stack(columns, axis=1).mean(axis=0))
+def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:
+    """The ``window`` with encoder readings, and of a ramp means at the ``times`` of frames [s]."""
+    if times is None:
+        return with_displacements(window, recording)
+    if not recording.is_driven:
+        columns = [np.interp(times, recording.tension_time, one) for one in recording.tensions.T]
+        window = dataclasses.replace(window, tensions=np.stack(columns, axis=1).mean(axis=0))
+    if not len(recording.displacement_time):
+        return window
+    columns = [np.interp(times, recording.displacement_time, one)
+               for one in recording.displacements.T]  # fmt: skip
+    return dataclasses.replace(window, displacements=mean_of(np.stack(columns, axis=1)))
 
 
 def _unseen(recording: Recording) -> list[str]:

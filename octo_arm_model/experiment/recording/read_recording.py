@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import find_path
-from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError
+from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.experiment.recording.count import Count
-from octo_arm_model.experiment.recording.csv_recording import csv_frames, csv_tensions
+from octo_arm_model.experiment.recording.csv_recording import CsvSources, csv_frames
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MeasuredTopics
-from octo_arm_model.experiment.recording.recording import (
-    Recording,
-    Skips,
-    Stamped,
-    assemble,
-    in_short,
-)
+from octo_arm_model.experiment.recording.recording import Recording, Skips, assemble
+from octo_arm_model.experiment.recording.tendon_readings import pick_topics, read_tendons
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
-
-
-@dataclass(frozen=True)
-class CsvSources:
-    """CSV files in place of topics.
-
-    Attributes:
-        tensions: of the tensions; None for those in the bag.
-        midlines: of what was measured; None for that in the bag.
-        columns: which column is what, see `read_csv`.
-    """
-
-    tensions: Path | None = None
-    midlines: Path | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_recording(
@@ -49,9 +28,12 @@ def read_recording(
     measured: Measured = Measured(),
     files: CsvSources = CsvSources(),
     tendons: Sequence[str] = (),
+    displacements: str | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
     """Read the bag at ``path``, or CSV files, or tensions from one and midlines from the other.
+
+    Where there are no tensions, there have to be encoder readings.
 
     Args:
         path: the bag; None where all is in files.
@@ -61,6 +43,7 @@ def read_recording(
             publish.
         files: CSV files in place of topics.
         tendons: what the tendons are called there, in place of tension_names.
+        displacements: topic of the encoder readings; None for tendon_displacements, if there.
         progress: called with the numbers of messages, rows and values read and of all known of.
 
     Raises:
@@ -70,32 +53,42 @@ def read_recording(
             something is to come from two places.
     """
     given = None if config is None else load_parameters(find_path(config))
-    _check_sources(path, tensions, measured, files)
+    _check_sources(path, tensions, displacements, measured, files)
     count = Count(progress)
+    topics = tensions, displacements
     if path is None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, tensions, measured, files, tendons, count)
+        return _gather(None, given, topics, measured, files, tendons, count)
     from octo_arm_model.bags.reader import BagReader
 
     with BagReader(path) as reader:
-        return _gather(reader, given, tensions, measured, files, tendons, count)
+        return _gather(reader, given, topics, measured, files, tendons, count)
 
 
 def _check_sources(
-    path: Path | str | None, tensions: str | None, measured: Measured, files: CsvSources
+    path: Path | str | None,
+    tensions: str | None,
+    displacements: str | None,
+    measured: Measured,
+    files: CsvSources,
 ) -> None:
     """Have each thing come from one place.
 
     Raises:
         MeasurementError: if it comes from none, or from two.
     """
-    has_both = files.tensions is not None and files.midlines is not None
-    if path is None and not has_both:
-        raise MeasurementError('expected a bag, or --tension-csv and --midline-csv')
+    has_all = files.tensions is not None and files.midlines is not None
+    driven = files.displacements is not None and files.midlines is not None
+    if path is None and not (has_all or driven):
+        raise MeasurementError(
+            'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'
+        )
     for given, other, file in (
-        (path is not None and has_both, f'a bag, {path}', '--tension-csv and --midline-csv'),
+        (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
         (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),
+        (displacements is not None and files.displacements is not None, '--displacements',
+         '--displacement-csv'),
         (measured.sources and files.midlines is not None, '--midlines', '--midline-csv'),
         (measured.marker_frames and files.midlines is not None, '--marker-frames',
          '--midline-csv'),
@@ -107,25 +100,28 @@ def _check_sources(
 def _gather(
     reader: BagReader | None,
     given: dict[str, Any] | None,
-    tensions: str | None,
+    topics: tuple[str | None, str | None],
     measured: Measured,
     files: CsvSources,
     tendons: Sequence[str],
     count: Count,
 ) -> Recording:
-    """Tensions and frames, each from a file or from the bag of ``reader``."""
+    """Readings and frames, each from a file or from the bag of ``reader``.
+
+    ``topics`` are those of tensions and of displacements, as far as they were named.
+    """
     skips, notes = Skips(), list[str]()
     picked: tuple[str, str] | None = None
+    encoders: str | None = None
     if reader is not None:
         from octo_arm_model.bags.arms import describe, find_arms
-        from octo_arm_model.bags.tensions import pick_tensions
 
         if any('synthetic' in text for text in reader.metadata.values()):
             notes.append('the bag says that it is synthetic')
         notes += reader.notes
-        if files.tensions is None:
-            topic, field = picked = pick_tensions(reader, tensions)
-            wanted = f'{topic}:{field}' if field else topic
+        picked, encoders = pick_topics(reader, topics, files)
+        if picked is not None or encoders is not None:
+            wanted = ':'.join(part for part in picked or (encoders,) if part)
             given = dict(find_arms(reader, [wanted], given)[0].parameters)
         elif given is None:
             given = describe(reader)
@@ -134,47 +130,18 @@ def _gather(
         given['tension_names'] = list(tendons)
     config = Config.from_parameters(given)
     points = MeasuredPoints(measured, config.arm.length)
-    topics = None
+    seen = None
     if files.midlines is None:
         assert reader is not None
-        topics = MeasuredTopics(reader, measured, points, config.base_frame)
-        count.expect(reader.count(list(dict.fromkeys(topics.topics))))
-    if picked is not None:
-        assert reader is not None
-        stamped = _tensions_of(reader, *picked, config, skips, count)
-    else:
-        assert files.tensions is not None
-        table = read_csv(files.tensions, files.columns, count)
-        stamped = Stamped(str(files.tensions), *csv_tensions(table, config, skips))
-    if not stamped.rows:
-        where = reader.path if picked and reader is not None else files.tensions
-        raise BagError(
-            f'{where}: no tensions for this arm on {stamped.source}{in_short(skips.refusals)}'
-        )
-    if topics is not None:
-        source, found = ', '.join(topics.topics), list(topics.read(skips, count))
+        seen = MeasuredTopics(reader, measured, points, config.base_frame)
+        count.expect(reader.count(list(dict.fromkeys(seen.topics))))
+    readings = read_tendons(reader, picked, encoders, files, config, skips, count)
+    if seen is not None:
+        source, found = ', '.join(seen.topics), list(seen.read(skips, count))
     else:
         assert files.midlines is not None
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
         found = csv_frames(table, measured, points, skips)
     count.add(count.total - count.done)  # columns that nothing asked for
-    return assemble(given, stamped, found, source, measured, points, skips, notes)
-
-
-def _tensions_of(
-    reader: BagReader, topic: str, field: str, config: Config, skips: Skips, count: Count
-) -> Stamped:
-    """Tensions of a topic."""
-    from octo_arm_model.bags.tensions import read_tensions
-
-    stamped = Stamped(topic, [], [])
-    count.expect(reader.count([topic]))
-    for one in read_tensions(reader, topic, config, field):
-        count.add()
-        if one.tensions is None:
-            skips(topic, one.stamp_ns, one.reason)
-        else:
-            stamped.stamps.append(one.stamp_ns)
-            stamped.rows.append(one.tensions.ravel())
-    return stamped
+    return assemble(given, *readings, found, source, measured, points, skips, notes)

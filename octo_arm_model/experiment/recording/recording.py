@@ -1,4 +1,4 @@
-"""A recording: tensions, and measured midlines, tips or markers."""
+"""A recording: tensions or encoder readings, and measured midlines, tips or markers."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ class SkippedMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """Tensions and measured midlines with their stamps, in order of time.
+    """Tensions, encoder readings and measured midlines with their stamps, in order of time.
 
     Attributes:
         parameters: those of the arm, see `Config.from_parameters`.
-        tension_time: stamp of each set of tensions [s], (n,); from the first on.
-        tensions: (n, tendons) [N].
+        tension_time: stamp of each set of tensions [s], (n,), from the first of those or of the
+            encoder readings on.
+        tensions: (n, tendons) [N]; none where there were no load cells.
         frame_time: stamp of each midline, on the same scale, (f,) [s].
         frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3). Of markers all
             have one point for each of ``marker_s``, NaN where it was not seen.
@@ -46,6 +47,10 @@ class Recording:
         notes: remarks.
         marker_s: arc coordinate of each marker [m]; None of midlines and tips.
         refusals: counts of the messages left out, by topic and reason.
+        displacement_time: stamp of each set of encoder readings, on the scale of tensions, (e,)
+            [s].
+        displacements: lengths reeled in by the winches, as their encoders read them, (e, tendons)
+            [m]; NaN for tendons without.
     """
 
     parameters: dict[str, Any]
@@ -58,6 +63,23 @@ class Recording:
     notes: tuple[str, ...] = ()
     marker_s: FloatArray | None = None
     refusals: Refusals = field(default_factory=Refusals)
+    displacement_time: FloatArray = field(default_factory=lambda: np.zeros(0))
+    displacements: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether tensions are not known but by the lengths that winches reeled in."""
+        return not len(self.tensions)
+
+    @property
+    def held(self) -> tuple[FloatArray, FloatArray]:
+        """Stamps (n,) [s] and values (n, tendons) of what is held in steps.
+
+        Tensions [N], or, where there are none, lengths reeled in [m], 0 of those not measured.
+        """
+        if not self.is_driven:
+            return self.tension_time, self.tensions
+        return self.displacement_time, np.nan_to_num(self.displacements)
 
     @property
     def is_tips(self) -> bool:
@@ -86,12 +108,12 @@ class Skips:
 
 
 class Stamped(NamedTuple):
-    """Sets of tensions and their stamps.
+    """Sets of tensions or of encoder readings, and their stamps.
 
     Attributes:
         source: topic or file.
         stamps: [ns].
-        rows: (n, tendons) [N].
+        rows: of each tendon (tendons,) [N] or [m].
     """
 
     source: str
@@ -101,7 +123,8 @@ class Stamped(NamedTuple):
 
 def assemble(
     parameters: dict[str, Any],
-    tensions: Stamped,
+    tensions: Stamped | None,
+    encoders: Stamped | None,
     frames: Sequence[Frame],
     source: str,
     measured: Measured,
@@ -109,7 +132,9 @@ def assemble(
     skips: Skips,
     notes: list[str],
 ) -> Recording:
-    """A recording of ``tensions`` and ``frames``, which come from ``source``.
+    """A recording of ``tensions``, ``encoders``, one of which there is, and ``frames``.
+
+    Frames come from ``source``.
 
     Raises:
         MeasurementError: if there are no frames, or they are not of this arm.
@@ -118,15 +143,26 @@ def assemble(
         raise MeasurementError(f'nothing measured on {source}{in_short(skips.refusals)}')
     if measured.marker_s or all(len(frame.points) == 1 for frame in frames):
         points.check_together(frames)
-    origin = min(tensions.stamps)
-    tension_time, order = _in_order(tensions.stamps, origin, tensions.source, notes)
-    table = np.array(tensions.rows)[order]
+    origin = min(min(one.stamps) for one in (tensions, encoders) if one is not None)
+    tension_time, table = _table(tensions, origin, notes)
+    displacement_time, displacements = _table(encoders, origin, notes)
     stamps = [frame.stamp_ns for frame in frames]
     frame_time, order = _in_order(stamps, origin, source, notes)
     return Recording(
         parameters, tension_time, table, frame_time, tuple(frames[i].points for i in order),
         points.frame_id or '', tuple(skips.kept), tuple(notes), points.marker_s, skips.refusals,
+        displacement_time, displacements,
     )  # fmt: skip
+
+
+def _table(
+    stamped: Stamped | None, origin: int, notes: list[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Stamps from ``origin`` on (n,) [s], and rows in their order (n, tendons)."""
+    if stamped is None:
+        return np.zeros(0), np.zeros((0, 0))
+    time, order = _in_order(stamped.stamps, origin, stamped.source, notes)
+    return time, np.array(stamped.rows)[order]
 
 
 def _in_order(

@@ -1,4 +1,7 @@
-"""Steady windows: intervals of constant tensions, in which the arm has come to rest."""
+"""Steady windows: intervals of constant tensions, in which the arm has come to rest.
+
+Where there are no load cells, lengths that winches have reeled in [m] take the place of tensions.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +61,7 @@ class SteadyRule:
         change = np.abs(np.diff(tensions, axis=0))
         # The difference of two samples has the noise of both.
         noise = MAD * np.median(change, axis=0) / np.sqrt(2.0) if len(change) else np.zeros(1)
-        return max(_PART * float(tensions.max()), _TIMES_NOISE * float(noise.max()), 1e-9)
+        return max(_PART * float(np.abs(tensions).max()), _TIMES_NOISE * float(noise.max()), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,17 @@ class Window:
         stop: when it ends [s].
         tensions: mean of each (tendons,) [N].
         noise: standard deviation of each (tendons,) [N].
+        displacements: mean of what each encoder reads (tendons,) [m], NaN where it reads nothing;
+            None without encoders.
+        is_driven: whether tensions were not read, but follow from ``displacements``.
     """
 
     start: float
     stop: float
     tensions: FloatArray
     noise: FloatArray
+    displacements: FloatArray | None = None
+    is_driven: bool = False
 
 
 def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:
@@ -111,7 +119,7 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
     """
     if width is None:
         noise = 2.0 * SteadyRule().tolerance_for(tensions) if len(time) > 1 else 0.0
-        width = max(float(tensions.max(initial=0.0)) * _RAMP_PART, noise, 1e-9)
+        width = max(float(np.abs(tensions).max(initial=0.0)) * _RAMP_PART, noise, 1e-9)
     positive('--ramp', width, 'N')
     gap = max(1.0, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
     windows: list[Window] = []

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
+from octo_arm_msgs.msg import BackboneCovariance as CovarianceMessage
 from octo_arm_msgs.msg import SectionStrains
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -24,6 +25,8 @@ from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic, read_poses
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # Topics of the backbone, and of further quantities at the same stations, with their types.
@@ -32,6 +35,9 @@ DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
     'tendon_lengths': JointState,
     'tip_pose': PoseWithCovarianceStamped,
+    COVARIANCE: CovarianceMessage,
+    'tip_wrench/estimate': WrenchStamped,
+    'contact/estimate': WrenchStamped,
 }
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -73,6 +79,8 @@ class ArmClient:
         strains: newest strains; None until received.
         tensions: tensions of the newest shape [N], (tendons,); None until received.
         tip_deviation: standard deviation of the tip's position along x, y, z [m], (3,).
+        covariance: newest covariance of shape and contact, from an estimator; None until received.
+        force: newest estimated force on the arm [N], (3,); None until received.
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
@@ -97,6 +105,8 @@ class ArmClient:
         self.strains: PublishedStrains | None = None
         self.tensions: FloatArray | None = None
         self.tip_deviation = np.zeros(3)
+        self.covariance: BackboneCovariance | None = None
+        self.force: FloatArray | None = None
 
     def listen(self, topics: Mapping[str, Any]) -> None:
         """Subscribe to ``topics``, such as `POSES` and `DETAILS`, and unsubscribe from others.
@@ -138,6 +148,11 @@ class ArmClient:
             self.strains = PublishedStrains(message.model, *map(np.asarray, values))
         elif name == 'tendon_lengths':
             self._read_tensions(message, self.config.arm)
+        elif name == COVARIANCE:
+            self._read_covariance(message)
+        elif name.endswith('estimate'):
+            force = message.wrench.force
+            self.force = np.array([force.x, force.y, force.z])
         else:
             self.tip_deviation = np.sqrt(message.pose.covariance.reshape(6, 6).diagonal()[:3])
 
@@ -192,6 +207,12 @@ class ArmClient:
             self.tensions = JOINT_STATE.read(message, arm).ravel()
         except OctoArmError:
             self.tensions = None  # of another arm, whose description has not arrived yet
+
+    def _read_covariance(self, message: Any) -> None:
+        try:
+            self.covariance = read_covariance(message)
+        except OctoArmError:
+            self.covariance = None
 
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
         stamp, poses = read_poses(data)

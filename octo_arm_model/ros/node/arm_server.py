@@ -9,7 +9,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.wound_sequence import WoundSequence
-from octo_arm_model.config.config import parameters_as_yaml
+from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.friction_memory import FrictionMemory
@@ -20,7 +20,7 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.queued_service import QueuedService, Steps
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
-from octo_arm_model.ros.node.tension_inputs import TensionInputs
+from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
 from octo_arm_model.ros.node.tension_subscription import LatestSubscription, TensionInput
 from octo_arm_model.ros.node.tip_wrench import TipWrench
 from octo_arm_model.ros.node.work_queue import WorkQueue
@@ -48,7 +48,7 @@ class ArmServer:
         self._services: list[QueuedService] = []
         self._work = WorkQueue(node)
         self._inputs = TensionInputs(
-            node, self._work, self._diagnostics, self._current, self._answer
+            node, self._work, self._diagnostics, self._config, self._answer
         )
         self._tip_wrench = TipWrench(node, self._work, self._current, self._refuse)
         self._publishers: BackbonePublishers | None = None
@@ -81,7 +81,7 @@ class ArmServer:
         self._winches = LatestSubscription(
             node, JointState, displacement_messages.TOPIC, self._on_displacements, self._work
         )
-        self._diagnostics.apart = self._winches.topic
+        self._diagnostics.apart = frozenset({self._winches.topic})
         self._services = [
             QueuedService(node, Solve, 'solve', self._on_solve, self._work),
             QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
@@ -116,9 +116,9 @@ class ArmServer:
         assert self._publishers is not None
         config = prepared.config
         self._tip_wrench.change_arm(self._prepared, prepared)
-        if self._prepared is not None and prepared.field != self._prepared.field:
+        before, self._prepared = self._prepared, prepared
+        if before is not None and field_of(before.config) != field_of(config):
             self._inputs.change_field()
-        self._prepared = prepared
         if gone := self._winding.change_arm(config.arm):
             self._node.get_logger().warning(
                 f'displacements dropped: this arm has no tendon {gone[0]}'
@@ -136,6 +136,9 @@ class ArmServer:
 
     def _current(self) -> Prepared | None:
         return self._prepared
+
+    def _config(self) -> Config | None:
+        return None if self._prepared is None else self._prepared.config
 
     def _answer(self, given: TensionInput) -> None:
         if given.older:

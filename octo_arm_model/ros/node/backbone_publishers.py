@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
@@ -92,8 +93,17 @@ class BackbonePublishers:
         """Publish ``description``, the arm as a ROS parameter file."""
         self._description.publish(String(data=description))
 
-    def publish(self, backbone: Backbone, covariance: FloatArray, stamp: Stamp) -> None:
-        """Publish one backbone; what is of tendons, and markers, only if someone subscribed."""
+    def publish(
+        self,
+        backbone: Backbone,
+        covariance: FloatArray,
+        stamp: Stamp,
+        more: Callable[[], bytes] | None = None,
+    ) -> None:
+        """Publish one backbone; what is of tendons, and markers, only if someone subscribed.
+
+        ``covariance`` (6, 6) is that of the tip; ``more`` makes a message of further markers.
+        """
         assert self._writer is not None and self._solver is not None
         writer = self._writer
         # Published before the next one is serialised, for the least latency of each.
@@ -111,7 +121,7 @@ class BackbonePublishers:
         if self._profiles.get_subscription_count():
             assert self._profiles_writer is not None
             self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
-        self._drawing.publish(backbone, stamp)
+        self._drawing.publish(backbone, stamp, more)
 
     def publish_estimates(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""

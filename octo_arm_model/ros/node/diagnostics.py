@@ -35,8 +35,10 @@ class Diagnostics:
         is_compiled: whether the compiled solver is used.
         limits: thresholds of the warnings.
         publishers: counts the publishers of each input topic.
-        apart: whole name of the topic of displacements, no second source of tensions.
+        apart: whole names of topics that are no further source of tensions.
         memory: of tendons with friction, if they have any.
+        parts: make further statuses, of what else the node does; called with the state of a node
+            that is not subscribed, else with nothing.
     """
 
     def __init__(self, node: Node) -> None:
@@ -45,7 +47,9 @@ class Diagnostics:
         self.model, self.is_compiled = '', False
         self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
-        self._idle = self.apart = ''
+        self._idle = ''
+        self.apart: frozenset[str] = frozenset()
+        self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.memory: FrictionMemory | None = None
         self._totals = dict.fromkeys(
             (
@@ -58,7 +62,8 @@ class Diagnostics:
         self._topics: dict[str, int] = {}
         self._received = 0
         self._heard = time.monotonic()
-        self._newest: float | None = None
+        self._newest: dict[str, float] = {}
+        self._last: float | None = None
         self._reason = self._failure = ''
         self._refusals = Refusals()
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
@@ -81,7 +86,7 @@ class Diagnostics:
     def end(self, state: str) -> None:
         """The node is not subscribed, being in ``state``."""
         self._idle, self.publishers = state, {}
-        self._newest = None
+        self._newest, self._last = {}, None
 
     def _on_step(self, jump: TimeJump) -> None:
         """Record the last step of simulated time."""
@@ -105,9 +110,11 @@ class Diagnostics:
             self._count('unstamped')
             return
         seconds = stamp.sec + 1e-9 * stamp.nanosec
-        if self._newest is not None and seconds < self._newest:
+        # Topics apart may be as late as they like against each other.
+        source = topic if topic in self.apart else ''
+        if seconds < self._newest.get(source, seconds):
             self._count('backwards')
-        self._newest = seconds
+        self._newest[source] = self._last = seconds
         now = self._seconds()
         if now and now - seconds > self.limits.age:
             self._count('old')
@@ -139,7 +146,13 @@ class Diagnostics:
 
     def _report(self) -> None:
         name = self._node.get_fully_qualified_name()
-        message = DiagnosticArray(status=[self._solver(), self._input(), self._output()])
+        parts = (
+            self._solver(),
+            self._input(),
+            self._output(),
+            *(part(self._idle) for part in self.parts),
+        )
+        message = DiagnosticArray(status=list(parts))
         for status in message.status:
             status.name = f'{name.lstrip("/")}: {status.name}'
             status.hardware_id = name
@@ -152,7 +165,7 @@ class Diagnostics:
         failed, answered = self._lately['failed'], self._lately['answered']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
-        return _status('solver', level, problem, 'solving' if answered else 'waiting', {
+        return make_status('solver', level, problem, 'solving' if answered else 'waiting', {
             'model': self.model,
             'compiled': self.is_compiled,
             'residual': f'{self._residual:.3e}',
@@ -178,7 +191,7 @@ class Diagnostics:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
-        of_tensions = sorted(self._topics.keys() - {self.apart})
+        of_tensions = sorted(self._topics.keys() - self.apart)
         if len(of_tensions) > 1:
             problems.append(f'several sources: {", ".join(of_tensions)}')
         publishers = {topic: count() for topic, count in self.publishers.items()}
@@ -194,10 +207,10 @@ class Diagnostics:
             if lately[what]:
                 problems.append(f'{lately[what]} {words}')
         age = ''
-        if self._newest is not None:
-            age = f'{now - self._newest:.3f}'
+        if self._last is not None:
+            age = f'{now - self._last:.3f}'
         fine = 'receiving' if self._received else 'waiting'
-        return _status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
+        return make_status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
             'rate [Hz]': f'{self._received / PERIOD:.1f}',
             'age of the newest stamp [s]': age,
             'source': ', '.join(sorted(self._topics)),
@@ -215,16 +228,17 @@ class Diagnostics:
         skipped, answered = self._lately['skipped'], self._lately['answered']
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
         fine = 'publishing' if answered else 'waiting'
-        return _status('output', DiagnosticStatus.WARN, problem, fine, {
+        return make_status('output', DiagnosticStatus.WARN, problem, fine, {
             'rate [Hz]': f'{answered / PERIOD:.1f}',
             'answered': self._totals['answered'],
             'skipped': self._totals['skipped'],
         })  # fmt: skip
 
 
-def _status(
+def make_status(
     name: str, level: bytes, problem: str, fine: str, values: dict[str, object]
 ) -> DiagnosticStatus:
+    """Status of ``level`` where there is a ``problem``, else OK and what is ``fine``."""
     status = DiagnosticStatus(name=name, message=problem or fine)
     status.level = level if problem else DiagnosticStatus.OK
     status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

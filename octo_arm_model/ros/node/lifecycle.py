@@ -1,4 +1,4 @@
-"""The node ``octo_arm_lifecycle_node``: the node as a managed node.
+"""Managed nodes, and the node ``octo_arm_lifecycle_node``: `octo_arm_node` as one.
 
 Configure loads and validates the arm, activate subscribes, deactivate unsubscribes, cleanup frees.
 """
@@ -8,10 +8,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.checked_node import CheckedNode
@@ -19,17 +20,33 @@ from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
 
 
-class ManagedOctoArmNode(CheckedNode, LifecycleNode):
-    """Publishes the backbone of the arm for the tensions it receives while it is active."""
+class Server(Protocol):
+    """What a node of an arm does, in the states of a managed one; see `ArmServer`."""
 
-    def __init__(self, **options: Any) -> None:
+    def configure(self) -> None:
+        """Load and validate the arm; raises OctoArmError if it cannot be."""
+
+    def activate(self) -> None:
+        """Start answering; raises OctoArmError if it cannot."""
+
+    def deactivate(self) -> None:
+        """Stop answering."""
+
+    def cleanup(self) -> None:
+        """Free what `configure` took."""
+
+
+class ManagedNode(CheckedNode, LifecycleNode):
+    """Does what its server does while it is active."""
+
+    def __init__(self, name: str, make_server: Callable[[Node], Server], **options: Any) -> None:
         """Declare the parameters; the arm is loaded when it is configured.
 
         Raises:
             ConfigError: if a parameter is of the wrong type.
         """
-        super().__init__('octo_arm', **options)
-        self._server = ArmServer(self)
+        super().__init__(name, **options)
+        self._server = make_server(self)
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
@@ -61,7 +78,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe and offer the services; a failure leaves the node inactive."""
+        """Begin to answer; a failure leaves the node inactive."""
         try:
             self._server.activate()
         except OctoArmError as error:
@@ -71,7 +88,7 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Unsubscribe and withdraw the services."""
+        """Stop answering."""
         self._server.deactivate()
         return super().on_deactivate(state)
 
@@ -85,6 +102,14 @@ class ManagedOctoArmNode(CheckedNode, LifecycleNode):
         self._server.deactivate()
         self._server.cleanup()
         return TransitionCallbackReturn.SUCCESS
+
+
+class ManagedOctoArmNode(ManagedNode):
+    """Publishes the backbone of the arm for the tensions it receives while it is active."""
+
+    def __init__(self, **options: Any) -> None:
+        """As `ManagedNode`."""
+        super().__init__('octo_arm', ArmServer, **options)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
@@ -20,6 +21,7 @@ TOPIC = 'markers'
 class _StampedBackbone(NamedTuple):
     backbone: Backbone
     stamp: Stamp
+    more: Callable[[], bytes] | None
 
 
 class MarkerPublisher:
@@ -54,12 +56,17 @@ class MarkerPublisher:
         """Drop the backbone that waits for the timer."""
         self._waiting = None
 
-    def publish(self, backbone: Backbone, stamp: Stamp) -> None:
-        """Publish this backbone now, or at the next timer if there is no newer one by then."""
+    def publish(
+        self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None = None
+    ) -> None:
+        """Publish this backbone now, or at the next timer if there is no newer one by then.
+
+        ``more`` makes a message of further markers that go with it.
+        """
         if not self._publisher.get_subscription_count():
             self.forget()
             return
-        stamped = _StampedBackbone(backbone, stamp)
+        stamped = _StampedBackbone(backbone, stamp, more)
         if self._timer is None:
             self._draw(stamped)
         elif self._timer.is_canceled():
@@ -93,3 +100,5 @@ class MarkerPublisher:
         self._largest = max(self._largest, float(stamped.backbone.tensions.max()))
         data = self._writer.write(stamped.backbone, *stamped.stamp, self._largest or None)
         self._publisher.publish(data)
+        if stamped.more is not None:
+            self._publisher.publish(stamped.more())

@@ -9,7 +9,6 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.tension_subscription import message_class
-from octo_arm_model.wire.tension_messages import FieldMessage
 
 
 class Prepared(NamedTuple):
@@ -24,13 +23,6 @@ class Prepared(NamedTuple):
     values: dict[str, Any]
     config: Config
     solver: Solver
-
-    @property
-    def field(self) -> FieldMessage | None:
-        """Where further messages hold tensions; None where no type of messages is named."""
-        config = self.config
-        given = FieldMessage(config.tension_type, config.tension_field)
-        return given if config.tension_type else None
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Prepared:

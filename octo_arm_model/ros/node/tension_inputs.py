@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_subscription import (
     FIELD_TOPIC,
     TOPICS,
@@ -20,6 +20,12 @@ from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.wire.tension_messages import FieldMessage
 
 
+def field_of(config: Config) -> FieldMessage | None:
+    """Where further messages hold tensions; None where no type of messages is named."""
+    given = FieldMessage(config.tension_type, config.tension_field)
+    return given if config.tension_type else None
+
+
 class TensionInputs:
     """The subscriptions of a node to tensions while it is active."""
 
@@ -28,7 +34,7 @@ class TensionInputs:
         node: Node,
         work: WorkQueue,
         diagnostics: Diagnostics,
-        current: Callable[[], Prepared | None],
+        current: Callable[[], Config | None],
         answer: Callable[[TensionInput], None],
     ) -> None:
         """Subscribe to nothing yet.
@@ -75,9 +81,9 @@ class TensionInputs:
 
     def _subscribe_to_field(self) -> bool:
         """Subscribe to messages of the type that the parameters name, if they name one."""
-        prepared = self._current()
-        assert prepared is not None
-        if (field := prepared.field) is not None and self._field_input is None:
+        config = self._current()
+        assert config is not None
+        if (field := field_of(config)) is not None and self._field_input is None:
             try:
                 self._field_input = self._subscribe(FIELD_TOPIC, field)
             except OctoArmError as error:
@@ -96,10 +102,10 @@ class TensionInputs:
         self._diagnostics.publishers = {one.topic: one.count_publishers for one in inputs}
 
     def _names(self) -> tuple[str, ...]:
-        prepared = self._current()
-        return prepared.config.load_cells.names if prepared is not None else ()
+        config = self._current()
+        return config.load_cells.names if config is not None else ()
 
     def _arm(self) -> Arm:
-        prepared = self._current()
-        assert prepared is not None  # it subscribes only while configured
-        return prepared.config.arm
+        config = self._current()
+        assert config is not None  # it subscribes only while configured
+        return config.arm

@@ -12,6 +12,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.client.client import ArmClient, PublishedShape
+from octo_arm_model.wire.cdr_covariance import BackboneCovariance
 
 STALE = 1.0  # [s] without a shape after which the arm is hidden
 _STYLE = (
@@ -51,6 +52,8 @@ def live(client: ArmClient) -> str:
         ('Node', f'{client.strains.model if client.strains else ""}, {client.rate():.0f} Hz'),
         ('Latency', _milliseconds(client.latency)),
     ]
+    if client.force is not None and client.covariance is not None:
+        rows.append(('Force', pushed(client.force, client.covariance)))
     table = ''.join(
         f'<tr><td style="padding-right:1em;opacity:0.6">{name}</td><td>{value}</td></tr>'
         for name, value in rows
@@ -59,6 +62,14 @@ def live(client: ArmClient) -> str:
     if client.age() > STALE:
         problem = f'no shape for {client.age():.0f} s' + (f'; {problem}' if problem else '')
     return _STYLE.format(f'<table>{table}</table>{_warning(problem)}')
+
+
+def pushed(force: FloatArray, known: BackboneCovariance) -> str:
+    """An estimated ``force`` (3,) [N], its standard deviations and where it acts, in HTML."""
+    stddev = 1e3 * np.sqrt(known.contact.diagonal()[:3])
+    place = 'all along' if np.isnan(known.contact_s) else f'at s = {1e3 * known.contact_s:.0f} mm'
+    parts = [f'{1e3 * one:.1f} &plusmn; {off:.1f}' for one, off in zip(force, stddev, strict=True)]
+    return f'<span class="octo-arm-force">{", ".join(parts)}</span> mN {place}'
 
 
 def overlapping(overlap: Overlap | None) -> str:

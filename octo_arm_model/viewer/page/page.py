@@ -30,6 +30,7 @@ from octo_arm_model.viewer.page.scene import (
     set_scene,
 )
 from octo_arm_model.viewer.page.target import Answer, TargetSearch
+from octo_arm_model.viewer.page.uncertainty import UncertaintyScene
 from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
 
 _READING = 0.2  # [s] between updates of the numbers
@@ -65,6 +66,7 @@ class Page:
         set_scene(server, view, middle_of(config), length, 0.55 * length)
         set_base(server.scene, config)
         self._arm = ArmScene(server.scene, 'arm', self._solver)
+        self._uncertainty = UncertaintyScene(server.scene, self._solver)
         self._add_ghost()
         gui = server.gui
         self._text = gui.add_html(numbers.live(client))
@@ -122,6 +124,8 @@ class Page:
                 if len(shape.position) == len(strains.s) == count:
                     self._draw_arm(shape, strains, now)
             self._arm.root.visible = client.age() < numbers.STALE
+            if not self._arm.root.visible:
+                self._uncertainty.hide()
             if now - self._read > _READING:
                 self._read = now
                 self._text.content = numbers.live(client)
@@ -134,6 +138,8 @@ class Page:
         pull = tensions / self._controls.highest
         self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
         self._comparison.show(tensions, pull, shape.position[-1])
+        if (known := self._client.covariance) is not None:
+            self._uncertainty.show(shape.position, shape.quaternion, known, self._client.force)
         if not self._is_ours and not self.commander.is_moving:
             # Another node commands: commands start from its tensions.
             self.commander.tensions = tensions.copy()

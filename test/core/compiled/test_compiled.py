@@ -29,7 +29,6 @@ from octo_arm_model import (
     Table,
     load_config,
 )
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled import frame_kernels, kernel_cache, kernels, numba_build
@@ -39,6 +38,7 @@ from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.logs import show_logs
 
 pytest.importorskip('numba')
@@ -480,7 +480,7 @@ def test_sections_with_sheaths_are_settled_at_large_bends() -> None:
     tensions = np.array([0.0, 0.0, 16.0, 16.0])
     statics = Solver(arm, 'exact')._statics
     assert isinstance(statics, Exact)
-    tables = section_tables(statics.at_points)
+    tables = section_tables(statics.unloaded.at_points)
     twist = np.empty((4, tables.axial.size))
     residual, steps = numba_build.find_minima()(tables, tensions, twist)
     assert residual <= TOLERANCE and steps >= 0

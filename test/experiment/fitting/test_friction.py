@@ -11,8 +11,8 @@ from experiments import PARAMETERS, TRUE, one_tendon, shapes
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.fitting.fit import followed
 from octo_arm_model.experiment.fitting.identify import identify
+from octo_arm_model.experiment.fitting.solutions import followed
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.curves import resample
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape

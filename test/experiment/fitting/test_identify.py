@@ -10,7 +10,8 @@ from experiments import FAR, PARAMETERS, PULLS, TRUE, measured, midline, one_ten
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.experiment.fitting.identify import Identification, identify
+from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from experiments import PARAMETERS, one_tendon, shapes
 
-from octo_arm_model.experiment.fitting.identify import Identification, identify
+from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements, envelope_of
 
 RESULTS = Path(__file__).parents[3] / 'validation' / 'results.json'

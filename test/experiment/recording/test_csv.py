@@ -12,7 +12,8 @@ from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.cli.main import main
 from octo_arm_model.core import limits
-from octo_arm_model.experiment.recording.read_recording import CsvSources, read_recording
+from octo_arm_model.experiment.recording.csv_recording import CsvSources
+from octo_arm_model.experiment.recording.read_recording import read_recording
 
 STILL = ['--clock-offset', '0', '--json', '--align', 'none']
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
@@ -200,7 +201,7 @@ def test_what_is_read_has_bounds(
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        ([], 'expected a bag, or --tension-csv and --midline-csv'),
+        ([], 'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'),
         (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
         (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
         (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),

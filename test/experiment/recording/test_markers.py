@@ -155,13 +155,14 @@ def test_derivatives_of_marker_residuals_are_those_of_differences() -> None:
     from experiments import FAR, PARAMETERS
 
     from octo_arm_model.experiment.fitting.fit import Problem
+    from octo_arm_model.experiment.fitting.readings import Readings
     from octo_arm_model.experiment.fitting.unknowns import Unknowns
 
     window = Window(0.0, 1.0, one_tendon(2.0), np.zeros(4))
     shape = mean_markers(window, [FAR.to_camera(seen(2.0, MARKER_S))], np.array(MARKER_S))
     assert shape is not None
     fits = ['youngs_modulus', 'tension_scale', 'alignment']
-    unknowns = Unknowns(PARAMETERS, 'exact', fits, np.array([window.tensions]), FAR)
+    unknowns = Unknowns(PARAMETERS, 'exact', fits, Readings.of([shape]), FAR)
     problem = Problem([shape], unknowns)
     got = problem.change(unknowns.start, 0)
     expected = jacobian(lambda x: problem.residuals(x, 0), unknowns.start, 1e-4)

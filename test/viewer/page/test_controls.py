@@ -10,10 +10,10 @@ pytest.importorskip('viser', reason='needs viser')
 
 
 from octo_arm_model import load_config
-from octo_arm_model.analysis.inverse import default_highest
 from octo_arm_model.apps.demo import movement_of
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.limits import figures, highest_tensions
 

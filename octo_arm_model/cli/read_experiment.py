@@ -1,0 +1,118 @@
+"""The recording that compare and identify are given, read as their options say."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+
+from octo_arm_model.cli.experiment_options import ALL
+from octo_arm_model.cli.progress import Bar
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.solver import MODELS
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.csv_recording import CsvSources
+from octo_arm_model.experiment.recording.csv_table import read_columns
+from octo_arm_model.experiment.recording.measured_points import Measured
+from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.recording.read_recording import read_recording
+from octo_arm_model.experiment.recording.recording import Recording
+from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+
+
+def read_options(
+    options: argparse.Namespace, default_models: Sequence[str] = ()
+) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
+    """The recording of `add_recording`'s options, and how it is to be compared.
+
+    Without --model it is ``default_models``, or the config's if there are none.
+
+    Returns:
+        The recording, its shapes, the models, the alignment (None for one to be fitted) and
+        notes on these choices.
+
+    Raises:
+        OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
+    """
+    tolerance, offset = options.tolerance, options.clock_offset
+    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+        raise ConfigError(f'--tolerance is {tolerance!r}, expected a time >= 0 [s]')
+    if offset is not None and not math.isfinite(offset):
+        raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
+    steady = SteadyRule(options.steady, options.hold, options.settle)
+    if options.align is not None:
+        _alignment(options.align)  # Checked before the bag is read.
+    measured = Measured(
+        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
+        options.length_unit,
+    )  # fmt: skip
+    columns = read_columns(options.columns)
+    with Bar('messages, rows and values') as bar:
+        recording = read_recording(
+            options.bag,
+            options.config,
+            options.tensions,
+            measured,
+            CsvSources(
+                options.tension_csv, options.midline_csv, options.displacement_csv, columns
+            ),
+            options.tendons,
+            options.displacements,
+            progress=bar.on_terminal,
+        )
+    config = Config.from_parameters(recording.parameters)
+    notes: list[str] = []
+    if options.align is not None:
+        alignment = _alignment(options.align)
+    elif recording.frame_id == config.base_frame:
+        alignment = Alignment.none()
+        notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
+    else:
+        alignment = None
+        notes.append(
+            f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
+            'alignment is fitted'
+        )
+    ramp = options.ramp
+    width = None if ramp is None or math.isnan(ramp) else ramp
+    pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
+    with Bar('clock offsets') as bar:
+        observations = observe(recording, pairing, alignment, bar.on_terminal)
+    return (
+        recording,
+        observations,
+        _models(options.model or default_models, config),
+        alignment,
+        notes,
+    )
+
+
+def _models(given: Sequence[str], config: Config) -> list[str]:
+    if not given:
+        return [config.model]
+    return list(MODELS) if ALL in given else list(dict.fromkeys(given))
+
+
+def _alignment(words: Sequence[str]) -> Alignment | None:
+    """The alignment of ``--align``; None for one to be fitted.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    if list(words) == ['fit']:
+        return None
+    if list(words) == ['none']:
+        return Alignment.none()
+    try:
+        x, y, z, *quaternion = (float(word) for word in words)
+        a, b, c, d = quaternion
+    except ValueError:
+        raise ConfigError(
+            f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
+        ) from None
+    try:
+        return Alignment.from_pose(Pose((x, y, z), (a, b, c, d)))
+    except ConfigError as error:
+        raise ConfigError(f'--align: {str(error).replace("base.", "")}') from error

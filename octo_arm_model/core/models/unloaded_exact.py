@@ -1,0 +1,137 @@
+"""Arms without loads by the model `exact`: the energy of every cross section by itself is least.
+
+Strains are smooth between anchorages, so they are found at Chebyshev points and interpolated to
+the nodes; in a panel where that does not resolve them (a tabulated profile, say) they are then
+found at its nodes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.models.statics import Setup
+from octo_arm_model.core.numerics.chebyshev import (
+    barycentric_matrix,
+    chebyshev_integration,
+    tail_matrix,
+)
+from octo_arm_model.core.rod.grid import Panel, panels_of
+from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.newton import can_be, initial_strain, minimise
+from octo_arm_model.core.section.sheath import sections_of
+from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
+
+POINTS = 20  # in each panel
+# Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
+RESOLVED = 1e-9
+
+
+class PanelNodes(NamedTuple):
+    """The nodes in a panel.
+
+    Attributes:
+        numbers: of the nodes, (n,).
+        from_points: matrix from the points of the panel to them, (`POINTS`, n).
+    """
+
+    numbers: IntArray
+    from_points: FloatArray
+
+
+class UnloadedExact:
+    """Strains from tensions.
+
+    Attributes:
+        at_points: cross sections at the Chebyshev points of all panels in which tendons act.
+        panels: the nodes in each of these.
+        tail: matrix to the last two Chebyshev coefficients, (`POINTS`, 2).
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        """Tabulate the arm."""
+        self._setup = setup
+        points, _ = chebyshev_integration(POINTS)
+        # Where no tendon acts the section stays as it is.
+        panels = [panel for panel in panels_of(setup.arm) if panel.section > 0]
+        self.panels = [_nodes_of(setup, panel, points) for panel in panels]
+        s = np.concatenate([panel.start + panel.length * points for panel in panels])
+        self.at_points = self._sections_at(
+            s, np.repeat([panel.section for panel in panels], POINTS)
+        )
+        self._at_nodes: dict[int, SectionEnergy] = {}
+        self.tail = tail_matrix(POINTS)
+
+    def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
+        return sections_of(self._setup.arm, s, section, self._setup.law, self._setup.shear)
+
+    def solve(self, tensions: FloatArray) -> Solution:
+        """Twist at every node under ``tensions`` (batch, tendons) [N].
+
+        Raises:
+            ConvergenceError: if a cross section finds no balance.
+            SolveError: if there is none that can be trusted.
+        """
+        energy = self.at_points
+        local_tensions = energy.local_tensions(tensions)
+        found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
+        check_fibres(energy, found.strain)
+        energy.check_tendons(found.strain, local_tensions)
+        energy.check_stable(found.strain, local_tensions)
+        coarse = to_twist(energy.law, found.strain)
+        # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
+        coarse[3] -= 1.0
+        count = len(tensions)
+        twist = np.zeros((energy.strains, count, self._setup.grid.nodes.size))
+        by_panel = coarse.reshape(energy.strains, count, -1, POINTS)
+        for panel, (numbers, from_points) in enumerate(self.panels):
+            twist[..., numbers] = by_panel[:, :, panel] @ from_points
+        twist[3] += 1.0
+        residual, iterations = found.residual, np.full(count, found.iterations)
+        tail = np.abs(by_panel @ self.tail).max(axis=3)
+        size = np.abs(coarse).max(axis=2)
+        size[:3] = size[:3].max(axis=0)
+        unresolved = (tail > RESOLVED * size[:, :, np.newaxis]).any(axis=0)
+        if np.count_nonzero(unresolved):
+            residual = residual.copy()
+            for panel in np.flatnonzero(unresolved.any(axis=0)).tolist():
+                arms = np.flatnonzero(unresolved[:, panel])
+                self._refine(panel, arms, tensions, twist, residual, iterations)
+        return Solution(twist, residual, iterations)
+
+    def _refine(
+        self, panel: int, arms: IntArray, tensions: FloatArray, twist: FloatArray,
+        residual: FloatArray, iterations: IntArray,
+    ) -> None:  # fmt: skip
+        """From nearly right strains at the nodes of a ``panel`` of some ``arms`` to right ones."""
+        setup, nodes = self._setup, self.panels[panel].numbers
+        if panel not in self._at_nodes:
+            self._at_nodes[panel] = self._sections_at(
+                setup.grid.nodes[nodes], setup.grid.node_section[nodes]
+            )
+        energy = self._at_nodes[panel]
+        local_tensions = energy.local_tensions(tensions[arms])
+        at = np.ix_(np.arange(energy.strains), arms, nodes)
+        start = to_scaled(energy.law, twist[at])
+        # Where the strain has a peak between the points, what is interpolated can turn a section
+        # inside out, which has no energy to descend from.
+        outside = ~can_be(energy, start[3], np.sqrt(start[1] ** 2 + start[2] ** 2))
+        if np.count_nonzero(outside):
+            start = np.where(outside, initial_strain(energy, local_tensions), start)
+        found = minimise(energy, local_tensions, start)
+        check_fibres(energy, found.strain)
+        twist[at] = to_twist(energy.law, found.strain)
+        residual[arms] = np.maximum(residual[arms], found.residual)
+        iterations[arms] += found.iterations
+
+
+def _nodes_of(setup: Setup, panel: Panel, points: FloatArray) -> PanelNodes:
+    """The nodes in a ``panel``, and how values there follow from those at its ``points``."""
+    nodes, section = setup.grid.nodes, setup.grid.node_section
+    inside = (section == panel.section) & (nodes >= panel.start) & (nodes <= panel.stop)
+    numbers = np.flatnonzero(inside)
+    targets = (nodes[numbers] - panel.start) / panel.length
+    return PanelNodes(numbers, barycentric_matrix(points, targets).T.copy())

@@ -1,0 +1,55 @@
+"""Tendons that cannot twist the arm, in cross sections without torsion, for `quasi_newton`.
+
+Across t they have the directions of their slopes r' alone, so that u = (u_t, w r') with the
+widening w, and u / w depends on the strain by its component along t only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, Number
+
+if TYPE_CHECKING:
+    from octo_arm_model.core.section.energy import SectionEnergy
+
+
+class PlanarTendons:
+    """`quasi_newton.Tendons` of which none gives way."""
+
+    has_torsion = False
+    imbalance = 0.0
+    softening: Number = 0.0
+    torsion: Number = 0.0
+    coupling: Number = 0.0
+
+    def __init__(self, energy: SectionEnergy, local_tensions: FloatArray) -> None:
+        """Of the cross sections ``energy``, under tensions (tendons, batch, nodes) [N]."""
+        self._energy, self._tensions = energy, local_tensions
+        self._slope_squared = energy.dx**2 + energy.dy**2
+
+    def gradient(self, strain: FloatArray) -> FloatArray:
+        """See `quasi_newton.Tendons`."""
+        self._width, self._slope, self._bend = self._energy.widening(strain[2])
+        u_t = self._u_t = self._energy.along(strain / self._width)
+        over = 1.0 / (u_t * u_t + self._slope_squared)
+        pull = self._tensions * np.sqrt(over)
+        gradient = self._energy.resultants(u_t * pull)
+        across = pull * self._slope_squared
+        self._stiffness = across * over / self._width
+        if self._energy.law.widens:
+            self._across = np.add.reduce(across)
+            gradient[2] += self._slope * self._across
+        return gradient
+
+    def stiffened(self, step: FloatArray) -> FloatArray:
+        """See `quasi_newton.Tendons`: exact, as |u| is w times a function of u_t / w."""
+        turned = self._energy.along(step) - (self._slope * step[2]) * self._u_t
+        along = self._stiffness * turned
+        change = self._energy.resultants(along)
+        if self._energy.law.widens:
+            change[2] += self._bend * self._across * step[2]
+            change[2] -= self._slope * np.add.reduce(self._u_t * along)
+        return change

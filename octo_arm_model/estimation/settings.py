@@ -1,0 +1,246 @@
+"""What an estimator takes for unknown and how exact sensors are, from its parameters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import not_negative, positive
+from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
+from octo_arm_model.estimation.parameters import (
+    BENT,
+    CONTACTS,
+    ESTIMATOR_PARAMETERS,
+    MAX_PLACES,
+    PLACES,
+    PREFIX,
+)
+from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+
+_TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
+_RADII = 101  # that the mean is taken of
+_UNIT = re.compile(r'\[([^]]*)\]')
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of what is measured; 0 where they are not known.
+
+    Attributes:
+        tension: [N].
+        displacement: [m].
+        marker: of each coordinate [m].
+        marker_s: arc coordinates of the markers [m].
+        tip_position: of each coordinate, where the message does not say [m].
+        tip_rotation: likewise of the rotation vector [rad].
+        base_force: [N].
+        base_moment: [N m].
+        model_position: of each coordinate of tip and markers, by the error of the model [m].
+        model_rotation: of the rotation vector of the tip, likewise [rad].
+    """
+
+    tension: float
+    displacement: float
+    marker: float
+    marker_s: tuple[float, ...]
+    tip_position: float
+    tip_rotation: float
+    base_force: float
+    base_moment: float
+    model_position: float
+    model_rotation: float
+
+
+class TensionStatistics(NamedTuple):
+    """How tensions of a recording vary; 0 where it does not tell.
+
+    Attributes:
+        noise: standard deviation of one reading [N].
+        rate: of the change in a second, of a random walk that keeps up with them [N/s^0.5].
+    """
+
+    noise: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """An estimator's parameters, checked, with what the arm's description has for defaults.
+
+    Attributes:
+        unknowns: of each hypothesis, by its name; one where the place of contact is given.
+        noise: of the sensors.
+        gate: see `Filter`.
+        window: see `Filter` [s].
+        change_time: see `Hypotheses` [s].
+        notes: values that were not given, in words.
+    """
+
+    unknowns: Mapping[str, Unknowns]
+    noise: SensorNoise
+    gate: float
+    window: float
+    change_time: float
+    notes: tuple[str, ...]
+
+    @classmethod
+    def from_parameters(
+        cls, values: Mapping[str, Any], config: Config, recorded: TensionStatistics | None = None
+    ) -> EstimatorSettings:
+        """From dotted names to values, of the estimator alone, for the arm of ``config``.
+
+        What is not given is that of the tensions ``recorded``, where there are any.
+
+        Raises:
+            ConfigError: if a parameter is unknown or of the wrong type.
+            ArmDefinitionError: if a value is outside its range.
+            MeasurementError: if a contact is not on the arm.
+        """
+        names = [parameter.name for parameter in ESTIMATOR_PARAMETERS]
+        refuse_unknown(values, names, 'the estimator')
+        given = {
+            p.name.removeprefix(PREFIX): p.convert(values.get(p.name, p.default))
+            for p in ESTIMATOR_PARAMETERS
+        }
+        _check(given, config.arm)
+        notes: list[str] = []
+        return cls(
+            _unknowns(given, config, recorded, notes),
+            _noise(given, config, recorded, notes),
+            given['gate'],
+            given['window'],
+            given['change_time'],
+            tuple(notes),
+        )
+
+    def models(self, config: Config, compiled: bool | None = None) -> dict[str, ArmModel]:
+        """The arm of ``config`` with the unknowns of each hypothesis, solved by the model exact.
+
+        Raises:
+            ConfigError: as `ArmModel`.
+        """
+        return {
+            name: ArmModel(
+                config.arm, unknowns, 'exact', loads=config.loads, stations=config.stations,
+                base=config.base, material=config.law, shear=config.shear, compiled=compiled,
+            )
+            for name, unknowns in self.unknowns.items()
+        }  # fmt: skip
+
+
+def _check(given: Mapping[str, Any], arm: Arm) -> None:
+    """Check numbers against their ranges, and places against the arm."""
+    for parameter in ESTIMATOR_PARAMETERS:
+        value = given[parameter.name.removeprefix(PREFIX)]
+        unit = ''.join(_UNIT.findall(parameter.description)[:1])
+        if parameter.range == '>= 0':
+            not_negative(parameter.name, value, 'value', unit)
+        elif parameter.range == '> 0':
+            positive(parameter.name, value, unit)
+    contact, places = given['contact'], given['contact_s']
+    if contact not in CONTACTS:
+        raise ConfigError(
+            f'estimator.contact is {shown(contact)}, expected one of {", ".join(CONTACTS)}'
+        )
+    if places and contact not in ('at', 'somewhere'):
+        raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
+    if contact == 'at' and not places:
+        raise ConfigError('estimator.contact_s is empty, expected where the arm is touched [m]')
+    if len(places) > MAX_PLACES:
+        raise ConfigError(f'estimator.contact_s has {len(places)} values, at most {MAX_PLACES}')
+    for name, low in (('contact_s', 'over 0'), ('marker_s', 'from 0')):
+        for s in given[name]:
+            if not 0.0 <= s <= arm.length * (1.0 + 1e-9) or (s == 0.0 and name == 'contact_s'):
+                raise ConfigError(
+                    f'estimator.{name} has {s:g}, expected {low} to {arm.length:g} m'
+                )
+    if not 0.0 < given['gate'] < 1.0:
+        raise ConfigError(f'estimator.gate is {given["gate"]!r}, expected within (0, 1)')
+
+
+def _unknowns(
+    given: Mapping[str, Any],
+    config: Config,
+    recorded: TensionStatistics | None,
+    notes: list[str],
+) -> Mapping[str, Unknowns]:
+    """The unknowns of every hypothesis."""
+    arm, time = config.arm, given['force_time']
+    highest = float(default_highest(arm).max())
+    rate, why = given['tension_rate'], ''
+    if not rate and recorded is not None and recorded.rate > 0.0:
+        rate, why = recorded.rate, 'as fast as recorded'
+    elif not rate:
+        rate, why = highest, 'what the arm is pulled by'
+    if why:
+        notes.append(f'tensions change by {rate:.3g} N in a second ({why})')
+    fixed: dict[str, Any] = {'tension': Walk(max(highest, rate), rate)}
+    if given['tension_bias_stddev']:
+        bias = given['tension_bias_stddev'], given['tension_bias_rate']
+        fixed['tension_bias'] = Walk(*bias)
+    if config.uncertainty.youngs_modulus:
+        fixed['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
+    if given['contact'] == 'none':
+        return {'none': Unknowns(**fixed)}
+    stddev = given['force_stddev'] or bending_force(arm, BENT)
+    if not given['force_stddev']:
+        notes.append(f'forces of {stddev:.3g} N are expected ({BENT:g} L at the tip)')
+    if given['contact'] == 'current':
+        pressure = given['current_stddev'] or stddev / (2.0 * _mean_radius(arm) * arm.length)
+        return {'current': Unknowns(**fixed, current=Walk.stationary(pressure, time))}
+    force = Walk.stationary(stddev, time)
+    if given['contact'] == 'tip':
+        if given['moment_stddev']:
+            fixed['tip_moment'] = Walk.stationary(given['moment_stddev'], time)
+        return {'tip': Unknowns(**fixed, tip_force=force)}
+    places = given['contact_s']
+    if given['contact'] == 'at':
+        points = tuple(PointForce(s, force) for s in places)
+        return {'at': Unknowns(**fixed, point_forces=points)}
+    places = places or tuple((n + 1) * arm.length / PLACES for n in range(PLACES))
+    hypotheses = {'none': Unknowns(**fixed)}
+    for s in places:
+        hypotheses[f'{s:.4g} m'] = Unknowns(**fixed, point_forces=(PointForce(s, force),))
+    return hypotheses
+
+
+def _noise(
+    given: Mapping[str, Any],
+    config: Config,
+    recorded: TensionStatistics | None,
+    notes: list[str],
+) -> SensorNoise:
+    """Noise of the sensors; that of the load cells is the arm's, or else of the recording."""
+    known, tension = config.uncertainty, config.uncertainty.tension
+    if not tension and recorded is not None and recorded.noise > 0.0:
+        tension = recorded.noise
+        notes.append(f'tensions are measured to {tension:.3g} N (as their differences vary)')
+    elif not tension:
+        tension = _TENSION
+        notes.append(f'tensions are measured to {tension:g} N (tension_stddev is not given)')
+    return SensorNoise(
+        tension,
+        given['displacement_stddev'],
+        given['marker_stddev'],
+        given['marker_s'],
+        given['tip_position_stddev'],
+        given['tip_rotation_stddev'],
+        given['base_force_stddev'],
+        given['base_moment_stddev'],
+        known.model_position,
+        known.model_rotation,
+    )
+
+
+def _mean_radius(arm: Arm) -> float:
+    """Radius of the cylinder that is seen as large from the side [m]."""
+    return float(arm.body.radius(np.linspace(0.0, arm.length, _RADII)).mean())

@@ -1,0 +1,185 @@
+"""Solutions of the steps of a fit, and their derivatives by the unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
+from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
+from octo_arm_model.analysis.wound_sensitivity import rest_by_offset, wound_sensitivity
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.experiment.fitting.unknown import ALIGNMENT, AXIAL, OFFSET, SHEATH, ZERO
+from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.recording.encoder_windows import lengths_of
+
+
+class Solutions:
+    """Solutions of all steps at one x after another."""
+
+    def __init__(self, unknowns: Unknowns) -> None:
+        """Of the steps whose readings ``unknowns`` has."""
+        self._unknowns, self._readings = unknowns, unknowns.readings
+        self._at: FloatArray | None = None
+        self._solver: Solver | None = None
+        self._backbones: dict[int, Backbone] = {}
+        self._wound: dict[int, Wound] = {}
+        self._changes: dict[int, Sensitivity] = {}
+        self._differences: FloatArray | None = None
+
+    def backbone(self, x: FloatArray, step: int) -> Backbone:
+        """Solution for a ``step`` at ``x``.
+
+        Raises:
+            SolveError: if it has none.
+            ArmDefinitionError: if there can be no such arm.
+        """
+        solver, unknowns = self._solver_at(x), self._unknowns
+        if step not in self._backbones:
+            if unknowns.slides:
+                # Tendons slide on from the step before.
+                self._backbones = dict(enumerate(self._sequence(x, solver)))
+            elif self._readings.are_lengths:
+                read = self._readings.displacements[step] - unknowns.zeros(x)
+                lengths = lengths_of(solver.arm.tendon_names, read)
+                self._wound[step] = solve_displacements(
+                    solver, lengths, start=self._wound.get(step)
+                )
+                self._backbones[step] = self._wound[step].backbone
+            else:
+                tensions = unknowns.tensions(x, self._readings.tensions[step])
+                self._backbones[step] = solver.solve(tensions.reshape(solver.arm.tension_shape))
+        return self._backbones[step]
+
+    def _solver_at(self, x: FloatArray) -> Solver:
+        if self._solver is None or self._at is None or (x != self._at).any():
+            self._solver, self._at = self._unknowns.solver(x), x.copy()
+            self._backbones, self._changes, self._differences = {}, {}, None
+        return self._solver
+
+    def _sequence(self, x: FloatArray, solver: Solver) -> list[Backbone]:
+        """Solutions for all steps at ``x``, one after the other."""
+        tensions = self._readings.tensions
+        return followed(solver, [self._unknowns.tensions(x, read) for read in tensions])
+
+    def position_change(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of the stations of a ``step`` by x, (n, 3, unknowns)."""
+        backbone, unknowns = self.backbone(x, step), self._unknowns
+        if set(unknowns.names) <= set(ALIGNMENT):
+            return np.zeros((*backbone.position.shape, x.size))
+        if not unknowns.slides:
+            return self._change(x, step, lambda change: change.pose[:, :3])
+        if self._differences is None:
+            # Where a tendon sticks there are no others: differences of whole sequences.
+            steps = range(len(self._readings.tensions))
+            here = np.array([self.backbone(x, n).position for n in steps])
+            self._differences = np.zeros((*here.shape, x.size))
+            for number in range(x.size):
+                if number in unknowns.alignment_columns:
+                    continue
+                moved, by = x.copy(), unknowns.difference(x, number)
+                moved[number] += by
+                there = [b.position for b in self._sequence(moved, unknowns.solver(moved))]
+                self._differences[..., number] = (np.array(there) - here) / by
+        return np.asarray(self._differences[step])
+
+    def _change(self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]) -> FloatArray:
+        """Derivative of what ``of`` takes of a `Change`, (..., unknowns), at fixed alignment."""
+        unknowns, backbone, solver = self._unknowns, self.backbone(x, step), self._solver_at(x)
+        by_displacement: FloatArray | None = None
+        if self._readings.are_lengths:
+            wound = wound_sensitivity(solver, self._wound[step])
+            change, by_displacement = wound.held, of(wound.by_displacement)
+        else:
+            if step not in self._changes:
+                self._changes[step] = solver.sensitivity(backbone)
+            change = self._changes[step]
+        by_tension = of(change.by_tension)
+        found = by_tension @ self._tension_change(x, step)
+        for number, name in enumerate(unknowns.names):
+            column = found[..., number]
+            if name == 'youngs_modulus':
+                column += of(change.by_youngs_modulus)[..., 0]
+            elif name == 'poisson_ratio' and change.by_poisson_ratio is not None:
+                column += of(change.by_poisson_ratio)[..., 0]
+            elif name == SHEATH and change.by_sheath_stiffness is not None:
+                by_all = of(change.by_sheath_stiffness).sum(axis=-1)
+                column += unknowns.value(x, SHEATH, 0.0) * by_all
+            elif name.startswith(OFFSET) and change.by_offset is not None:
+                column += of(change.by_offset)[..., self._tendon(name, OFFSET)]
+            elif name.startswith(ZERO) and by_displacement is not None:
+                column -= by_displacement[..., self._tendon(name, ZERO)]
+            elif name == AXIAL and by_displacement is not None:
+                column -= by_displacement @ self._stretch_by_softness(backbone, solver)
+        return found
+
+    def _tendon(self, name: str, prefix: str) -> int:
+        return self._unknowns.arm.tendon_names.index(name.removeprefix(prefix))
+
+    def _tension_change(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of the tensions that readings stand for by x, (tendons, unknowns)."""
+        read, unknowns = self._readings.tensions[step], self._unknowns
+        pulls = self.backbone(x, step).tensions.ravel() > 0.0
+        found = np.zeros((read.size, x.size))
+        for number, name in enumerate(unknowns.names):
+            if name == 'tension_scale':
+                found[:, number] = unknowns.value(x, name, 1.0) * read * pulls
+            elif name == 'tension_offset':
+                found[:, number] = (read > unknowns.slack) & pulls
+        return found
+
+    def _stretch_by_softness(self, backbone: Backbone, solver: Solver) -> FloatArray:
+        """Derivative of each tendon's stretch by the component of x for it, (tendons,) [m]."""
+        unknown = next(one for one in self._unknowns.unknowns if one.name == AXIAL)
+        return backbone.tensions.ravel() * stretching_lengths(solver) / unknown.reference
+
+    def taut(self, step: int) -> IntArray:
+        """Numbers of the tendons under tension whose encoders are read in a ``step``.
+
+        What winches of slack tendons have paid out says nothing.
+        """
+        read = self._readings.tensions[step] > self._unknowns.slack
+        return np.flatnonzero(read & np.isfinite(self._readings.displacements[step]))
+
+    def encoder_residuals(self, x: FloatArray, step: int) -> FloatArray:
+        """What encoders of `taut` tendons read less what they should, (taut,) [m]."""
+        solver, backbone, taut = self._solver_at(x), self.backbone(x, step), self.taut(step)
+        expected = displacements_of(solver, backbone).ravel() + self._unknowns.zeros(x)
+        return np.asarray((self._readings.displacements[step] - expected)[taut])
+
+    def encoder_change(self, x: FloatArray, step: int) -> FloatArray:
+        """Derivative of `encoder_residuals` by x, (taut, unknowns)."""
+        solver, backbone, taut = self._solver_at(x), self.backbone(x, step), self.taut(step)
+        tensions, compliance = backbone.tensions.ravel(), tendon_compliance(solver)
+        expected = compliance[:, np.newaxis] * self._tension_change(x, step)
+        expected -= self._change(x, step, lambda change: change.tendon_length)
+        stretch = 1.0 + tensions * compliance / stretching_lengths(solver)
+        for number, name in enumerate(self._unknowns.names):
+            if name.startswith(ZERO):
+                expected[self._tendon(name, ZERO), number] += 1.0
+            elif name.startswith(OFFSET):
+                tendon = self._tendon(name, OFFSET)
+                expected[tendon, number] += stretch[tendon] * rest_by_offset(solver)[tendon]
+            elif name == AXIAL:
+                expected[:, number] += self._stretch_by_softness(backbone, solver)
+        return -expected[taut]
+
+
+def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
+    """Shapes under sets of ``tensions`` (tendons,) [N], in their order.
+
+    Each tendon with friction slides on from the set before.
+
+    Raises:
+        SolveError: if the model has no answer for one.
+    """
+    found: list[Backbone] = []
+    for pulled in tensions:
+        shaped = pulled.reshape(solver.arm.tension_shape)
+        last = found[-1] if found and solver.arm.friction else None
+        found.append(solver.follow(shaped, last))
+    return found

@@ -1,0 +1,116 @@
+"""What load cells and encoders read of tendons, from topics of a bag or from CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import BagError
+from octo_arm_model.experiment.recording.count import Count
+from octo_arm_model.experiment.recording.csv_recording import (
+    NO_READING,
+    CsvSources,
+    csv_displacements,
+    csv_tensions,
+)
+from octo_arm_model.experiment.recording.csv_table import read_csv
+from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_short
+
+if TYPE_CHECKING:
+    from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.bags.tensions import Reading
+
+
+def pick_topics(
+    reader: BagReader, topics: tuple[str | None, str | None], files: CsvSources
+) -> tuple[tuple[str, str] | None, str | None]:
+    """Topic of tensions and its field, and topic of displacements; None of what is not in a bag.
+
+    Raises:
+        BagError: if there is neither, or a topic is missing.
+    """
+    from octo_arm_model.bags.displacements import pick_displacements
+    from octo_arm_model.bags.tensions import pick_tensions
+
+    tensions, displacements = topics
+    encoders = None
+    if files.displacements is None:
+        encoders = pick_displacements(reader, displacements)
+    if files.tensions is not None:
+        return None, encoders
+    try:
+        return pick_tensions(reader, tensions, encoders), encoders
+    except BagError:
+        if tensions is not None or (encoders is None and files.displacements is None):
+            raise
+        return None, encoders
+
+
+def read_tendons(
+    reader: BagReader | None,
+    picked: tuple[str, str] | None,
+    encoders: str | None,
+    files: CsvSources,
+    config: Config,
+    skips: Skips,
+    count: Count,
+) -> tuple[Stamped | None, Stamped | None]:
+    """Tensions and encoder readings; None of what there is not.
+
+    Raises:
+        BagError: if what there is has no readings of this arm.
+    """
+    tensions = displacements = None
+    if picked is not None:
+        from octo_arm_model.bags.tensions import read_tensions
+
+        assert reader is not None
+        topic, field = picked
+        of_arm = read_tensions(reader, topic, config, field)
+        tensions = _of_topic(reader, topic, of_arm, config, skips, count)
+    elif files.tensions is not None:
+        table = read_csv(files.tensions, files.columns, count)
+        tensions = Stamped(str(files.tensions), *csv_tensions(table, config, skips))
+    if encoders is not None:
+        from octo_arm_model.bags.displacements import read_topic
+
+        assert reader is not None
+        of_arm = read_topic(reader, encoders, config.arm)
+        displacements = _of_topic(reader, encoders, of_arm, config, skips, count)
+    elif files.displacements is not None:
+        table = read_csv(files.displacements, files.columns, count)
+        found = csv_displacements(table, config.arm, skips)
+        displacements = Stamped(str(files.displacements), *found)
+    for what, stamped in (('tensions', tensions), ('encoder readings', displacements)):
+        if stamped is not None and not stamped.rows:
+            raise BagError(f'no {what} for this arm on {stamped.source}{in_short(skips.refusals)}')
+    return tensions, displacements
+
+
+def _of_topic(
+    reader: BagReader,
+    topic: str,
+    readings: Iterable[Reading],
+    config: Config,
+    skips: Skips,
+    count: Count,
+) -> Stamped:
+    """The ``readings`` of a ``topic`` that were not refused."""
+    stamped, names = Stamped(topic, [], []), config.arm.tendon_names
+    count.expect(reader.count([topic]))
+    for one in readings:
+        count.add()
+        if one.is_refused or one.displacements == {}:
+            skips(topic, one.stamp_ns, one.reason or NO_READING)
+            continue
+        stamped.stamps.append(one.stamp_ns)
+        if one.tensions is not None:
+            row = one.tensions.ravel()
+        else:
+            given = one.displacements or {}
+            row = np.array([given.get(name, np.nan) for name in names])
+        stamped.rows.append(row)
+    return stamped

@@ -1,0 +1,113 @@
+"""What the diagnostics say of an estimate: its consistency, and what is not observable."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from scipy.stats import chi2
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.tracker import Consistency, Tracked, Tracker
+from octo_arm_model.ros.node.diagnostics import make_status
+
+_BAND = 0.999  # of the chi-square distribution, beyond which innovations are not as large as told
+_FEWEST = 30  # innovations from which on that is judged
+_LONGEST = 900  # characters of what is not observable
+
+
+class EstimateStatus:
+    """A status of the diagnostics: how well measurements agree with the estimate."""
+
+    def __init__(self, node: Node) -> None:
+        """Report as part of ``node``."""
+        self._node = node
+        self.follow(None, None)
+
+    def follow(self, tracker: Tracker | None, config: Config | None) -> None:
+        """Report of ``tracker`` from now on; None while there is none."""
+        self._tracker, self._config = tracker, config
+        self._tracked: Tracked | None = None
+        self._heard: dict[str, float] = {}
+        self._refused: dict[str, int] = {}
+        self._late = 0
+
+    def add(self, topic: str, tracked: Tracked) -> None:
+        """Note what came of a measurement on ``topic``."""
+        self._tracked = tracked
+        self._heard[topic] = time.monotonic()
+
+    def report(self, idle: str) -> DiagnosticStatus:
+        """The status now, of a node that is ``idle`` in some state, or of one that is not."""
+        tracker, config, tracked = self._tracker, self._config, self._tracked
+        if tracker is None or config is None or tracked is None:
+            return make_status('estimate', DiagnosticStatus.WARN, idle, 'waiting', {})
+        values: dict[str, object] = {
+            'hypothesis': tracked.hypothesis,
+            'probabilities': ', '.join(
+                f'{name}: {part:.3f}' for name, part in tracked.probabilities.items()
+            ),
+            'came too late': tracker.late,
+            'without a shape': tracker.failed,
+        }
+        problems = self._silent(config)
+        for name, one in tracker.consistency.items():
+            values[f'{name} accepted'] = one.accepted
+            values[f'{name} refused'] = one.refused
+            if (lately := one.refused - self._refused.get(name, 0)) > 0:
+                problems.append(f'{lately} {name} contradict the estimate')
+            self._refused[name] = one.refused
+            words, is_large = consistency(one)
+            values[f'{name} normalised square'] = words
+            if is_large:
+                problems.append(f'innovations of {name} are larger than told: {words}')
+        if (lately := tracker.late - self._late) > 0:
+            problems.append(f'{lately} came too late')
+        self._late = tracker.late
+        values |= self._contact(tracked, config)
+        reasons = '; '.join(one.reason for one in tracked.estimate.unlearnt)
+        values['not observable'] = reasons[:_LONGEST]
+        return make_status(
+            'estimate', DiagnosticStatus.WARN, '; '.join(problems), 'estimating', values
+        )
+
+    def _silent(self, config: Config) -> list[str]:
+        """Sensors that were heard and are no more."""
+        now, limit = time.monotonic(), config.diagnostic_limits.silence
+        return [
+            f'{topic} is silent for {now - heard:.1f} s'
+            for topic, heard in sorted(self._heard.items())
+            if now - heard > limit
+        ]
+
+    def _contact(self, tracked: Tracked, config: Config) -> dict[str, object]:
+        contact = contact_of(tracked.estimate, config.arm)
+        if contact is None:
+            return {}
+        force, covariance = contact.wrench[:3], contact.covariance[:3, :3]
+        square = float(force @ np.linalg.pinv(covariance) @ force)
+        deviation = np.sqrt(covariance.diagonal())
+        return {
+            'contact at s [m]': f'{contact.s:.4g}',
+            'contact force [N]': ' '.join(f'{one:.4g}' for one in force),
+            'standard deviation of it [N]': ' '.join(f'{one:.2g}' for one in deviation),
+            'normalised square of it, chi-square of 3': f'{square:.3g}',
+        }
+
+
+def consistency(one: Consistency) -> tuple[str, bool]:
+    """Recent normalised squares of one kind of measurement in words, and if they are too large.
+
+    Their sum is chi-square distributed where noise and priors are as told. Smaller ones are no
+    fault: a prior for whatever may happen is too wide while nothing does.
+    """
+    if not one.recent:
+        return '', False
+    square, size = (sum(column) for column in zip(*one.recent, strict=True))
+    low, high = (chi2.ppf(side, size) / size for side in (0.5 - 0.5 * _BAND, 0.5 + 0.5 * _BAND))
+    mean, count = square / size, len(one.recent)
+    words = f'{mean:.2f} a number of the last {count}, expected {low:.2f} to {high:.2f}'
+    return words, count >= _FEWEST and mean > high

@@ -1,0 +1,56 @@
+"""Stamps of measurements: of receipt where there is none, and refused where they cannot be."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.wire.stamp import Stamp
+
+_BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew
+
+
+class Stamps:
+    """What times measurements were made at.
+
+    Attributes:
+        ahead: how far a stamp may be ahead of the clock [s].
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Compare with the clock of ``node``."""
+        self._clock = node.get_clock()
+        self._newest: dict[str, Stamp] = {}
+        self.ahead = 0.0
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._newest.clear()
+
+    def resolve(self, topic: str, stamp: Stamp | None) -> Stamp:
+        """The ``stamp`` of a message on ``topic``; the time of receipt where it has none.
+
+        Raises:
+            MeasurementError: if it is ahead of the clock: all that is measured until then would be
+                late.
+        """
+        now = Stamp(*self._clock.now().seconds_nanoseconds())
+        if stamp is None or not any(stamp):
+            return now
+        ahead = 1e-9 * (stamp.ns - now.ns)
+        if any(now) and ahead > self.ahead:
+            raise MeasurementError(
+                f'its stamp is {ahead:.6g} s ahead of the clock, expected at most '
+                f'{self.ahead:g} s (diagnostics.ahead_limit)'
+            )
+        return stamp
+
+    def runs_back(self, topic: str, stamp: Stamp, window: float) -> float:
+        """By how much the stamps of ``topic`` run back [s]; 0 where they are at most late.
+
+        As they do where a bag is played again.
+        """
+        newest = self._newest.get(topic, stamp)
+        self._newest[topic] = max(stamp, newest)
+        back = 1e-9 * (newest.ns - stamp.ns)
+        return back if back > window + _BACK else 0.0

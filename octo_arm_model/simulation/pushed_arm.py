@@ -1,0 +1,103 @@
+"""A simulated arm that is pushed, and what sensors besides load cells read of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.validation import finite
+from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.measurements import Markers, Measurement
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.simulation.sensors import Push, Sensors
+
+_ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
+
+
+class PushedArm:
+    """The shape of an arm under tensions and a push, and what sensors read of it."""
+
+    def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
+        """Of the arm of ``config``.
+
+        Raises:
+            ArmDefinitionError: if a cross section that is pushed or seen is not on the arm.
+            OctoArmError: if the model has no loads, or does not cover the arm.
+        """
+        length = config.arm.length
+        for name, given in (('push.s', (push.s,)), ('sensors.marker_s', sensors.marker_s)):
+            for s in given:
+                expected = f'a finite number within [0, {length}] [m]'
+                if not 0.0 <= finite(name, s, expected) <= length:
+                    raise ArmDefinitionError(name, s, expected)
+        points = (PointForce(push.s or length, _ANY),) if any(push.force) else ()
+        self._sensors = sensors
+        self._model = ArmModel(
+            config.arm,
+            Unknowns(_ANY, point_forces=points),
+            config.model,
+            loads=config.loads,
+            stations=config.stations,
+            base=config.base,
+            material=config.law,
+            shear=config.shear,
+            compiled=None,
+            budget=Budget(config.solve_budget.iterations),
+        )
+        self._noise = np.random.default_rng(sensors.seed)
+        self._at: Prediction | None = None
+
+    def solve(self, tensions: FloatArray, force: FloatArray) -> None:
+        """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
+
+        Raises:
+            SolveError: if there is no such shape; the last one stays.
+        """
+        state = self._model.state
+        x = np.zeros(state.size)
+        x[state.tension] = tensions
+        if state.point_forces.stop > state.point_forces.start:
+            x[state.point_forces] = force
+        at = Prediction(self._model, x, None if self._at is None else self._at.shape)
+        at.solved  # noqa: B018 - solves it, or raises
+        self._at = at
+
+    @property
+    def at(self) -> Prediction:
+        """The shape now; there is one after `solve`."""
+        assert self._at is not None
+        return self._at
+
+    def tip_pose(self) -> Pose:
+        """Pose of the tip, as it is measured."""
+        own, shape = self._sensors, self.at.solved
+        position = shape.tip + own.tip_position_stddev * self._noise.standard_normal(3)
+        turn = Rotation.from_rotvec(own.tip_rotation_stddev * self._noise.standard_normal(3))
+        turned = turn * Rotation.from_quat(np.array(shape.quaternion[-1]))
+        return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
+
+    def markers(self) -> FloatArray:
+        """Positions of the markers, as they are measured (markers, 3) [m]."""
+        count = len(self._sensors.marker_s)
+        seen = Markers(self._sensors.marker_s, np.zeros((count, 3)), 1.0)
+        read = self._predicted(seen)
+        read += self._sensors.marker_stddev * self._noise.standard_normal(read.size)
+        return read.reshape(-1, 3)
+
+    def base_wrench(self) -> FloatArray:
+        """Force and moment of all loads about the base, as measured (6,) [N, N m]."""
+        own = self._sensors
+        stddev = np.repeat([own.base_force_stddev, own.base_moment_stddev], 3)
+        return self._predicted(BaseWrench(np.zeros(6), 1.0)) + stddev * (
+            self._noise.standard_normal(6)
+        )
+
+    def _predicted(self, zero: Measurement) -> FloatArray:
+        """What a measurement of the value ``zero`` would have to be."""
+        return -zero.innovation(self.at)

@@ -1,0 +1,50 @@
+"""The managed estimator, over DDS."""
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from estimator_nodes import INPUTS, estimating
+from lifecycle_msgs.msg import Transition
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
+    with estimating(module='ros.estimator.lifecycle') as client:
+        assert client.transition(Transition.TRANSITION_CONFIGURE)
+        client.wait(
+            lambda: client.node.count_publishers('backbone/covariance') == 1, 'a configured node'
+        )
+        assert not any(client.node.count_subscribers(topic) for topic in INPUTS)
+        client.force = np.array([0.0, -0.004, 0.008])
+        for _ in range(2):
+            assert client.transition(Transition.TRANSITION_ACTIVATE)
+            client.connect()
+            client.measure(1000.0 + 0.05 * np.arange(8))
+            found, stddev = client.wrench()
+            assert (np.abs(found - client.force) < 4.5 * stddev).all()
+            status, values = client.status('estimate')
+            assert status.message == 'estimating' and values['tip pose accepted'] == '8'
+            assert client.transition(Transition.TRANSITION_DEACTIVATE)
+            client.wait(
+                lambda: not any(client.node.count_subscribers(topic) for topic in INPUTS),
+                'an inactive node',
+            )
+            assert client.status('estimate')[0].message == 'inactive'
+        assert client.transition(Transition.TRANSITION_CLEANUP)
+        client.wait(
+            lambda: client.node.count_publishers('backbone/covariance') == 0,
+            'a node without publishers',
+        )
+
+
+def test_what_cannot_be_estimated_is_said_and_can_be_mended():
+    friction = '-p', 'tendons.friction:=[0.2]', '-p', 'model:=exact'
+    with estimating(*friction, module='ros.estimator.lifecycle') as client:
+        assert not client.transition(Transition.TRANSITION_CONFIGURE)
+        client.log('not configured: friction of tendons is not covered by the estimator')
+        assert client.change(tendons__friction=[]) == (True, '')
+        assert client.transition(Transition.TRANSITION_CONFIGURE)

@@ -1,0 +1,306 @@
+"""The estimator as a process of its own, told over DDS what sensors of a known arm measure."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating
+from geometry_msgs.msg import Pose
+from visualization_msgs.msg import MarkerArray
+
+from octo_arm_model import Loads, PointLoad
+
+pytestmark = pytest.mark.slow
+
+FORCE = np.array([0.0, -0.004, 0.008])
+PRIOR = 0.01  # standard deviation of each component of the force [N]
+BOTH = ('tendon_tensions', 'measured/tip_pose')
+
+
+@pytest.fixture(scope='module')
+def shared():
+    with estimating() as client:
+        client.connect()
+        yield client
+
+
+@pytest.fixture
+def client(shared):
+    """A client of a node that knows nothing yet, of an arm that nothing touches."""
+    shared.tensions, shared.force, shared.scale = TENSIONS, np.zeros(3), 1.0
+    usual = {
+        'contact': 'tip', 'contact_s': [], 'tension_bias_stddev': 0.0,
+        'displacement_stddev': 2e-4,
+    }  # fmt: skip
+    # Any change of a parameter makes the estimate begin anew.
+    given = {f'estimator__{name}': value for name, value in usual.items()}
+    assert shared.change(**given) == (True, '')
+    return shared
+
+
+def assert_is_true(client, topic='tip_wrench/estimate'):
+    """The force is that which acts, within its standard deviation, which is small."""
+    found, stddev = client.wrench(topic)
+    assert (np.abs(found - client.force) < 4.5 * stddev).all(), (found, stddev)
+    return stddev
+
+
+def test_a_force_on_the_tip_is_found_with_its_covariance(client):
+    client.measure(1000.0 + 0.05 * np.arange(6))
+    assert_is_true(client)
+    client.force = FORCE
+    client.measure(1001.0 + 0.05 * np.arange(12))
+    stddev = assert_is_true(client)
+    assert stddev[1:].max() < 0.5 * PRIOR
+    covariance = client.newest('backbone/covariance')
+    assert covariance.header == client.answers['tip_pose'][-1].header
+    assert covariance.header.frame_id == 'arm_base'
+    assert len(covariance.s) == STATIONS and covariance.contact_s == LENGTH
+    poses = np.reshape(covariance.pose, (STATIONS, 6, 6))
+    tip = client.newest('tip_pose').pose
+    np.testing.assert_array_equal(poses[-1].ravel(), tip.covariance)
+    position = tip.pose.position
+    away = np.array([position.x, position.y, position.z]) - client.shape.tip
+    assert away @ np.linalg.solve(poses[-1, :3, :3], away) < 30.0  # chi-square of 3, 1e-6
+    found = client.newest('tendon_tension_estimates')
+    assert found.name == NAMES
+    np.testing.assert_allclose(found.tension, TENSIONS, atol=0.05)
+    assert not client.answers['tension_bias'] and not client.answers['contact/estimate']
+
+
+def test_tensions_alone_give_the_forward_model_and_say_what_they_cannot_tell(client):
+    client.measure([1000.0], ['tendon_tensions'])
+    found, stddev = client.wrench()
+    np.testing.assert_allclose(found, 0.0, atol=1e-9)
+    np.testing.assert_allclose(stddev, PRIOR, rtol=1e-6)
+    status, values = client.status('estimate')
+    assert status.message == 'estimating' and status.level == DiagnosticStatus.OK
+    for axis in 'xyz':
+        assert f'tip_force {axis} keeps its prior' in values['not observable']
+    client.measure(1000.1 + 0.02 * np.arange(5), BOTH)
+    _, values = client.status('estimate')
+    assert 'tip_force z' not in values['not observable']
+    assert values['tip pose accepted'] == '5' and values['tip pose refused'] == '0'
+
+
+def uncertainty(client):
+    """Standard deviations of the force and of the middle of the arm, within which both are."""
+    stddev = assert_is_true(client)
+    poses = np.reshape(client.newest('backbone/covariance').pose, (STATIONS, 6, 6))
+    return np.append(stddev, np.sqrt(poses[STATIONS // 2].diagonal()[:3]))
+
+
+@pytest.mark.parametrize('topic', [topic for topic in INPUTS if topic != 'tendon_displacements'])
+def test_a_sensor_is_lost_and_comes_back(client, topic):
+    """Without it the force becomes as uncertain as before; with it again it is found again."""
+    client.force = FORCE
+    sensors = BOTH if topic == 'tendon_tensions' else ('tendon_tensions', topic)
+    others = [one for one in sensors if one != topic]
+    client.measure(1000.0 + 0.05 * np.arange(8), sensors)
+    known = uncertainty(client)
+    client.measure(1001.0 + np.arange(1, 8), others)
+    lost = uncertainty(client)
+    client.measure(1010.0 + 0.05 * np.arange(8), sensors)
+    again = uncertainty(client)
+    assert (lost > 1.2 * known).any() and (lost > 1.2 * again).any()
+    assert (again < 2.0 * known).all()
+
+
+def test_a_sensor_that_lies_is_thrown_out_and_reported(client):
+    def lie(message):
+        message.pose.pose.position.z += 0.1
+
+    client.force = FORCE
+    client.measure(1000.0 + 0.05 * np.arange(8))
+    before, _ = client.wrench()
+    for step in range(4):
+        client.tell('measured/tip_pose', 1000.5 + 0.01 * step, lie)
+    after, stddev = client.wrench()
+    assert (
+        np.abs(after - before).max() < 0.3 * PRIOR and (np.abs(after - FORCE) < 5 * stddev).all()
+    )
+    client.log('/measured/tip_pose refused: it contradicts the estimate')
+    _, values = client.status('estimate')
+    assert values['tip pose refused'] == '4' and values['tip pose accepted'] == '8'
+    client.measure(1000.6 + 0.05 * np.arange(8))
+    assert_is_true(client)
+    assert client.status('estimate')[1]['tip pose refused'] == '4'
+
+
+def test_late_measurements_count_within_the_window_and_are_refused_beyond_it(client):
+    client.force = FORCE
+    client.measure(1000.0 + 0.02 * np.arange(10))
+    newest = client.newest('tip_pose').header
+    _, before = client.wrench()
+    for late in (0.15, 0.1, 0.05):
+        assert client.tell('measured/markers', 1000.18 - late).header == newest
+    after = assert_is_true(client)
+    assert (after < before).all()
+    heard = len(client.answers['tip_pose'])
+
+    def is_refused():
+        client.send('measured/markers', 999.5)
+        client.spin(0.1)
+        return any('/measured/markers refused: measured at' in log.msg for log in client.logs)
+
+    client.wait(is_refused, 'a refusal')
+    assert int(client.status('estimate')[1]['came too late']) >= 1
+    assert len(client.answers['tip_pose']) == heard
+
+
+def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
+    client.measure(1000.0 + 0.02 * np.arange(5))
+    tip = client.tell('tendon_tensions', 990.0)
+    assert tip.header.stamp.sec == 990
+    client.log('/tendon_tensions: stamps run back by')
+    _, stddev = client.wrench()
+    np.testing.assert_allclose(stddev, PRIOR, rtol=1e-6)
+
+
+def refused(client, topic, change, words, time=1000.5):
+    """Send a message until the log says why it is refused; nothing is published for it."""
+    client.logs.clear()
+    heard = len(client.answers['tip_pose'])
+
+    def is_refused():
+        client.send(topic, time, change)
+        client.spin(0.1)
+        return any(f'/{topic} refused: {words}' in log.msg for log in client.logs)
+
+    client.wait(is_refused, f'{words} in the log')
+    assert len(client.answers['tip_pose']) == heard
+
+
+def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
+    client.measure([1000.0, 1000.1])
+
+    def nothing(message):
+        message.tension[1] = math.nan
+
+    def stranger(message):
+        message.name = ['elbow', *NAMES[1:]]
+
+    def elsewhere(message):
+        message.header.frame_id = 'camera'
+
+    def unmeasured(message):
+        message.pose.pose.position.x = math.inf
+
+    def unturned(message):
+        message.pose.pose.orientation.w = 7.0
+
+    def impossible(message):
+        message.pose.covariance[0] = -1.0
+
+    def many(message):
+        message.poses = [Pose()] * 20_000
+
+    def long(message):
+        message.name, message.position = ['n' * 1000] * 5000, [0.0] * 5000
+
+    def endless(message):
+        message.wrench.torque.y = math.nan
+
+    def ahead(message):
+        message.header.stamp.sec = 2**31 - 1
+
+    for topic, change, words in (
+        ('tendon_tensions', nothing, 'tensions: value is'),
+        ('tendon_tensions', stranger, 'unknown tendon elbow'),
+        ('tendon_tensions', ahead, 'its stamp is'),
+        ('tendon_displacements', long, '5000 displacements, this arm has 4'),
+        ('measured/tip_pose', elsewhere, "its frame is 'camera'"),
+        ('measured/tip_pose', unmeasured, 'tip pose: position is'),
+        ('measured/tip_pose', unturned, 'tip pose: quaternion is'),
+        ('measured/tip_pose', impossible, 'tip pose: noise is'),
+        ('measured/markers', many, 'it has 20000 marker(s), expected 2'),
+        ('measured/base_wrench', endless, 'base wrench: value is'),
+        ('measured/base_wrench', elsewhere, "its frame is 'camera'"),
+    ):
+        refused(client, topic, change, words)
+    # All of that changed nothing.
+    client.force = FORCE
+    client.measure(1001.0 + 0.05 * np.arange(8), [*INPUTS])
+    assert_is_true(client)
+    _, values = client.status('input')
+    assert int(values['refused']) >= 11
+
+
+def test_noise_that_is_larger_than_told_is_said(client):
+    client.measure(1000.0 + 0.02 * np.arange(40))
+    status, values = client.status('estimate')
+    assert 'larger than told' not in status.message, values
+    assert client.change(estimator__gate=0.999999999) == (True, '')
+    client.scale = 2.5
+    client.measure(1002.0 + 0.02 * np.arange(40))
+    status, values = client.status('estimate')
+    assert 'innovations of tensions are larger than told' in status.message, values
+    assert status.level == DiagnosticStatus.WARN
+    assert client.change(estimator__gate=0.9999) == (True, '')
+
+
+def test_a_bias_of_the_load_cells_is_estimated_where_it_may_be(client):
+    exact = {'estimator__contact': 'none', 'estimator__displacement_stddev': 2e-5}
+    assert client.change(estimator__tension_bias_stddev=0.1, **exact) == (True, '')
+    bias = np.array([0.08, 0.0, -0.05, 0.02])
+
+    def shift(message):
+        message.tension = np.array(message.tension) + bias
+
+    for step in range(12):
+        client.tell('tendon_displacements', 1000.0 + 0.1 * step)
+        client.tell('tendon_tensions', 1000.05 + 0.1 * step, shift)
+    found = client.newest('tension_bias')
+    assert found.name == NAMES
+    np.testing.assert_allclose(found.tension, bias, atol=0.02)
+
+
+@pytest.mark.parametrize('place', [0.1, LENGTH])
+def test_where_the_arm_is_touched_is_found(client, place):
+    places = [0.1, LENGTH]
+    assert client.change(estimator__contact='somewhere', estimator__contact_s=places) == (True, '')
+    loads = Loads(points=(PointLoad(place, tuple(FORCE)),))
+    usual = client.solver
+    client.solver = dataclasses.replace(CONFIG, loads=loads).solver()
+    try:
+        topics = ('tendon_tensions', 'measured/tip_pose', 'measured/markers')
+        client.measure(1000.0 + 0.05 * np.arange(10), topics)
+    finally:
+        client.solver = usual
+    _, values = client.status('estimate')
+    assert values['hypothesis'] == f'{place:.4g} m', values
+    client.force = FORCE
+    assert_is_true(client, 'contact/estimate')
+    assert client.newest('backbone/covariance').contact_s == place
+
+
+def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
+    for name, value, words in (
+        ('contact', 'elbow', "estimator.contact is 'elbow', expected one of tip"),
+        ('gate', 2.0, 'estimator.gate is 2.0'),
+        ('window', -1.0, 'estimator.window is -1.0'),
+        ('marker_s', [1.0], 'estimator.marker_s has 1, expected from 0 to'),
+    ):
+        done, why = client.change(**{f'estimator__{name}': value})
+        assert not done and words in why
+    client.measure([1000.0])
+
+
+def test_rviz_sees_the_tube_and_the_arrow(client):
+    heard, steps = client.hear(MarkerArray, 'markers'), itertools.count()
+    client.force = FORCE
+
+    def seen():
+        client.measure([1000.0 + 0.05 * next(steps)])
+        found = {marker.ns: marker for message in heard for marker in message.markers}
+        return found if 'contact' in found and found['contact'].points else None
+
+    found = client.wait(seen, 'an arrow')
+    assert {'body', 'tendons', 'covariance', 'cone'} <= found.keys()

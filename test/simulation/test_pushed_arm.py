@@ -1,0 +1,108 @@
+"""A pushed arm: its shape is the solver's under the force; its sensors read that with noise."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import Loads, PointLoad
+from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.simulation.pushed_arm import PushedArm
+from octo_arm_model.simulation.sensors import Push, Sensors
+
+VALUES = load_parameters(preset_path('renda2012_prototype')) | {'model': 'exact', 'stations': 31}
+CONFIG = Config.from_parameters(VALUES)
+LENGTH = CONFIG.arm.length
+TENSIONS = np.array([1.0, 0.4, 0.3, 0.5])
+FORCE = np.array([0.001, -0.004, 0.006])
+PLACES = (0.05, 0.101, LENGTH)
+EXACT = Sensors(tip_pose_rate=10.0, markers_rate=10.0, marker_s=PLACES, base_wrench_rate=10.0)
+
+
+@pytest.mark.parametrize('s', [0.0, 0.1, LENGTH])
+def test_the_shape_is_that_of_the_arm_under_the_force(s: float) -> None:
+    arm = PushedArm(CONFIG, Push(tuple(FORCE), s), EXACT)
+    arm.solve(TENSIONS, FORCE)
+    place = s or LENGTH
+    loads = Loads(points=(PointLoad(place, tuple(FORCE)),))
+    expected = dataclasses.replace(CONFIG, loads=loads).solver(stations=401).solve([TENSIONS])
+    pose = arm.tip_pose()
+    np.testing.assert_allclose(pose.position, expected.tip, atol=1e-8)
+    turned = (
+        Rotation.from_quat(pose.quaternion) * Rotation.from_quat(expected.quaternion[-1]).inv()
+    )
+    assert turned.magnitude() < 1e-6
+    places = [np.interp(PLACES, expected.s, axis) for axis in expected.position.T]
+    np.testing.assert_allclose(arm.markers(), np.transpose(places), atol=1e-6)
+    # A force alone acts: its moment is about the base.
+    lever = [np.interp(place, expected.s, axis) for axis in expected.position.T]
+    wrench = np.concatenate([FORCE, np.cross(lever, FORCE)])
+    np.testing.assert_allclose(arm.base_wrench(), wrench, atol=1e-8)
+
+
+def test_the_noise_is_as_large_as_it_is_said_to_be() -> None:
+    sensors = Sensors(
+        tip_position_stddev=1e-3, tip_rotation_stddev=0.02, marker_s=PLACES, marker_stddev=2e-3,
+        base_force_stddev=3e-3, base_moment_stddev=4e-4,
+    )  # fmt: skip
+    arm, exact = (PushedArm(CONFIG, Push(), own) for own in (sensors, EXACT))
+    for one in (arm, exact):
+        one.solve(TENSIONS, np.zeros(3))
+    true = exact.tip_pose()
+    count = 2000
+    poses = [arm.tip_pose() for _ in range(count)]
+    away = np.array([pose.position for pose in poses]) - true.position
+    turns = Rotation.from_quat([pose.quaternion for pose in poses])
+    turned = (turns * Rotation.from_quat(true.quaternion).inv()).as_rotvec()
+    markers = np.array([arm.markers() for _ in range(count)]) - exact.markers()
+    wrench = np.array([arm.base_wrench() for _ in range(count)]) - exact.base_wrench()
+    for found, stddev in (
+        (away, 1e-3), (turned, 0.02), (markers, 2e-3), (wrench[:, :3], 3e-3),
+        (wrench[:, 3:], 4e-4),
+    ):  # fmt: skip
+        # Four standard errors of what numbers without a correlation give.
+        assert found.std() == pytest.approx(stddev, rel=4.0 / np.sqrt(2 * found.size))
+        assert np.abs(found.mean()) < 4.0 * stddev / np.sqrt(found.size)
+
+
+def test_a_push_lasts_the_second_half_of_each_period() -> None:
+    push = Push((0.0, 0.0, 2.0), period=4.0)
+    acts = [push.at(time)[2] for time in (0.0, 1.9, 2.0, 3.9, 4.0, 6.5)]
+    assert acts == [0.0, 0.0, 2.0, 2.0, 0.0, 2.0]
+    assert Push((0.0, 0.0, 2.0)).at(0.0)[2] == 2.0
+
+
+@pytest.mark.parametrize(
+    ('values', 'complaint'),
+    [
+        ({'push.force': [1.0, 0.0]}, r'push.force is \[1.0, 0.0\], expected 3 finite numbers'),
+        ({'push.force': [0.0, np.nan, 0.0]}, 'push.force is .* expected 3 finite numbers'),
+        ({'push.force': [0.0, 0.0, 0.01], 'push.s': 1.0}, 'push.s is 1.0, expected .* within'),
+        ({'push.period': -1.0}, 'push.period is -1.0'),
+        ({'sensors.tip_pose_rate': np.inf}, 'sensors.tip_pose_rate is inf'),
+        ({'sensors.marker_stddev': -1.0}, 'sensors.marker_stddev is -1.0'),
+        ({'sensors.markers_rate': 1.0}, 'sensors.marker_s is'),
+        ({'sensors.markers_rate': 1.0, 'sensors.marker_s': [0.3]}, 'sensors.marker_s is 0.3'),
+        ({'sensors.marker_s': [0.1] * 2000, 'sensors.markers_rate': 1.0}, 'at most'),
+        ({'sensors.seed': -1}, 'sensors.seed is -1'),
+    ],
+)
+def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint) -> None:
+    with pytest.raises(ArmDefinitionError, match=complaint):
+        SimulatorConfig.from_parameters({**VALUES, **values})
+
+
+def test_what_cannot_be_solved_is_refused_with_a_reason() -> None:
+    force = {'push.force': [0.0, 0.0, 0.01]}
+    with pytest.raises(ConfigError, match='renda2012'):
+        SimulatorConfig.from_parameters({**VALUES, **force, 'model': 'renda2012'})
+    # Seen without being pushed an arm of any model is.
+    seen = {'model': 'renda2012', 'sensors.tip_pose_rate': 10.0}
+    assert SimulatorConfig.from_parameters({**VALUES, **seen}).pushed_arm is not None
+    assert SimulatorConfig.from_parameters(VALUES).pushed_arm is None

@@ -1,0 +1,70 @@
+"""An estimated arm in a real browser: how well it is known, and what pushes it."""
+
+import io
+import re
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+pytest.importorskip('viser', reason='needs viser')
+pytest.importorskip('selenium', reason='needs selenium')
+image = pytest.importorskip('PIL.Image', reason='needs pillow')
+
+from browser import CHROMEDRIVER, CHROMIUM, Browser
+from estimator_nodes import estimating
+from live_nodes import new_domain, start, stop
+
+pytestmark = pytest.mark.slow
+
+if not (CHROMIUM and CHROMEDRIVER):
+    pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
+
+
+def green(png):
+    """How many pixels have the colour of a force."""
+    pixels = np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float).reshape(-1, 3)
+    return int(((pixels[:, 1] - pixels[:, [0, 2]].max(axis=1)) > 25.0).sum())
+
+
+def test_the_page_shows_what_pushes_the_arm_and_how_well_that_is_known():
+    domain = new_domain()
+    with estimating(domain=domain) as client:
+        viewer = start('viewer.main', '--port', 8300, domain=domain, PYTHONUNBUFFERED='1')
+        try:
+            url = re.search(r'http://\S+', viewer.stdout.readline())[0]
+            client.connect()
+            browser = Browser(url)
+            try:
+                is_seen(client, browser)
+                assert not browser.complaints()
+            finally:
+                browser.close()
+        finally:
+            stop(viewer)
+
+
+def is_seen(client, browser):
+    def told():
+        """Measured once more; the numbers of the force on the page, [mN]."""
+        client.measure([time.time() - 0.05], ['tendon_tensions', 'measured/tip_pose'])
+        return [float(one) for one in re.findall(r'-?\d+\.\d', browser.text('force'))]
+
+    def shows(force):
+        def check():
+            numbers = told()
+            if len(numbers) != 6:
+                return False
+            mean, stddev = np.array(numbers[0::2]), np.array(numbers[1::2])
+            return (np.abs(mean - 1e3 * force) < 5.0 * stddev + 0.1).all() and stddev[2] < 3.0
+
+        browser.until(check, f'a force of {force} N')
+
+    shows(np.zeros(3))
+    browser.leave()
+    before = green(browser.picture())
+    client.force = np.array([0.0, -0.006, 0.012])
+    shows(client.force)
+    browser.until(lambda: told() and green(browser.picture()) > before + 300, 'the arrow')
