@@ -52,6 +52,7 @@ bench: prepare
 	@tools/with_ros python benchmarks/bags.py
 	@tools/with_ros python benchmarks/viewer.py
 	@tools/with_ros python benchmarks/estimation.py
+	@tools/with_ros python benchmarks/estimator_node.py
 
 soak: prepare
 	@tools/with_ros python benchmarks/soak.py --part $(PART)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record, stamp_of
-from octo_arm_model.bags.tensions import Reading, stampable
+from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.tensions import Reading, reading_of, stampable
 from octo_arm_model.bags.topics import names, pick_topic
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import BagError, OctoArmError
+from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
@@ -23,19 +24,10 @@ class DisplacementTopic:
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
         """Displacements of each of ``records``, or why it was refused."""
-        return [stampable(self._read(record)) for record in records]
+        return [stampable(reading_of(self._reader, record, self._read)) for record in records]
 
-    def _read(self, record: Record) -> Reading:
-        stamp = Stamp.from_ns(record.received_ns)
-        try:
-            message = self._reader.decode(record)
-            stamp = stamp_of(message, record.received_ns)
-            return Reading(stamp, None, '', read_displacements(message, self._arm))
-        except OctoArmError as error:
-            return Reading(stamp, None, str(error))
-        except (AttributeError, TypeError, ValueError) as error:
-            # The bag defines the type otherwise: fields are missing or of other types.
-            return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
+    def _read(self, message: Any, stamp: Stamp) -> Reading:
+        return Reading(stamp, None, '', read_displacements(message, self._arm))
 
 
 def read_topic(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record, stamp_of
@@ -154,24 +154,18 @@ class TensionTopic:
         # The layout may be that of another message of the same batch by now.
         if found := self._read_alike([record]):
             return found[0]
-        stamp, wanted = Stamp.from_ns(record.received_ns), self._load_cells.names
-        try:
-            message = self._reader.decode(record)
-            stamp = stamp_of(message, record.received_ns)
-            if self._field:
-                values = field_values(message, self._field)
-                names = names_of(message, len(values))
-                tensions = tensions_by_names(values, names, wanted, self._arm)
-                return self._checked(stamp, tensions)
-            kind = _KINDS[record.type_name]
-            if wanted:
-                return self._checked(stamp, kind.read_named(message, self._arm, wanted))
-            tensions = kind.read(message, self._arm)
-        except OctoArmError as error:
-            return Reading(stamp, None, str(error))
-        except (AttributeError, TypeError, ValueError) as error:
-            # The bag defines the type otherwise: fields are missing or of other types.
-            return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
+        return reading_of(self._reader, record, partial(self._read, record))
+
+    def _read(self, record: Record, message: Any, stamp: Stamp) -> Reading:
+        wanted = self._load_cells.names
+        if self._field:
+            values = field_values(message, self._field)
+            names = names_of(message, len(values))
+            return self._checked(stamp, tensions_by_names(values, names, wanted, self._arm))
+        kind = _KINDS[record.type_name]
+        if wanted:
+            return self._checked(stamp, kind.read_named(message, self._arm, wanted))
+        tensions = kind.read(message, self._arm)
         if self._is_as_known(record.type_name):
             layout = TensionLayout(kind, record.data, message, self._arm)
             self._layout = layout if layout.read(record.data) else self._layout
@@ -187,6 +181,22 @@ class TensionTopic:
         """Whether the bag defines a type as it is known here, so that it has the known layout."""
         types, known = self._reader.types_of(type_name), known_types()
         return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
+
+
+def reading_of(
+    reader: BagReader, record: Record, read: Callable[[Any, Stamp], Reading]
+) -> Reading:
+    """What ``read`` makes of the message of a ``record`` and its stamp, or why it is refused."""
+    stamp = Stamp.from_ns(record.received_ns)
+    try:
+        message = reader.decode(record)
+        stamp = stamp_of(message, record.received_ns)
+        return read(message, stamp)
+    except OctoArmError as error:
+        return Reading(stamp, None, str(error))
+    except (AttributeError, TypeError, ValueError) as error:
+        # The bag defines the type otherwise: fields are missing or of other types.
+        return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
 
 
 def stampable(reading: Reading) -> Reading:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
@@ -29,8 +30,8 @@ def names(topic: str, usual: str) -> bool:
 
 
 def is_answer(topic: str) -> bool:
-    """Whether ``topic`` is one that the model answers on."""
-    return any(names(topic, answer) for answer in ANSWERS)
+    """Whether ``topic`` is one that the model or an estimator answers on."""
+    return any(names(topic, answer) for answer in (*ANSWERS, *ESTIMATES))
 
 
 def is_usual(topic: str) -> bool:

@@ -17,6 +17,7 @@ recordings of laboratories, for compare and identify alike:
   octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
   octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
   octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
+  octo-arm compare trial --displacements /winches/encoders
   octo-arm compare trial --ramp
   octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
       --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
@@ -136,8 +137,8 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         '--steady',
         type=float,
         metavar='N',
-        help='half the band that steady tensions stay in [N] (default: the larger of 2 percent '
-        'of the highest tension and four times the noise)',
+        help='half the band that steady tensions stay in [N], or lengths [m] where there are no '
+        'tensions (default: the larger of 2 percent of the highest and four times the noise)',
     )
     add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
     pairing.add_argument(

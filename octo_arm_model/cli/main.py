@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 
 from octo_arm_model.cli import (
     compare,
+    estimate,
     identify,
     inverse,
     load,
@@ -29,7 +30,8 @@ from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing
 
 _COMMANDS = (
-    solve, compare, record_demo, identify, inverse, load, play, replay, reproduce, workspace,
+    solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
+    workspace,
 )  # fmt: skip
 _PROG = 'octo-arm'
 _TWICE = 1.0  # [s] in which another signal is the same one
@@ -47,6 +49,7 @@ examples:
   octo-arm compare experiment --out compared
   octo-arm identify experiment --model all --out fitted.yaml
   octo-arm replay experiment experiment_shapes
+  octo-arm estimate experiment --plot touch.png
   octo-arm reproduce reproduced
 
 exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong, 130 interrupted

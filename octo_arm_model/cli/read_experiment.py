@@ -43,7 +43,7 @@ def read_options(
         raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
-        _alignment(options.align)  # Checked before the bag is read.
+        read_alignment(options.align)  # Checked before the bag is read.
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit,
@@ -65,7 +65,7 @@ def read_options(
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
     if options.align is not None:
-        alignment = _alignment(options.align)
+        alignment = read_alignment(options.align)
     elif recording.frame_id == config.base_frame:
         alignment = Alignment.none()
         notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
@@ -95,7 +95,7 @@ def _models(given: Sequence[str], config: Config) -> list[str]:
     return list(MODELS) if ALL in given else list(dict.fromkeys(given))
 
 
-def _alignment(words: Sequence[str]) -> Alignment | None:
+def read_alignment(words: Sequence[str]) -> Alignment | None:
     """The alignment of ``--align``; None for one to be fitted.
 
     Raises:

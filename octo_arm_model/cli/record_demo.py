@@ -31,6 +31,9 @@ and 1 s to the next. Topics:
   /tendon_displacements
                      sensor_msgs/JointState, 100 Hz, with --sheath or --axial-stiffness: what
                      encoders of winches read, noise of 0.02 mm
+  /measured/tip_pose geometry_msgs/PoseWithCovarianceStamped, 20 Hz, with --touch: noise of 0.5 mm
+                     and 0.02 rad
+  /measured/markers  geometry_msgs/PoseArray, 20 Hz, with --markers: noise of 0.5 mm
   /note              std_msgs/String, latched: what this is
 """
 _EPILOG = """\
@@ -41,6 +44,8 @@ examples:
   octo-arm record-demo stretching --axial-stiffness 300
   octo-arm record-demo softer --stiffness 0.8 --clock-offset -0.2
   octo-arm record-demo rough --friction 0.2
+  octo-arm record-demo touched --touch 0.02
+  octo-arm record-demo seen --touch 0.02 --stiffness 1.2 --markers 0.09 0.18
 
 The same options give the same messages.
 
@@ -61,8 +66,12 @@ def add_command(commands: Any) -> None:
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     more = '; arms that bear other tensions than this one are pulled accordingly'
     add_config_option(parser, 'renda2012_prototype', more=more)
-    ratio = "true Young's modulus over that of the config"
-    add_number(parser, '--stiffness', 1.1, ratio, 'RATIO')
+    parser.add_argument(
+        '--stiffness',
+        type=float,
+        metavar='RATIO',
+        help="true Young's modulus over that of the config (default: 1.1; 1 with --touch)",
+    )
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
     add_number(parser, '--sheath', 0.0, sheath, 'K')
@@ -75,21 +84,36 @@ def add_command(commands: Any) -> None:
         'true coefficient of friction of the tendons; with some, tensions rise and fall again',
         'MU',
     )
+    touch = 'force on the tip while the middle tension is held [N], for octo-arm estimate'
+    add_number(parser, '--touch', 0.0, touch, 'N')
+    parser.add_argument(
+        '--markers',
+        nargs='+',
+        type=float,
+        default=[],
+        metavar='S',
+        help='arc coordinates of markers that are measured [m]',
+    )
     add_number(parser, '--seed', 0, 'of everything random')
     add_storage(parser)
 
 
 def _run(options: argparse.Namespace) -> None:
-    from octo_arm_model.bags.demo import Experiment, add_demo, custom_data
+    from octo_arm_model.bags.demo import add_demo
+    from octo_arm_model.bags.demo_experiment import Experiment, custom_data
     from octo_arm_model.bags.writer import BagWriter
 
-    parameters = load_parameters(find_path(options.config))
+    parameters, stiffness = load_parameters(find_path(options.config)), options.stiffness
+    if stiffness is None:
+        stiffness = 1.0 if options.touch else Experiment.stiffness
     experiment = Experiment(
-        stiffness=options.stiffness,
+        stiffness=stiffness,
         clock_offset=options.clock_offset,
         sheath=options.sheath,
         axial_stiffness=options.axial_stiffness,
         friction=options.friction,
+        touch=options.touch,
+        markers=tuple(options.markers),
     )
     custom = custom_data(experiment, options.seed)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:

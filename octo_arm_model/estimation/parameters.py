@@ -12,7 +12,7 @@ from octo_arm_model.estimation.filter import GATE
 CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
 PLACES = 5  # of a contact somewhere, evenly along the arm
-BENT = 0.2  # of the length: how far the default of the force moves the tip
+BENT = 0.1  # of the length: how far the default of the force moves the tip
 PREFIX = 'estimator.'
 
 ESTIMATOR_PARAMETERS = (

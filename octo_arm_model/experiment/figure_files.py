@@ -28,13 +28,21 @@ def save_all(
     Raises:
         OSError: if a file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     for done, (name, picture) in enumerate(pictures.items()):
         progress(done, len(pictures))
-        figure = picture()
-        FigureCanvasAgg(figure)
-        figure.savefig(folder / f'{name}.png', dpi=120, bbox_inches='tight', pad_inches=0.1)
+        save(picture(), folder / f'{name}.png')
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a ``figure`` of `new_figure` to ``path``, in the format of its ending.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=120, bbox_inches='tight', pad_inches=0.1)
 
 
 class TensionColours:

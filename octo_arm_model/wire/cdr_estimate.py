@@ -1,14 +1,36 @@
-"""The messages of an estimate that a backbone alone has not, as bytes."""
+"""The messages of an estimate, as bytes: those of its backbone, and what it knows besides."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.wire.cdr_backbone import tendon_tensions
+from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.wire.cdr_backbone import BackboneWriter, tendon_tensions
+from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr_covariance import TYPE_NAME as COVARIANCE_TYPE
+from octo_arm_model.wire.cdr_covariance import CovarianceWriter
 from octo_arm_model.wire.cdr_layout import Layout, text_field
 from octo_arm_model.wire.cdr_templates import Template
+
+TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
+# Topics of an estimate and their types.
+ESTIMATES: dict[str, str] = {
+    'backbone/path': 'nav_msgs/msg/Path',
+    'backbone/poses': 'geometry_msgs/msg/PoseArray',
+    'strains': 'octo_arm_msgs/msg/SectionStrains',
+    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
+    COVARIANCE: COVARIANCE_TYPE,
+    TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
+    CONTACT: 'geometry_msgs/msg/WrenchStamped',
+    BIAS: 'octo_arm_msgs/msg/TendonTensions',
+}
 
 
 class EstimateWriter:
@@ -45,3 +67,45 @@ class EstimateWriter:
         if values.shape != (self._tendons,):
             raise ConfigError(f'bias is of shape {values.shape}, expected ({self._tendons},)')
         return self._bias.write(sec, nanosec, values)
+
+
+class EstimateMessages:
+    """All messages of the estimates of one model of an arm."""
+
+    def __init__(self, frame_id: str, model: ArmModel) -> None:
+        """Lay them out for ``model`` in the frame ``frame_id``.
+
+        Raises:
+            ConfigError: if a name is not one that UTF-8 can hold.
+        """
+        grid, names = model.solver.grid, model.arm.tendon_names
+        self._arm = model.arm
+        self._shape = BackboneWriter(frame_id, model.solver.model, grid.s, grid.section, names)
+        self._covariance = CovarianceWriter(frame_id, grid.s)
+        self._others = EstimateWriter(frame_id, names)
+
+    def write(self, estimate: Estimate, sec: int, nanosec: int) -> dict[str, bytes]:
+        """Bytes by topic of `ESTIMATES`; those of a contact and of biases if they are estimated.
+
+        Raises:
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+        """
+        shape, stamp = estimate.backbone, (sec, nanosec)
+        pose, contact = estimate.pose_covariance, contact_of(estimate, self._arm)
+        s, of_contact = np.nan, np.zeros((6, 6))
+        if contact is not None:
+            s, of_contact = contact.s, contact.covariance
+        messages = {
+            'backbone/path': self._shape.path(shape, *stamp),
+            'backbone/poses': self._shape.poses(shape, *stamp),
+            'strains': self._shape.strains(shape, *stamp),
+            'tip_pose': self._shape.tip_pose(shape, pose[-1], *stamp),
+            'tendon_tension_estimates': self._shape.tensions(estimate.tensions, *stamp),
+            COVARIANCE: self._covariance.write(pose, s, of_contact, *stamp),
+        }
+        if contact is not None:
+            topic = TIP_WRENCH if contact.is_at_tip else CONTACT
+            messages[topic] = self._others.wrench(contact.wrench, *stamp)
+        if estimate.tension_bias.size:
+            messages[BIAS] = self._others.tension_bias(estimate.tension_bias, *stamp)
+        return messages

@@ -154,6 +154,8 @@ def _markers(message: Any, arm: MeasuredArm) -> Measurement:
     points: FloatArray = np.array(
         [(p.x, p.y, p.z) for p in (pose.position for pose in message.poses)], np.float64
     )
+    if np.isinf(points).any():
+        raise MeasurementError('a marker is infinite, expected finite numbers, or NaN if hidden')
     seen = ~np.isnan(points).any(axis=1)
     if not seen.any():
         raise MeasurementError('it shows no marker')

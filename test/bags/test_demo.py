@@ -14,11 +14,11 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 
 
 from octo_arm_model import Config, displacements_of, load_config
-from octo_arm_model.bags.demo import (
+from octo_arm_model.bags.demo import add_demo
+from octo_arm_model.bags.demo_experiment import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
     Experiment,
-    add_demo,
     custom_data,
 )
 from octo_arm_model.bags.reader import BagReader
@@ -167,3 +167,39 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Pa
 def test_friction_is_a_coefficient(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '-0.1']) == 2
     assert '--friction is -0.1, expected a finite coefficient >= 0' in capsys.readouterr().err
+
+
+def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
+    quiet = dataclasses.replace(
+        CLEAN, stiffness=1.0, touch=0.02, markers=(0.135,), marker_noise=1e-9, turn_noise=1e-9,
+        marker_rate=5.0, clock_offset=0.0,
+    )  # fmt: skip
+    with BagWriter(tmp_path / 'bag') as writer:
+        add_demo(writer, PROTOTYPE, quiet, 0)
+    config = Config.from_parameters({**PROTOTYPE, 'model': 'exact'})
+    solver, touched = config.solver(), 0
+    with BagReader(tmp_path / 'bag') as reader:
+        tensions = {one.stamp_ns: one.tensions
+                    for one in read_tensions(reader, '/tendon_tensions', config)}  # fmt: skip
+        tips = {one.received_ns: reader.decode(one)
+                for one in reader.messages(['/measured/tip_pose'])}  # fmt: skip
+        markers = {one.received_ns: reader.decode(one)
+                   for one in reader.messages(['/measured/markers'])}  # fmt: skip
+    for stamp, message in tips.items():
+        tip, alone = message.pose.pose, solver.solve(tensions[stamp])
+        at = np.array([tip.position.x, tip.position.y, tip.position.z])
+        if np.linalg.norm(at - alone.tip) < 1e-3:
+            continue
+        touched += 1
+        time = 1e-9 * (stamp - min(tips))
+        assert 4 * 1.5 < time < 4 * 1.5 + 1.0  # while the middle tension is held
+        force = quiet.touches(np.array([time]), quiet.schedule(config)[0])[0]
+        expected = solver.solve(tensions[stamp], [*force, 0.0, 0.0, 0.0])
+        np.testing.assert_allclose(at, expected.tip, atol=1e-7)
+        orientation = [getattr(tip.orientation, name) for name in 'xyzw']
+        assert abs(np.dot(orientation, expected.quaternion[-1])) == pytest.approx(1.0, abs=1e-9)
+        marker = markers[stamp].poses[0].position
+        np.testing.assert_allclose(
+            [marker.x, marker.y, marker.z], expected.position[50], atol=1e-6
+        )
+    assert touched >= 3

@@ -11,7 +11,7 @@ from differences import jacobian
 from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import DistributedLoad, Material, PointLoad, Solver
+from octo_arm_model import DistributedLoad, Material, PointLoad, Solver, displacements_of
 from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
@@ -193,3 +193,19 @@ def test_what_is_no_function_of_the_state_is_refused() -> None:
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
     with pytest.raises(ConfigError, match='sheath_stiffness'):
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
+
+
+def test_displacements_are_those_of_winches_whose_tendons_stretch() -> None:
+    """As `displacements_of` has them: what the arm gives way, and what tendons stretch."""
+    arm = dataclasses.replace(
+        RUBBER, axial_stiffness=(200.0, 300.0, 0.0, 100.0), free_length=(0.1, 0.2, 0.3, 0.0)
+    )
+    model = ArmModel(arm, Unknowns(Walk(5.0), tip_force=LIKELY), stations=31)
+    at = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
+    solver = Solver(arm, 'exact', 31)
+    shape = solver.solve([TENSIONS], [0.004, -0.003, 0.006, 0.0, 0.0, 0.0])
+    one = TendonDisplacements(displacements_of(solver, shape), 1e-3)
+    np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-11)
+    assert at.model.tendon_compliance.tolist()[2] == 0.0
+    moved = jacobian(lambda y: one.innovation(Prediction(model, y, at.solved)), at.x, 1e-4)
+    np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)

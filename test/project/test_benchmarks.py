@@ -18,6 +18,7 @@ PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py'}
 BENCHMARKS = {path.name for path in FOLDER.glob('*.py')} - PARTS
 NEEDED = {
     'bags.py': ['rosbags'],
+    'estimator_node.py': ['rclpy'],
     'floods.py': ['rclpy'],
     'node.py': ['rclpy'],
     'viewer.py': ['rclpy', 'viser'],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from xml.etree import ElementTree
 
@@ -14,6 +15,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from rclpy.node import Node
 
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode
@@ -74,7 +76,11 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         managed = ManagedEstimatorNode(**options)
         managed.on_configure(None)
         managed.on_activate(None)
-        return [EstimatorNode(**options), managed]
+        plain = EstimatorNode(**options)
+        for _ in range(2):  # of frames that are not there the second look is at all of /tf
+            with contextlib.suppress(MeasurementError):
+                plain._server._frames.pose_of('camera', 'arm_base', 0)
+        return [plain, managed]
     if enclave == 'octo_arm_sim':
         return [SimulatorNode(**options)]
     viewer = Node(
@@ -103,8 +109,9 @@ def test_the_policy_grants_what_the_nodes_have(
         assert (node.get_namespace(), node.get_name()) == (where, name)
         for kind, names in seen(node).items():
             found[kind] |= names
-    if '/tf' not in found['publish']:
-        allowed['publish'].discard('/tf')  # Where tf2_msgs is not installed.
+    if '/tf' not in found['publish']:  # Where tf2_msgs is not installed.
+        for names in allowed.values():
+            names -= {'/tf', '/tf_static'}
     assert found == allowed
     for node in nodes:
         node.destroy_node()

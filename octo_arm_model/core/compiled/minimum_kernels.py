@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.section_kernels import (
-    ADRIFT,
+from octo_arm_model.core.compiled.section_kernels import set_balance, set_scales
+from octo_arm_model.core.compiled.section_rows import (
     BB,
     BN,
     BT,
@@ -18,7 +18,7 @@ from octo_arm_model.core.compiled.section_kernels import (
     NT,
     OF_FORCE,
     OF_MOMENT,
-    OFFSETS_PLACED,
+    OFFSET_LEFT,
     SB,
     SN,
     SS,
@@ -29,20 +29,16 @@ from octo_arm_model.core.compiled.section_kernels import (
     N,
     S,
     T,
-    set_balance,
-    set_scales,
     set_strain,
 )
 from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
+from octo_arm_model.core.compiled.sheath_kernels import OFFSET_TOLERANCE, are_inside
+from octo_arm_model.core.compiled.start_kernels import can_be, set_start
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.elastic_laws import (
     incompressible_widening,
-    linear_density,
-    neo_hookean_density,
 )
-from octo_arm_model.core.section.formulas import planar_start, planar_step
-from octo_arm_model.core.section.newton import FIRST_STEPS, OVERSHOOT, ROUNDING, TOLERANCE
-from octo_arm_model.core.section.sheath import MOST_SOFTENED
+from octo_arm_model.core.section.newton import OVERSHOOT, ROUNDING, TOLERANCE
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
 MOST_STEPS = 60  # of Newton's method; NumPy goes on where these are not enough
@@ -52,52 +48,6 @@ STEP_T, STEP_N, STEP_B, STEP_S = (FREE + k * LANES for k in range(4))
 NEXT_T, NEXT_N, NEXT_B, NEXT_S = (FREE + (4 + k) * LANES for k in range(4))
 DESCENT, LEFT, PIVOT = FREE + 8 * LANES, FREE + 9 * LANES, FREE + 10 * LANES
 ROWS = FREE + 11 * LANES
-
-
-def set_start(
-    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
-) -> None:
-    """Fill in nearly the scaled strain, as `initial_strain` does."""
-    first, count = tables.blocks[block]
-    last = first + count
-    axial, squared = tables.axial[first:last], tables.squared[first:last]
-    lever = tables.lever_max[first:last]
-    for i in range(count):
-        rows[G_N + i], rows[G_B + i], rows[G_S + i], rows[DESCENT + i] = 0.0, 0.0, 0.0, 0.0
-    for tendon in pulled:
-        part, tension = tables.transmission[tendon, first:last], tensions[tendon]
-        x, y = tables.x[tendon, first:last], tables.y[tendon, first:last]
-        for i in range(tables.acting[tendon, block]):
-            local = part[i] * tension
-            rows[G_N + i] += y[i] * local
-            rows[G_B + i] -= x[i] * local
-            rows[G_S + i] += local
-        if tables.sheath_compliance.size:
-            compliance = tables.sheath_compliance[tendon, first:last]
-            for i in range(tables.acting[tendon, block]):
-                local = part[i] * tension
-                rows[DESCENT + i] += compliance[i] * local * local
-    for i in range(count):
-        over = 1.0 / axial[i]
-        softening = min(0.5 * rows[DESCENT + i] * over / squared[i], MOST_SOFTENED)
-        n, b, force = rows[G_N + i], rows[G_B + i], rows[G_S + i] * over
-        moment, radius = np.sqrt(n * n + b * b), np.sqrt(squared[i])
-        load = moment * over / radius
-        straight, stretch, bend = planar_start(load, force, softening)
-        for _ in range(FIRST_STEPS):
-            if tables.widens:
-                f = neo_hookean_density(stretch, bend * bend)
-            else:
-                f = linear_density(stretch, bend * bend)
-            stretch, bend = planar_step(
-                stretch, bend, load, force, softening, f[0], f[1], f[2], f[3], f[4]
-            )
-        curvature = bend / radius
-        # The straight state where that is impossible or NaN.
-        can_be = stretch > abs(curvature) * lever[i]
-        towards = -curvature / max(moment, 1e-300) if can_be else 0.0
-        rows[T + i], rows[N + i], rows[B + i] = 0.0, towards * n, towards * b
-        rows[S + i] = stretch if can_be else straight
 
 
 def set_next(count: int, rows: FloatArray) -> None:
@@ -175,7 +125,9 @@ def minimise_block(
         set_next(count, rows)
         unsettled = 0
         for i in range(count):
-            unsettled += not (rows[LEFT + i] <= TOLERANCE and rows[ADRIFT + i] <= OFFSETS_PLACED)
+            unsettled += not (
+                rows[LEFT + i] <= TOLERANCE and rows[OFFSET_LEFT + i] <= OFFSET_TOLERANCE
+            )
         if not unsettled:
             worst = 0.0
             for i in range(count):
@@ -188,24 +140,11 @@ def minimise_block(
     return np.inf, -1
 
 
-def are_held(
-    tables: SectionTables, block: int, pulled: IntArray, rows: FloatArray, offsets: FloatArray
-) -> bool:
-    """Whether tendons in sheaths stay in the body, at a minimum of the energy.
-
-    As `check_tendons` and `check_stable` ask.
-    """
-    first, count = tables.blocks[block]
+def is_least(count: int, rows: FloatArray) -> bool:
+    """Whether the energy is least where it is in balance, as `check_stable` asks."""
     for i in range(count):
         if not rows[PIVOT + i] > 0.0:
             return False
-    for number in range(pulled.size):
-        tendon = pulled[number]
-        for i in range(tables.acting[tendon, block]):
-            x = tables.x[tendon, first + i] + offsets[number, i]
-            y = tables.y[tendon, first + i] + offsets[number, LANES + i]
-            if not x * x + y * y <= tables.farthest[tendon, first + i] ** 2:
-                return False
     return True
 
 
@@ -245,22 +184,14 @@ def find_some_minima(
         left, taken = minimise_block(tables, block, tensions, pulled, rows, offsets)
         if taken < 0:
             return left, -1
-        if has_sheaths and not are_held(tables, block, pulled, rows, offsets):
+        if has_sheaths and not (
+            is_least(count, rows) and are_inside(tables, block, pulled, offsets)
+        ):
             return np.inf, -1
         residual, steps = max(residual, left), max(steps, taken)
         if not set_twist(tables, block, rows, found):
             return np.inf, -1
     return residual, steps
-
-
-def can_be(tables: SectionTables, block: int, rows: FloatArray) -> bool:
-    """Whether all fibres and tendons of the sections of a ``block`` have positive length."""
-    first, count = tables.blocks[block]
-    lever, inside_out = tables.lever_max[first : first + count], 0
-    for i in range(count):
-        n, b = rows[N + i], rows[B + i]
-        inside_out += not rows[S + i] > np.sqrt(n * n + b * b) * lever[i]
-    return inside_out == 0
 
 
 def set_twist(tables: SectionTables, block: int, rows: FloatArray, twist: FloatArray) -> bool:

@@ -32,7 +32,10 @@ from octo_arm_model.core.compiled import (
     response_kernels,
     rod_kernels,
     section_kernels,
+    section_rows,
     sensitivity_kernels,
+    sheath_kernels,
+    start_kernels,
     state_kernels,
     system_kernels,
 )
@@ -53,8 +56,9 @@ _LOG = logging.getLogger(__name__)
 _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 _OWN = 'octo_arm_model.'
 _KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_kernels, minimum_kernels, rod_kernels,
-    system_kernels, state_kernels, response_kernels, dense_kernels, readout_kernels, products,
+    kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
+    start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
+    dense_kernels, readout_kernels, products,
     sensitivity_kernels,
 )  # fmt: skip
 

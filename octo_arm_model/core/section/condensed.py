@@ -1,4 +1,4 @@
-"""Tendons where they stand in their sheaths, and how they give way to small changes."""
+"""Offsets of tendons in compliant sheaths, and how these follow small changes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Parts: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class Condensed(NamedTuple):
-    """Tendons where they stand, and how they give way to changes.
+    """Offsets of tendons, and how these follow changes.
 
     All arrays end in (tendons, batch, nodes); pairs are along n and b.
 
     Attributes:
-        sections: the cross sections with tendons in their places.
+        sections: the cross sections with tendons at their offsets.
         offset: d [m], (2, ...).
         pull: derivative of |u| by d [1/m], (2, ...).
         compliance: inverse of the second derivatives by d, D^-1 [m^2/N]: nn, nb and bb, (3, ...).

@@ -63,6 +63,7 @@ class SectionEnergy:
         y: along b.
         dx: slope of ``x`` [-].
         dy: slope of ``y`` [-].
+        squared_slope: sum of their squares.
         shear_stiffness: G A [N], (nodes,).
         poisson: Poisson's ratio [-], (nodes,).
     """
@@ -93,6 +94,7 @@ class SectionEnergy:
         routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
+        self.squared_slope = self.dx**2 + self.dy**2
         self.squared_radius = self.radius**2
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
@@ -169,7 +171,7 @@ class SectionEnergy:
         return length, gradient * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
-        """Where tendons stand off their paths; None of those that are held in their places."""
+        """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
         return None
 
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
@@ -177,7 +179,7 @@ class SectionEnergy:
         return 0.0
 
     def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse what tendons cannot do; see `sheath`, these are held in their places."""
+        """Refuse what tendons cannot do; see `sheath`, these are held on their paths."""
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
         """Likewise a balance without loads that is none of least energy; here all are."""

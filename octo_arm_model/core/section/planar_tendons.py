@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class PlanarTendons:
-    """`quasi_newton.Tendons` of which none gives way."""
+    """`quasi_newton.Tendons` held on their paths."""
 
     has_torsion = False
     imbalance = 0.0
@@ -28,16 +28,15 @@ class PlanarTendons:
     def __init__(self, energy: SectionEnergy, local_tensions: FloatArray) -> None:
         """Of the cross sections ``energy``, under tensions (tendons, batch, nodes) [N]."""
         self._energy, self._tensions = energy, local_tensions
-        self._slope_squared = energy.dx**2 + energy.dy**2
 
     def gradient(self, strain: FloatArray) -> FloatArray:
         """See `quasi_newton.Tendons`."""
         self._width, self._slope, self._bend = self._energy.widening(strain[2])
         u_t = self._u_t = self._energy.along(strain / self._width)
-        over = 1.0 / (u_t * u_t + self._slope_squared)
+        over = 1.0 / (u_t * u_t + self._energy.squared_slope)
         pull = self._tensions * np.sqrt(over)
         gradient = self._energy.resultants(u_t * pull)
-        across = pull * self._slope_squared
+        across = pull * self._energy.squared_slope
         self._stiffness = across * over / self._width
         if self._energy.law.widens:
             self._across = np.add.reduce(across)

@@ -1,8 +1,8 @@
 """Cross sections in balance by few operations on arrays.
 
 Newton's method with the Hessian of the body: it is as stiff in bending about one axis as about
-another, so that no matrix is factorised for a step. Tendons add little to it, and sheaths that
-give way take a stiffness from it that is nearly the same about all axes. Where the method does not
+another, so that no matrix is factorised for a step. Tendons add little to it, and compliant
+sheaths take a stiffness from it that is nearly the same about all axes. Where the method does not
 converge at once, `newton` descends along the energy.
 """
 
@@ -99,7 +99,7 @@ def balance(
         if worst <= tolerance and tendons.imbalance <= tolerance:
             # A last step leaves rounding, whatever the tolerance is.
             return Balance(strain + step, left.max(axis=(0, 2), initial=0.0), iterations)
-        if not worst <= _SLOW * previous:  # nor where it is NaN
+        if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
             return None
         previous = worst
         if worst < _NEAR and not tendons.has_torsion:

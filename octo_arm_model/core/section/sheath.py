@@ -1,6 +1,6 @@
-"""Tendons that dig into the body: a sheath that gives way, condensed out of every cross section.
+"""Tendons in compliant sheaths, whose offsets are condensed out of every cross section.
 
-A thread under tension presses towards the inside of the bend. It stands off its path by
+A thread under tension presses towards the inside of the bend. Its offset from its path is
 d = (d_n, d_b) in the undeformed cross section, for which the rubber around it takes k |d|^2 / 2
 per reference length, and psi of `energy` becomes
 
@@ -72,10 +72,10 @@ class _Placed(NamedTuple):
 
 
 class SheathedSections(SectionEnergy):
-    """Cross sections whose tendons stand off their paths.
+    """Cross sections whose tendons have offsets from their paths.
 
     Attributes:
-        sheath_compliance: 1 / k of each tendon, zero of one that keeps its place [1/Pa],
+        sheath_compliance: 1 / k of each tendon, zero of a rigid one [1/Pa],
             (tendons, 1, nodes).
         farthest: largest distance from the midline that a tendon may have [m], likewise.
     """
@@ -121,8 +121,9 @@ class SheathedSections(SectionEnergy):
         """Offsets of the tendons by Newton's method; raises as `condensed`."""
         t, n, b, stretch = strain[:4]
         yielding = self.sheath_compliance * local_tensions
-        # Nearly: for tendons along the midline.
-        offset = np.stack([yielding * b, -yielding * n])
+        # Nearly: for tendons along the midline, where that leaves them most of their length.
+        near = yielding * np.where(yielding * (n * n + b * b) < 0.25 * stretch, 1.0, 0.0)
+        offset = np.stack([near * b, -near * n])
         moved = copy.copy(self)
         width, worst = self.widening(stretch)[0], np.inf
         for _ in range(_MOST_STEPS):
@@ -206,7 +207,7 @@ class SheathedSections(SectionEnergy):
         self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse a balance without loads from which tendons dig in without an end.
+        """Refuse a balance without loads that is no minimum of the energy.
 
         Raises:
             SolveError: if one is; the message says where.

@@ -67,12 +67,13 @@ def identify(
         stretch = found.estimates.get(AXIAL)
         if stretch is None or stretch.value is None:
             return found
-        low, high = stretch.interval95 or (0.0, stretch.value)
+        low, high = stretch.interval95 or (stretch.value, stretch.value)
         if high < math.inf:
             return found
+        least = '' if low == math.inf else f'; all from {low:.3g} N on explain them'
         left_out[AXIAL] = (
             f'{AXIAL} is left as it is: what the readings leave uncertain is more than what '
-            f'tendons stretch by; all from {low:.3g} N on explain them'
+            f'tendons stretch by{least}'
         )
 
 

@@ -61,9 +61,8 @@ def notes_on(
         )
     if problem.unknowns.reads_encoders:
         notes.append(
-            f'encoder readings are weighed by an accuracy of '
-            f'{problem.encoder_scale(best.x) * 1e3:.3g} mm, what the camera sees by '
-            f'{problem.scale(best.x) * 1e3:.3g} mm: what each leaves'
+            f'residuals of encoders are weighed by {problem.encoder_scale(best.x) * 1e3:.3g} mm, '
+            f'those of the camera by {problem.scale(best.x) * 1e3:.3g} mm: what each has left'
         )
     if 'alignment' in fits:
         notes += undetermined(

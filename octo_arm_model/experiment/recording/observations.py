@@ -86,8 +86,8 @@ def observe(
     """
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
-    frames = _base_first(recording, pairing, config, known, notes)
-    offset = _offset(recording, pairing, config, frames, notes, progress)
+    frames = base_first(recording, pairing, config, known, notes)
+    offset = camera_offset(recording, pairing, config, frames, notes, progress)
     time, sampled = recording.held
     what, unit = ('length', 'm') if recording.is_driven else ('tension', 'N')
     if pairing.is_ramp:
@@ -147,7 +147,7 @@ def observe(
     return Observations(tuple(shapes), offset, tuple(notes))
 
 
-def _base_first(
+def base_first(
     recording: Recording,
     pairing: Pairing,
     config: Config,
@@ -165,13 +165,13 @@ def _base_first(
     return [points[::-1] for points in recording.frames] if tip_first else recording.frames
 
 
-def _offset(
+def camera_offset(
     recording: Recording,
     pairing: Pairing,
     config: Config,
     frames: Sequence[FloatArray],
     notes: list[str],
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> float:
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:

@@ -58,10 +58,19 @@ class SteadyRule:
         """Tolerance for a recording of ``tensions`` (n, tendons) [N]."""
         if self.tolerance is not None:
             return self.tolerance
-        change = np.abs(np.diff(tensions, axis=0))
-        # The difference of two samples has the noise of both.
-        noise = MAD * np.median(change, axis=0) / np.sqrt(2.0) if len(change) else np.zeros(1)
-        return max(_PART * float(np.abs(tensions).max()), _TIMES_NOISE * float(noise.max()), 1e-9)
+        noise = _TIMES_NOISE * reading_noise(tensions)
+        return max(_PART * float(np.abs(tensions).max()), noise, 1e-9)
+
+
+def reading_noise(tensions: FloatArray) -> float:
+    """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
+
+    From the differences of neighbouring samples, each of which has the noise of both.
+    """
+    change = np.abs(np.diff(tensions, axis=0))
+    if not change.size:
+        return 0.0
+    return float(MAD * np.median(change, axis=0).max() / np.sqrt(2.0))
 
 
 @dataclass(frozen=True)

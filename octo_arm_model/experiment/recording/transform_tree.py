@@ -8,7 +8,7 @@ hold at all times.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.rod.kinematics import Pose
 
 _NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
 # tf2 refuses quaternions whose norm differs by more; as float32 they differ by less.
@@ -99,12 +100,7 @@ class TransformTree:
         Raises:
             MeasurementError: if nothing connects the two, or all transforms between are static.
         """
-        up, down = self.chain(frame), self.chain(target)
-        if up[-1] != down[-1]:
-            raise MeasurementError(f'no transforms connect {frame!r} and {target!r}')
-        while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
-            # What is above the common ancestor moves both alike.
-            del up[-1], down[-1]
+        up, down = self._ways(frame, target)
         moving = [child for child in (*up[:-1], *down[:-1]) if not self._links[child].is_static]
         if not moving:
             raise MeasurementError(
@@ -123,6 +119,61 @@ class TransformTree:
                 assert turn is not None
                 points = turn.apply(points - shift, inverse=True)
         return stamps[known], points[known]
+
+    def pose(self, frame: str, target: str, stamp_ns: int) -> Pose:
+        """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
+
+        Raises:
+            MeasurementError: if nothing connects the two, or a transform between is not known.
+        """
+
+        def refuse(stamp: int, reason: str) -> None:
+            raise MeasurementError(reason)
+
+        up, down = self._ways(frame, target)
+        stamps, known = np.array([stamp_ns]), np.ones(1, dtype=bool)
+        turned, place = Rotation.identity(), np.zeros(3)
+        for child, is_up in (*((c, True) for c in up[:-1]), *((c, False) for c in down[-2::-1])):
+            shifts, turns = self._at(child, stamps, known, refuse, needs_turn=True)
+            assert turns is not None
+            shift, turn = shifts[0], turns[0]
+            if is_up:
+                turned, place = turn * turned, turn.apply(place) + shift
+            else:
+                turned, place = turn.inv() * turned, turn.apply(place - shift, inverse=True)
+        x, y, z = place.tolist()
+        qx, qy, qz, qw = turned.as_quat().tolist()
+        return Pose((x, y, z), (qx, qy, qz, qw))
+
+    def forget(self, before_ns: int) -> None:
+        """Forget transforms before ``before_ns`` [ns], but the last one of each."""
+        for link in self._links.values():
+            stamps = np.array(link.stamps, dtype=np.int64)
+            gone = int((stamps < before_ns).sum()) - int((stamps < before_ns).all())
+            if not link.is_static and gone > 0:
+                kept = np.argsort(stamps, kind='stable')[gone:]
+                numbers = np.array(link.numbers).reshape(-1, _NUMBERS)[kept]
+                link.stamps = array('q', stamps[kept].tolist())
+                link.numbers = array('d', numbers.ravel().tolist())
+
+    @property
+    def frames(self) -> Collection[str]:
+        """Frames that have a parent."""
+        return self._links.keys()
+
+    def _ways(self, frame: str, target: str) -> tuple[list[str], list[str]]:
+        """From ``frame``, and from ``target``, up to their nearest common ancestor.
+
+        Raises:
+            MeasurementError: if nothing connects the two.
+        """
+        up, down = self.chain(frame), self.chain(target)
+        if up[-1] != down[-1]:
+            raise MeasurementError(f'no transforms connect {frame!r} and {target!r}')
+        while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
+            # What is above the common ancestor moves both alike.
+            del up[-1], down[-1]
+        return up, down
 
     def _at(
         self,

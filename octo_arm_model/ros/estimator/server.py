@@ -8,12 +8,14 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import MeasurementError, OctoArmError
+from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.estimator.estimate_status import EstimateStatus
 from octo_arm_model.ros.estimator.measurement_inputs import MeasurementInputs
 from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
+from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.diagnostics import Diagnostics
@@ -48,6 +50,7 @@ class EstimatorServer:
             node, self._work, self._diagnostics, self._config, self._on_tensions
         )
         self._others = MeasurementInputs(node, self._work, self._arm, self._take, self._refuse)
+        self._frames = SensorFrames(node)
         self._publishers: EstimatePublishers | None = None
 
     def configure(self) -> None:
@@ -79,6 +82,7 @@ class EstimatorServer:
         """Stop answering."""
         self._tensions.close()
         self._others.close()
+        self._frames.close()
         self._work.clear()
         self._tracker = None
         self._status.follow(None, None)
@@ -101,7 +105,11 @@ class EstimatorServer:
         before, self._prepared = self._prepared, prepared
         if before is not None and field_of(before.config) != field_of(config):
             self._tensions.change_field()
-        self._measured = MeasuredArm(config, settings.noise)
+
+        def pose_of(frame: str, stamp_ns: int) -> Pose:
+            return self._frames.pose_of(frame, config.base_frame, stamp_ns)
+
+        self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead
         self._diagnostics.model = next(iter(prepared.models.values())).solver.model
         self._diagnostics.limits = config.diagnostic_limits

@@ -164,3 +164,39 @@ def test_circles_and_second_parents_are_refused() -> None:
     with pytest.raises(MeasurementError, match="no transforms connect 'y' and 'z'"):
         add(tree, 'z', 'w', 0, *level)
         tree.origins('y', 'z', lambda stamp, why: None)
+
+
+def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
+    tree = TransformTree()
+    for child, parent, (turn, shift) in (
+        ('camera', 'world', WORLD_TO_CAMERA),
+        ('arm_base', 'world', WORLD_TO_BASE),
+    ):
+        tree.add(parent, child, 0, shift, turn.as_quat(), True)
+    for stamp in (0, 10):
+        shift = np.array([0.0, 0.1 * stamp, 0.0])
+        tree.add('camera', 'tracker', stamp, shift, pan(stamp).as_quat(), False)
+    pose = tree.pose('tracker', 'arm_base', 4)
+    point = np.array([0.1, 0.2, 0.3])
+    world = WORLD_TO_CAMERA[0].apply(pan(4).apply(point) + [0.0, 0.4, 0.0]) + WORLD_TO_CAMERA[1]
+    expected = WORLD_TO_BASE[0].inv().apply(world - WORLD_TO_BASE[1])
+    found = Rotation.from_quat(pose.quaternion).apply(point) + pose.position
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    with pytest.raises(MeasurementError, match="'tracker' to 'camera' is not known at"):
+        tree.pose('tracker', 'arm_base', 11)
+    with pytest.raises(MeasurementError, match="no frame 'elbow'"):
+        tree.pose('elbow', 'arm_base', 0)
+
+
+def test_what_is_forgotten_is_older_and_not_the_last() -> None:
+    tree = TransformTree()
+    for stamp in (30, 10, 20):
+        tree.add(
+            'a', 'b', stamp, np.array([stamp, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]), False
+        )
+    tree.forget(20)
+    assert tree.pose('b', 'a', 25).position == (25.0, 0.0, 0.0)
+    with pytest.raises(MeasurementError, match='is not known'):
+        tree.pose('b', 'a', 15)
+    tree.forget(100)
+    assert tree.pose('b', 'a', 30).position == (30.0, 0.0, 0.0)

@@ -12,7 +12,9 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating
-from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Pose, TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad
@@ -216,7 +218,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('tendon_tensions', stranger, 'unknown tendon elbow'),
         ('tendon_tensions', ahead, 'its stamp is'),
         ('tendon_displacements', long, '5000 displacements, this arm has 4'),
-        ('measured/tip_pose', elsewhere, "its frame is 'camera'"),
+        ('measured/tip_pose', elsewhere, "its frame is 'camera', and no frame"),
         ('measured/tip_pose', unmeasured, 'tip pose: position is'),
         ('measured/tip_pose', unturned, 'tip pose: quaternion is'),
         ('measured/tip_pose', impossible, 'tip pose: noise is'),
@@ -231,6 +233,53 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
     assert_is_true(client)
     _, values = client.status('input')
     assert int(values['refused']) >= 11
+
+
+def test_what_a_camera_sees_is_taken_from_its_frame_once_that_is_known(client):
+    """A static transform leads to it; what comes before that is refused with a sentence."""
+    tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
+    turn, shift = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([0.3, -0.2, 0.9])
+
+    def seen(message):
+        message.header.frame_id = 'lens'
+        place = message.pose.pose.position
+        from_camera = turn.apply([place.x, place.y, place.z] - shift, inverse=True)
+        place.x, place.y, place.z = from_camera.tolist()
+        # The variances differ, so that they have to be turned too.
+        covariance = np.diag([0.02**2, 0.02**2, 2e-4**2, 0.0, 0.0, 0.0])
+        message.pose.covariance = covariance.ravel()
+
+    client.measure([1000.0], ['tendon_tensions'])
+    refused(client, 'measured/tip_pose', seen, "its frame is 'lens', and no frame", time=1000.01)
+    static = client.node.create_publisher(
+        tf2.TFMessage, '/tf_static',
+        QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    )  # fmt: skip
+    link = TransformStamped(child_frame_id='lens')
+    link.header.frame_id = 'arm_base'
+    to = link.transform
+    to.translation.x, to.translation.y, to.translation.z = shift.tolist()
+    to.rotation.x, to.rotation.y, to.rotation.z, to.rotation.w = turn.as_quat().tolist()
+    static.publish(tf2.TFMessage(transforms=[link]))
+    tip = client.answers['tip_pose']
+    count = len(tip)
+
+    def is_taken():
+        client.send('measured/tip_pose', 1000.02, seen)
+        client.spin(0.1)
+        return len(tip) > count
+
+    client.wait(is_taken, 'an estimate of what the camera saw')
+    for step in range(8):
+        client.tell('measured/tip_pose', 1000.1 + 0.05 * step, seen)
+    # Well known is the tip along the axis of the lens alone.
+    covariance = np.reshape(client.newest('tip_pose').pose.covariance, (6, 6))[:3, :3]
+    axis = turn.apply([0.0, 0.0, 1.0])
+    assert np.sqrt(axis @ covariance @ axis) < 1e-3
+    place = client.newest('tip_pose').pose.pose.position
+    away = np.array([place.x, place.y, place.z]) - client.shape.tip
+    assert abs(away @ axis) < 5e-3
+    client.node.destroy_publisher(static)
 
 
 def test_noise_that_is_larger_than_told_is_said(client):

@@ -1,0 +1,228 @@
+"""What a bag holds for an estimator: its topics, and all that was measured by its stamps."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.bags.displacements import holds_displacements
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import stamp_of
+from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions
+from octo_arm_model.bags.topics import is_answer, names, pick_topic
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import BagError, OctoArmError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.estimation.measurements import Measurement, Tensions
+from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+
+NONE = '-'  # in place of a topic that is not to be used
+MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
+_TOGETHER = 128  # messages of tensions read at once
+
+# Called with the topic, the stamp [ns] and the reason of a message left out.
+Skip = Callable[[str, int, str], None]
+
+
+class Measured(NamedTuple):
+    """Something measured.
+
+    Attributes:
+        stamp_ns: when [ns].
+        received_ns: when the recorder received it [ns].
+        measurement: what.
+    """
+
+    stamp_ns: int
+    received_ns: int
+    measurement: Measurement
+
+
+class RecordedTensions(NamedTuple):
+    """Readings of load cells, calibrated, below zero where noise takes them there.
+
+    Attributes:
+        stamps_ns: (n,) [ns].
+        received_ns: when the recorder received them, (n,) [ns].
+        rows: (n, tendons) [N].
+    """
+
+    stamps_ns: IntArray
+    received_ns: IntArray
+    rows: FloatArray
+
+
+@dataclass(frozen=True)
+class SensorTopics:
+    """The topics of one arm.
+
+    Attributes:
+        tensions: that of the tensions; '' for none.
+        field: what holds them, where that is not the usual field.
+        others: topics by their row of `MEASUREMENT_TOPICS`.
+    """
+
+    tensions: str
+    field: str
+    others: Mapping[str, str]
+
+    @property
+    def all(self) -> list[str]:
+        """All of them."""
+        return [topic for topic in (self.tensions, *self.others.values()) if topic]
+
+    @property
+    def prefix(self) -> str:
+        """Namespace of the first of them, with the slash."""
+        usual = [*zip(self.others.values(), self.others)]
+        usual += [(self.tensions, name) for name in TENSION_TOPICS]
+        for topic, name in reversed(usual):
+            if names(topic, name):
+                return topic.removesuffix(name)
+        return self.all[0][: self.all[0].rfind('/') + 1]
+
+
+def find_sensors(
+    reader: BagReader, tensions: str | None = None, others: Mapping[str, str | None] | None = None
+) -> SensorTopics:
+    """The topics that an arm is estimated from.
+
+    Args:
+        reader: the bag.
+        tensions: topic of the tensions, or TOPIC:FIELD, or `NONE`; None for the only one there is.
+        others: topics by their row of `MEASUREMENT_TOPICS`, or `NONE`; None for those of the
+            usual name, in whatever namespace.
+
+    Raises:
+        BagError: if a topic is missing, of another type, or there are several; if there is
+            nothing at all.
+    """
+    found = {}
+    for name, row in MEASUREMENT_TOPICS.items():
+        wanted = (others or {}).get(name)
+        if wanted == NONE:
+            continue
+        if wanted is not None:
+            found[name] = pick_topic(reader, wanted, (row.type_name,), name)
+        elif topic := _usual(reader, name, (row.type_name,), name):
+            found[name] = topic
+    topic, field = _tensions(reader, tensions, set(found.values()))
+    sensors = SensorTopics(topic, field, found)
+    if not sensors.all:
+        raise BagError(
+            f'{reader.path}: nothing is measured there, expected tensions or '
+            f'{", ".join(MEASUREMENT_TOPICS)}; {reader.listing}'
+        )
+    return sensors
+
+
+def _usual(reader: BagReader, name: str, types: Sequence[str], what: str) -> str:
+    """The topic of the usual ``name`` with messages; '' if there is none."""
+    topics = [
+        topic
+        for topic, kind in reader.topics.items()
+        if names(topic, name) and kind in types and reader.count([topic])
+    ]
+    if len(topics) > 1:
+        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(topics)}')
+    return topics[0] if topics else ''
+
+
+def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[str, str]:
+    """Topic and field of the tensions; '' for none."""
+    if wanted == NONE:
+        return '', ''
+    if wanted is not None:
+        return pick_tensions(reader, wanted)
+    there = [
+        topic
+        for topic, kind in reader.topics.items()
+        if kind in TYPES
+        and topic not in others
+        and not (is_answer(topic) or holds_displacements(topic, kind))
+        and reader.count([topic])
+    ]
+    usual = [topic for topic in there if any(names(topic, name) for name in TENSION_TOPICS)]
+    there = usual or there
+    if len(there) > 1:
+        raise BagError(
+            f'{reader.path}: several topics of tensions, name one of {", ".join(there)}'
+        )
+    return (there[0], '') if there else ('', '')
+
+
+def read_tension_rows(
+    reader: BagReader,
+    sensors: SensorTopics,
+    config: Config,
+    skip: Skip,
+    done: Callable[[int], None] = lambda count: None,
+) -> RecordedTensions:
+    """All tensions, in the order in which they were received.
+
+    ``skip`` is called with the messages left out, and ``done`` with how many were read.
+
+    Raises:
+        BagError: if the bag is damaged, or holds too much.
+    """
+    if reader.count(sensors.all) > MOST_MESSAGES:
+        count = reader.count(sensors.all)
+        raise BagError(f'{reader.path}: {count} messages measured, at most {MOST_MESSAGES}')
+    times, rows = [], []
+    if sensors.tensions:
+        topic = TensionTopic(reader, config, sensors.field, raw=True)
+        records = reader.messages([sensors.tensions])
+        while some := list(itertools.islice(records, _TOGETHER)):
+            for record, reading in zip(some, topic.read(some)):
+                if reading.tensions is None:
+                    skip(record.topic, reading.stamp_ns, reading.reason)
+                elif not np.isfinite(reading.tensions).all():
+                    skip(record.topic, reading.stamp_ns, 'a tension is not finite')
+                else:
+                    times.append((reading.stamp_ns, record.received_ns))
+                    rows.append(reading.tensions.ravel())
+            done(len(some))
+    table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
+    stamps, received = np.array(times, np.int64).reshape(-1, 2).T
+    return RecordedTensions(stamps, received, table)
+
+
+def read_measured(
+    reader: BagReader,
+    sensors: SensorTopics,
+    tensions: RecordedTensions,
+    arm: MeasuredArm,
+    skip: Skip,
+    done: Callable[[int], None] = lambda count: None,
+) -> list[list[Measured]]:
+    """Everything measured, by its stamp: what has the same one is together.
+
+    Raises:
+        BagError: if the bag is damaged.
+    """
+    found = [
+        Measured(int(stamp), int(received), Tensions(row, arm.noise.tension))
+        for stamp, received, row in zip(*tensions)
+    ]
+    rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
+    for record in reader.messages(list(rows)) if rows else ():
+        done(1)
+        stamp = record.received_ns
+        try:
+            message = reader.decode(record)
+            stamp = stamp_of(message, record.received_ns).ns
+            measurement = rows[record.topic].read(message, arm)
+        except OctoArmError as error:
+            skip(record.topic, stamp, str(error))
+        except (AttributeError, TypeError, ValueError) as error:
+            # The bag defines the type otherwise: fields are missing or of other types.
+            skip(record.topic, stamp, f'{record.type_name} of another kind: {error}')
+        else:
+            found.append(Measured(stamp, record.received_ns, measurement))
+    found.sort(key=lambda one: one.stamp_ns)
+    return [list(group) for _, group in itertools.groupby(found, key=lambda one: one.stamp_ns)]

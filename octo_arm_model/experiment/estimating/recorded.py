@@ -1,0 +1,174 @@
+"""What an estimator needs of a recording: the arm, its unknowns, everything measured, a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.bags.arms import describe
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.sensor_topics import (
+    Measured,
+    RecordedTensions,
+    SensorTopics,
+    find_sensors,
+    read_measured,
+    read_tension_rows,
+)
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import BagError, MeasurementError
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.estimation.parameters import PREFIX
+from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.experiment.estimating.camera_check import CameraCheck
+from octo_arm_model.experiment.estimating.read_camera import camera_topic, read_camera
+from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
+from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.recording.count import Count
+from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_short
+from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where everything is taken from.
+
+    Attributes:
+        tensions: topic, see `find_sensors`.
+        others: topics by their row of `MEASUREMENT_TOPICS`.
+        midlines: topic of the camera; None for the usual one.
+        parameters: of the arm, and perhaps of its estimator; None for the bag's description.
+        values: parameters in place of these.
+        tendons: what the tendons are called in the bag, in place of tension_names.
+        alignment: pose of frames that are not base_frame; None where it is not known.
+        clock_offset: to add to the stamps of the camera [s]; None to find it.
+    """
+
+    tensions: str | None = None
+    others: Mapping[str, str | None] = field(default_factory=dict)
+    midlines: str | None = None
+    parameters: Mapping[str, Any] | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    tendons: Sequence[str] = ()
+    alignment: Alignment | None = None
+    clock_offset: float | None = None
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording, ready for an estimator.
+
+    Attributes:
+        parameters: of the arm.
+        config: the same.
+        sensors: topics that are read.
+        settings: of the estimator.
+        models: of its hypotheses.
+        groups: what was measured, by its stamps.
+        origin_ns: stamp that times count from [ns].
+        camera: what the estimates are compared with; None for nothing.
+        camera_topic: where that is from.
+        skips: messages left out.
+        notes: on what was decided.
+    """
+
+    parameters: Mapping[str, Any]
+    config: Config
+    sensors: SensorTopics
+    settings: EstimatorSettings
+    models: Mapping[str, ArmModel]
+    groups: Sequence[Sequence[Measured]]
+    origin_ns: int
+    camera: CameraCheck | None
+    camera_topic: str | None
+    skips: Skips
+    notes: list[str]
+
+
+def read_recorded(
+    reader: BagReader,
+    sources: Sources,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Recorded:
+    """Read a bag.
+
+    Raises:
+        BagError: if a topic is missing or nothing is measured, or the bag is damaged.
+        ConfigError: if there is no description of the arm, or the estimator does not cover it.
+        OctoArmError: if a value is outside its range.
+    """
+    sensors = find_sensors(reader, sources.tensions, sources.others)
+    found = sources.parameters
+    given = dict(found if found is not None else describe(reader, sensors.prefix))
+    given.update(sources.values)
+    if sources.tendons:
+        given['tension_names'] = list(sources.tendons)
+    own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
+    config = Config.from_parameters(given)
+    skips, notes = Skips(), list(reader.notes)
+    if any('synthetic' in text for text in reader.metadata.values()):
+        notes.append('the bag says that it is synthetic')
+    count = Count(progress)
+    count.expect(reader.count(sensors.all))
+    tensions = read_tension_rows(reader, sensors, config, skips, count.add)
+    time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
+    recorded = tension_statistics(time, tensions.rows) if len(time) else None
+    settings = EstimatorSettings.from_parameters(own, config, recorded)
+    models = settings.models(config)
+    arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment))
+    groups = read_measured(reader, sensors, tensions, arm, skips, count.add)
+    if not groups:
+        where = ', '.join(sensors.all)
+        raise BagError(f'{reader.path}: nothing measured on {where}{in_short(skips.refusals)}')
+    topic = camera_topic(reader, sources.midlines)
+    origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
+    camera = None
+    if topic is not None:
+        try:
+            camera = _camera(reader, topic, config, sensors, tensions, sources, skips, notes)
+        except MeasurementError as error:
+            notes.append(f'{topic} is not compared with: {error}')
+    return Recorded(
+        given, config, sensors, settings, models, groups, origin, camera,
+        topic if camera is not None else None, skips, notes,
+    )  # fmt: skip
+
+
+def _pose_of(alignment: Alignment | None) -> PoseOf | None:
+    """Pose of every frame that is not base_frame."""
+    if alignment is None:
+        return None
+    x, y, z = alignment.shift.tolist()
+    a, b, c, d = alignment.quaternion.tolist()
+    pose = Pose((x, y, z), (a, b, c, d))
+    return lambda frame, stamp_ns: pose
+
+
+def _camera(
+    reader: BagReader,
+    topic: str,
+    config: Config,
+    sensors: SensorTopics,
+    tensions: RecordedTensions,
+    sources: Sources,
+    skips: Skips,
+    notes: list[str],
+) -> CameraCheck:
+    """The camera's frames beside what the tensions alone tell.
+
+    Raises:
+        MeasurementError: if there is nothing to compare.
+    """
+    if not len(tensions.rows):
+        raise MeasurementError('there are no tensions to tell a shape without the estimator')
+    stamped = Stamped(sensors.tensions, tensions.stamps_ns.tolist(), list(tensions.rows))
+    frames = read_camera(
+        reader, topic, config, stamped, sources.alignment, sources.clock_offset, skips, notes
+    )
+    order = np.argsort(tensions.stamps_ns, kind='stable')
+    time = 1e-9 * (tensions.stamps_ns[order] - tensions.stamps_ns.min())
+    return CameraCheck(frames, config.solver('exact'), time, tensions.rows[order])

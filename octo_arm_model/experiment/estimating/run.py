@@ -1,0 +1,88 @@
+"""What an estimator makes of a recording, in short; all of it goes to whoever writes it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.estimation.tracker import Consistency
+from octo_arm_model.experiment.estimating.camera_check import CameraErrors
+from octo_arm_model.experiment.estimating.estimates import (
+    Progress,
+    TimedEstimate,
+    filtered,
+    smoothed,
+)
+from octo_arm_model.experiment.estimating.history import Moment, moment_of, touches_of
+from octo_arm_model.experiment.estimating.recorded import Recorded
+from octo_arm_model.experiment.estimating.touches import Touch
+from octo_arm_model.experiment.recording.recording import in_short
+from octo_arm_model.wire.refusals import Refusals
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an estimator made of a recording.
+
+    Attributes:
+        recorded: what was measured.
+        moments: course of the estimate.
+        touches: when the arm was touched.
+        consistency: of each kind of measurement, by its name.
+        failures: times without an estimate, by the reason.
+        unlearnt: directions of the state that nothing had told of at the end, in words.
+        camera: errors against a camera; None where there is none.
+        hypotheses: mean probability of each.
+    """
+
+    recorded: Recorded
+    moments: Sequence[Moment]
+    touches: Sequence[Touch]
+    consistency: Mapping[str, Consistency]
+    failures: Refusals
+    unlearnt: Sequence[str]
+    camera: CameraErrors | None
+    hypotheses: Mapping[str, float]
+
+
+def estimate(
+    recorded: Recorded,
+    is_smooth: bool = False,
+    write: Callable[[Moment, TimedEstimate], None] = lambda moment, one: None,
+    progress: Progress = lambda done, total: None,
+) -> Result:
+    """Estimates of all times, of which ``write`` is called with each.
+
+    Raises:
+        SolveError: if there is none; with ``is_smooth`` as `smoothed`.
+        OctoArmError: as ``write``.
+    """
+    failures = Refusals()
+    given = recorded.groups, recorded.settings, recorded.models
+    if is_smooth:
+        found = smoothed(*given, progress)
+    else:
+        found = filtered(*given, lambda stamp, reason: failures.count('', reason), progress)
+    moments: list[Moment] = []
+    consistency: dict[str, Consistency] = {}
+    total: Counter[str] = Counter()
+    for one in found:
+        time = 1e-9 * (one.stamp_ns - recorded.origin_ns)
+        moments.append(moment_of(time, one, recorded.config.arm))
+        write(moments[-1], one)
+        for innovation in one.innovations:
+            kind = consistency.setdefault(innovation.name, Consistency())
+            kind.count(one.stamp_ns, innovation)
+        if recorded.camera is not None:
+            recorded.camera.add(time, one.estimate.backbone)
+        total.update(one.probabilities)
+    if not moments:
+        raise SolveError(f'no estimate at any time{in_short(failures)}')
+    return Result(
+        recorded, moments, touches_of(moments), consistency, failures,
+        [direction.reason for direction in one.estimate.unlearnt],
+        recorded.camera.errors() if recorded.camera is not None else None,
+        {name: value / len(moments) for name, value in total.items()},
+    )  # fmt: skip

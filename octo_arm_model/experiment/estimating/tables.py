@@ -1,0 +1,103 @@
+"""Estimates and innovations as tidy CSV files, units in their headers."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.unknowns import State
+from octo_arm_model.experiment.estimating.estimates import TimedEstimate
+from octo_arm_model.experiment.estimating.history import Moment
+
+_AXES = ('x', 'y', 'z')
+_WRENCH = [*(f'force {axis} [N]' for axis in _AXES), *(f'moment {axis} [N m]' for axis in _AXES)]
+_TIP = [f'tip {axis} [m]' for axis in _AXES]
+INNOVATIONS = (
+    'time [s]', 'measurement', 'component', 'innovation', 'stddev', 'normalised square',
+    'accepted',
+)  # fmt: skip
+
+
+class EstimateTables:
+    """Writes estimate.csv, a row for each time, and innovations.csv, a row for each number."""
+
+    def __init__(self, folder: Path, models: Mapping[str, ArmModel]) -> None:
+        """Write into ``folder`` what is estimated by ``models``.
+
+        Raises:
+            OSError: if a file cannot be written.
+        """
+        self._files = contextlib.ExitStack()
+        self._hypotheses = list(models) if len(models) > 1 else []
+        self._columns = _besides_contact(next(iter(models.values())).state)
+        self._estimates = self._open(folder / 'estimate.csv')
+        self._innovations = self._open(folder / 'innovations.csv')
+        self._innovations.writerow(INNOVATIONS)
+        values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in self._columns)]
+        deviations = [
+            f'{name.split(" [")[0]} stddev{name[name.find(" [") :] if " [" in name else ""}'
+            for name in values
+        ]
+        self._estimates.writerow([
+            'time [s]', 'stamp [ns]', 'contact', 'contact s [m]', *values, *deviations,
+            'normalised square', 'numbers', 'refused',
+            *(f'probability {name}' for name in self._hypotheses),
+        ])  # fmt: skip
+
+    def _open(self, path: Path) -> Any:
+        file = self._files.enter_context(path.open('w', encoding='utf-8', newline=''))
+        return csv.writer(file, lineterminator='\n')
+
+    def write(self, moment: Moment, one: TimedEstimate) -> None:
+        """Write ``one`` estimate.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        time, estimate = round(moment.time, 9), one.estimate
+        at = _places(estimate.state, self._columns)
+        deviations = np.sqrt(np.diag(estimate.covariance))[at]
+        self._estimates.writerow([
+            time, one.stamp_ns, moment.hypothesis, moment.s,
+            *moment.tip.tolist(), *moment.wrench.tolist(), *estimate.mean[at].tolist(),
+            *moment.tip_stddev.tolist(), *moment.wrench_stddev.tolist(), *deviations.tolist(),
+            *estimate.normalised_square,
+            ' and '.join(part.name for part in one.innovations if not part.is_accepted),
+            *(one.probabilities[name] for name in self._hypotheses),
+        ])  # fmt: skip
+        for part in one.innovations:
+            stddev = np.sqrt(np.diag(part.covariance))
+            for number, (value, size) in enumerate(zip(part.value, stddev, strict=True)):
+                self._innovations.writerow([
+                    time, part.name, number, float(value), float(size), part.normalised_square,
+                    int(part.is_accepted),
+                ])  # fmt: skip
+
+    def __enter__(self) -> EstimateTables:
+        """Stay open."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the files."""
+        self._files.close()
+
+
+def _besides_contact(state: State) -> list[str]:
+    """Components of a ``state`` but those of the contact, which has columns of its own."""
+    others = slice(state.point_forces.start + 3, state.point_forces.stop)
+    parts = state.tension, state.tension_bias, others, state.log_modulus
+    return [name for part in parts for name in state.names[part]]
+
+
+def _places(state: State, names: list[str]) -> list[int]:
+    return [state.names.index(name) for name in names]
+
+
+def _unit(name: str) -> str:
+    return ' [-]' if name.startswith('log_modulus') else ' [N]'

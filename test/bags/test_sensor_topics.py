@@ -1,0 +1,150 @@
+"""What a bag holds for an estimator: its topics, in order of stamps, and what is left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+from recordings import JOINT_STATE, START, TYPES, Sample, header, make, tensions_data, write_bag
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.sensor_topics import (
+    NONE,
+    find_sensors,
+    read_measured,
+    read_tension_rows,
+)
+from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import BagError
+from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.wire.measurement_messages import MeasuredArm
+
+CONFIG = Config.from_parameters(load_parameters(preset_path('renda2012_prototype')))
+NAMES = CONFIG.arm.tendon_names
+MILLISECOND = 10**6
+
+
+def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> Sample:
+    kind = 'octo_arm_msgs/msg/TendonTensions'
+    data = tensions_data(kind, NAMES, row, START + at * MILLISECOND)
+    return Sample(topic, kind, START + (at + 3) * MILLISECOND, data)
+
+
+def encoders(at: int, topic: str = '/tendon_displacements') -> Sample:
+    none = np.zeros(0)
+    message = make(
+        JOINT_STATE, header=header(START + at * MILLISECOND), name=list(NAMES),
+        position=np.full(4, 1e-3), velocity=none, effort=none,
+    )  # fmt: skip
+    data = bytes(TYPES.serialize_cdr(message, JOINT_STATE))
+    return Sample(topic, JOINT_STATE, START + (at + 40) * MILLISECOND, data)
+
+
+def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample:
+    kind = 'geometry_msgs/msg/PoseArray'
+    zero = {'x': 0.0, 'y': 0.0, 'z': 0.0}
+    point = make('geometry_msgs/msg/Point', **zero)
+    turned = make('geometry_msgs/msg/Quaternion', **zero, w=1.0)
+    pose = make('geometry_msgs/msg/Pose', position=point, orientation=turned)
+    message = make(kind, header=header(START + at * MILLISECOND, 'arm_base'), poses=count * [pose])
+    data = bytes(TYPES.serialize_cdr(message, kind))
+    return Sample(topic, kind, START + (at + 90) * MILLISECOND, data)
+
+
+def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
+    # Markers come 90 ms late, encoders 40 ms, and two tensions are the wrong way round.
+    content = [
+        tensions(0, [0.1, 0, 0, 0]), tensions(20, [0.3, 0, 0, 0]), tensions(10, [-0.01, 0, 0, 0]),
+        encoders(10), markers(5), markers(20), encoders(30),
+    ]  # fmt: skip
+    content.sort(key=lambda one: one.received_ns)
+    skipped: list[tuple[str, int, str]] = []
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        sensors = find_sensors(reader)
+        assert sensors.all == ['/tendon_tensions', '/tendon_displacements', '/measured/markers']
+        assert sensors.prefix == '/'
+        rows = read_tension_rows(reader, sensors, CONFIG, lambda *one: skipped.append(one))
+        np.testing.assert_array_equal(rows.rows[:, 0], [0.1, -0.01, 0.3])
+        noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
+        groups = read_measured(
+            reader, sensors, rows, MeasuredArm(CONFIG, noise), lambda *one: skipped.append(one)
+        )
+    found = [
+        ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
+        for group in groups
+    ]
+    assert found == [
+        (0, ['tensions']), (5, ['markers']), (10, ['tensions', 'tendon displacements']),
+        (20, ['tensions', 'markers']), (30, ['tendon displacements']),
+    ]  # fmt: skip
+    assert not skipped
+
+
+def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
+    content = [
+        tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
+        Sample('/measured/markers', 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'),
+    ]  # fmt: skip
+    skipped: list[tuple[str, int, str]] = []
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        sensors = find_sensors(reader)
+        rows = read_tension_rows(reader, sensors, CONFIG, lambda *one: skipped.append(one))
+        noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
+        arm = MeasuredArm(CONFIG, noise)
+        groups = read_measured(reader, sensors, rows, arm, lambda *one: skipped.append(one))
+    assert len(groups) == 1
+    reasons = ' | '.join(reason for _, _, reason in skipped)
+    for words in ('not finite', '2 marker(s), expected 1', 'bytes that are no geometry_msgs'):
+        assert words in reasons
+    assert [topic for topic, _, _ in skipped] == ['/tendon_tensions', *2 * ['/measured/markers']]
+
+
+def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path: Path) -> None:
+    with BagReader(
+        write_bag(tmp_path / 'bag', [encoders(0, '/left/tendon_displacements')])
+    ) as one:
+        sensors = find_sensors(one)
+        assert (sensors.tensions, sensors.prefix) == ('', '/left/')
+        assert not len(read_tension_rows(one, sensors, CONFIG, lambda *_: None).rows)
+
+
+def test_topics_are_named_or_left_out(tmp_path: Path) -> None:
+    content = [
+        tensions(0, [0.1, 0, 0, 0]), tensions(0, [0.2, 0, 0, 0], '/other/cells'),
+        markers(0), markers(0, topic='/mocap/points'), encoders(0),
+    ]  # fmt: skip
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        assert find_sensors(reader).tensions == '/tendon_tensions'
+        found = find_sensors(
+            reader, 'other/cells', {'measured/markers': '/mocap/points',
+                                    'tendon_displacements': NONE},
+        )  # fmt: skip
+        assert found.all == ['/other/cells', '/mocap/points']
+        assert find_sensors(reader, '/other/cells:tension').field == 'tension'
+        assert find_sensors(reader, NONE).tensions == ''
+        with pytest.raises(BagError, match=r'topic /tendon_tensions is of octo_arm_msgs'):
+            find_sensors(reader, None, {'measured/markers': '/tendon_tensions'})
+        with pytest.raises(BagError, match='no topic /gone for measured/tip_pose'):
+            find_sensors(reader, None, {'measured/tip_pose': '/gone'})
+        everything = dict.fromkeys(('tendon_displacements', 'measured/markers'), NONE)
+        with pytest.raises(BagError, match='nothing is measured there, expected tensions or'):
+            find_sensors(reader, NONE, everything)
+
+
+def test_of_several_arms_one_is_to_be_named(tmp_path: Path) -> None:
+    content = [tensions(0, [0.1, 0, 0, 0], f'/{one}/tendon_tensions') for one in ('left', 'right')]
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        with pytest.raises(BagError, match='several topics of tensions, name one of /left/'):
+            find_sensors(reader)
+        assert find_sensors(reader, '/right/tendon_tensions').prefix == '/right/'
+
+
+def test_estimates_of_an_estimator_are_no_measurements(tmp_path: Path) -> None:
+    content = [tensions(0, [0.1, 0, 0, 0], topic)
+               for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')]  # fmt: skip
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        assert find_sensors(reader).all == ['/cells']

@@ -1,0 +1,203 @@
+"""`octo-arm estimate`: two commands tell where and how hard an arm was touched."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+from command_line import run
+from touched_demo import MARKERS, PUSH, TOUCHED, record, touched_bag
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.wire.cdr_covariance import read_covariance
+
+TIP = ('--markers', '-')
+
+
+@pytest.fixture(scope='module')
+def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of few messages."""
+    path = tmp_path_factory.mktemp('short') / 'bag'
+    return record(path, hold=0.8, ramp=0.2, tension_rate=10.0, camera_rate=5.0, marker_rate=5.0)
+
+
+@pytest.mark.slow
+def test_the_summary_says_when_and_how_hard(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run(capsys, 'estimate', str(touched_bag()), *TIP, '--clock-offset', '0')
+    assert status == 0
+    lines = out.splitlines()
+    (touch,) = [line for line in lines if line.startswith('touched')]
+    words = touch.split()
+    assert words[1:3] == ['at', 'the']
+    assert abs(float(words[5]) - TOUCHED[0]) < 0.3 and abs(float(words[7]) - TOUCHED[1]) < 0.3
+    assert abs(float(words[9]) - 20.0) < 3.0 and words[10] == 'mN'
+    assert any(line.startswith('against /camera/midline while touched: tip off') for line in lines)
+    assert any(line.startswith('tip pose: ') and 'normalised innovation' in line for line in lines)
+    assert any('tensions are measured to' in line for line in lines)
+
+
+def test_bag_tables_and_json_say_the_same(
+    short_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, tables = tmp_path / 'estimated', tmp_path / 'tables'
+    given = ['--out', str(out), '--csv', str(tables), '--rate', '0', '--json']
+    given += ['--tension-bias-stddev', '0.01', '--storage', 'sqlite3']
+    status, printed, _ = run(capsys, 'estimate', str(short_bag), *given)
+    assert status == 0
+    result = json.loads(printed)
+    with (tables / 'estimate.csv').open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    with (tables / 'innovations.csv').open(newline='') as file:
+        innovations = list(csv.DictReader(file))
+    assert len(rows) == result['times']
+    assert len(innovations) == 4 * result['innovations']['tensions']['accepted'] + 6 * (
+        sum(result['innovations']['tip pose'][name] for name in ('accepted', 'refused'))
+    )
+    refused = sum('tip pose' in row['refused'] for row in rows)
+    assert refused == result['innovations']['tip pose']['refused']
+    types, found = known_types(), {}
+    with BagReader(short_bag) as reader:
+        copied = reader.topics
+    with BagReader(out) as reader:
+        assert set(copied) < set(reader.topics)
+        assert reader.metadata['octo_arm_estimate'] == f'estimates for {short_bag.name}'
+        for name in (
+            'tip_wrench/estimate',
+            'backbone/covariance',
+            'tension_bias',
+            'tip_pose',
+            'backbone/path',
+            'backbone/poses',
+            'strains',
+            'tendon_tension_estimates',
+        ):
+            assert reader.count([f'/{name}']) == len(rows)
+            found[name] = [types.deserialize_cdr(one.data, one.type_name)
+                           for one in reader.messages([f'/{name}'])]  # fmt: skip
+    for number in (0, len(rows) // 2, len(rows) - 1):
+        row, wrench = rows[number], found['tip_wrench/estimate'][number]
+        stamp = wrench.header.stamp
+        assert int(row['stamp [ns]']) == stamp.sec * 10**9 + stamp.nanosec
+        assert float(row['force z [N]']) == wrench.wrench.force.z
+        assert float(row['tip x [m]']) == found['tip_pose'][number].pose.pose.position.x
+        covariance = read_covariance(found['backbone/covariance'][number])
+        deviation = float(row['force z stddev [N]'])
+        assert deviation**2 == pytest.approx(covariance.contact[2, 2])
+        deviation = float(row['tip y stddev [m]'])
+        assert deviation**2 == pytest.approx(covariance.pose[-1, 1, 1])
+        bias = found['tension_bias'][number].tension[1]
+        assert float(row['tension_bias tendon_1_2 [N]']) == bias
+
+
+def test_a_rate_thins_out_the_bag_alone(
+    short_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'estimated'
+    given = ['--out', str(out), '--rate', '2', '--no-copy', '--json']
+    status, printed, _ = run(capsys, 'estimate', str(short_bag), *given)
+    assert status == 0 and json.loads(printed)['times'] > 60
+    with BagReader(out) as reader:
+        assert '/tendon_tensions' not in reader.topics
+        count = reader.count(['/backbone/path'])
+        assert abs(count - 2.0 * reader.duration) <= 2.0
+        assert reader.count(['/arm_description']) == 1
+
+
+def test_the_picture_is_drawn(
+    short_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'pictures' / 'touch.png'
+    assert run(capsys, 'estimate', str(short_bag), '--plot', str(path))[0] == 0
+    assert path.read_bytes().startswith(b'\x89PNG')
+    none = tmp_path / 'none.png'
+    assert (
+        run(capsys, 'estimate', str(short_bag), '--contact', 'none', '--plot', str(none))[0] == 0
+    )
+    assert none.read_bytes().startswith(b'\x89PNG')
+
+
+def test_tip_poses_alone_do(short_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without load cells tensions keep their priors, and there is no shape to compare with."""
+    given = ['--tensions', '-', '--force-stddev', '0.001', '--json']
+    status, printed, _ = run(capsys, 'estimate', str(short_bag), *given)
+    result = json.loads(printed)
+    assert status == 0 and set(result['innovations']) == {'tip pose'}
+    assert any('is not compared with: there are no tensions' in one for one in result['notes'])
+    assert any('tensions change by' in one for one in result['notes'])
+
+
+def test_the_help_names_every_parameter_and_topic(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        run(capsys, 'estimate', '--help')
+    out, _ = capsys.readouterr()
+    for parameter in ESTIMATOR_PARAMETERS:
+        name = parameter.name.removeprefix(PREFIX)
+        if name not in ('contact_s', 'window'):
+            assert f'--{name.replace("_", "-")}' in out
+    for word in ('--tip-pose', '--base-wrench', '--tendon-displacements', 'measured/markers'):
+        assert word in out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--contact', 'elbow'], '--contact is elbow, expected one of tip, at, somewhere'),
+        (['--contact', 'at'], 'contact_s is empty, expected where the arm is touched'),
+        (['--contact', 'at', 'here'], '--contact at is followed by here, expected arc coord'),
+        (['--contact', 'tip', '0.1'], 'contact_s is given, which goes not with contact tip'),
+        (['--contact', 'at', '0.5'], 'contact_s has 0.5, expected over 0 to 0.27 m'),
+        (['--contact', 'somewhere', '--smooth'], '--smooth goes with one place of contact'),
+        (['--force-stddev', '-1'], 'force_stddev is -1.0, expected a finite value >= 0'),
+        (['--gate', '2'], 'gate is 2.0, expected within (0, 1)'),
+        (['--rate', '-5'], '--rate is -5.0, expected a finite rate >= 0 [Hz]'),
+        (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite time'),
+        (['--align', '1', '2'], '--align is 1 2, expected fit, none or X Y Z'),
+        (['--markers', '/gone'], 'no topic /gone for measured/markers; it has'),
+        (['--tensions', '/camera/midline'], 'topic /camera/midline is of nav_msgs/msg/Path'),
+        (['--midlines', '/tendon_tensions'], 'is of octo_arm_msgs/msg/TendonTensions, expected'),
+        (['--tensions', '-', '--tip-pose', '-'], 'nothing is measured there, expected tensions'),
+        (['--config', 'nowhere.yaml'], 'nowhere.yaml'),
+        (['--tendons', 'a', 'b'], 'tension_names'),
+        (['--modulus-stddev', '-0.1'], 'material.youngs_modulus_stddev is -0.1'),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_one_line(
+    short_bag: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, errors = run(capsys, 'estimate', str(short_bag), *arguments)
+    assert (status, out) == (2, '')
+    (line,) = [one for one in errors.splitlines() if 'compiling' not in one]
+    assert line.startswith('octo-arm: ') and words in line
+
+
+def test_nothing_is_written_over_or_into_the_bag(
+    short_bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for out, words in ((short_bag, 'exists already'), (short_bag / 'new', 'stays as it is')):
+        status, _, errors = run(capsys, 'estimate', str(short_bag), '--out', str(out))
+        assert status == 2 and words in errors
+    assert run(capsys, 'estimate', str(short_bag / 'none'))[0] == 2
+
+
+def test_a_demo_of_a_touch_has_what_it_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ['--touch', '0.02', '--sheath', '1e5']
+    status, _, errors = run(capsys, 'record-demo', str(tmp_path / 'no'), *given)
+    assert status == 2 and '--touch does not go with --sheath' in errors
+    status, _, errors = run(capsys, 'record-demo', str(tmp_path / 'no'), '--touch', '-1')
+    assert status == 2 and '--touch is -1.0, expected a finite force >= 0 [N]' in errors
+    with BagReader(touched_bag()) as reader:
+        truth = json.loads(reader.metadata['truth'])
+        assert truth['markers'] == list(MARKERS) and truth['stiffness'] == 1.0
+        np.testing.assert_allclose(np.linalg.norm(PUSH), truth['touch'])
+        for topic in ('/measured/tip_pose', '/measured/markers'):
+            assert abs(reader.count([topic]) - truth['marker_rate'] * reader.duration) <= 2

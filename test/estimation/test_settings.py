@@ -1,0 +1,125 @@
+"""What an estimator takes for unknown, from its parameters and the arm's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
+from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
+
+VALUES = load_parameters(preset_path('renda2012_prototype'))
+CONFIG = Config.from_parameters(VALUES)
+LENGTH = CONFIG.arm.length
+
+
+def settings(config: Config = CONFIG, **values: Any) -> EstimatorSettings:
+    given = {f'{PREFIX}{name}': value for name, value in values.items()}
+    return EstimatorSettings.from_parameters(given, config)
+
+
+def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm() -> None:
+    found = settings()
+    ((name, unknowns),) = found.unknowns.items()
+    assert name == 'tip' and unknowns.tip_force is not None
+    assert unknowns.tip_force.stddev == pytest.approx(bending_force(CONFIG.arm, BENT))
+    assert unknowns.tension.rate == default_highest(CONFIG.arm).max()
+    assert unknowns.tip_moment is unknowns.tension_bias is unknowns.log_modulus is None
+    # What was not given is said.
+    assert len(found.notes) == 3
+    assert any('tension_stddev is not given' in note for note in found.notes)
+
+
+def test_what_the_arm_and_the_recording_say_comes_first() -> None:
+    known = Config.from_parameters({
+        **VALUES, 'model': 'exact', 'tension_stddev': 0.03, 'model_error_stddev': 0.01,
+        'material.youngs_modulus_stddev': 0.1,
+    })  # fmt: skip
+    recorded = TensionStatistics(0.007, 0.2)
+    found = EstimatorSettings.from_parameters({}, known, recorded)
+    assert found.noise.tension == 0.03
+    assert found.noise.model_position == pytest.approx(0.01 * LENGTH)
+    assert found.unknowns['tip'].tension.rate == 0.2
+    assert found.unknowns['tip'].log_modulus is not None
+    found = EstimatorSettings.from_parameters({}, CONFIG, recorded)
+    assert found.noise.tension == 0.007
+    given = {f'{PREFIX}tension_rate': 1.5}
+    found = EstimatorSettings.from_parameters(given, CONFIG, recorded)
+    assert found.unknowns['tip'].tension.rate == 1.5
+
+
+@pytest.mark.parametrize(
+    ('values', 'expected'),
+    [
+        ({'contact': 'none'}, {'none': 0}),
+        ({'contact': 'at', 'contact_s': [0.1, 0.2]}, {'at': 2}),
+        ({'contact': 'somewhere', 'contact_s': [0.1]}, {'none': 0, '0.1 m': 1}),
+        ({'contact': 'somewhere'},
+         {'none': 0, **{f'{part * LENGTH:.4g} m': 1 for part in (0.2, 0.4, 0.6, 0.8, 1.0)}}),
+    ],
+)  # fmt: skip
+def test_places_of_contact(values: dict[str, Any], expected: dict[str, int]) -> None:
+    found = settings(**values).unknowns
+    assert {name: len(one.point_forces) for name, one in found.items()} == expected
+    assert all(one.tip_force is None for one in found.values())
+
+
+def test_a_current_presses_as_hard_as_the_force() -> None:
+    found = settings(contact='current', force_stddev=0.1).unknowns['current'].current
+    assert found is not None
+    area = LENGTH * (0.015 + 0.0074)  # of the trapezium that is seen from the side
+    assert found.stddev == pytest.approx(0.1 / area)
+    given = settings(contact='current', current_stddev=3.0).unknowns['current'].current
+    assert given is not None and given.stddev == 3.0
+
+
+def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
+    loaded = Config.from_parameters({
+        **VALUES, 'model': 'exact', 'stations': 41, 'material.density': 1080.0,
+        'loads.gravity': [0.0, 0.0, -9.81], 'base.position': [0.1, 0.0, 0.2],
+    })  # fmt: skip
+    (model,) = settings(loaded).models(loaded, compiled=False).values()
+    solver = model.solver
+    assert (solver.model, solver.grid.s.size) == ('exact', 41)
+    assert solver.base.position == (0.1, 0.0, 0.2)
+    assert model.loads.gravity == (0.0, 0.0, -9.81)
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'contact': 'elbow'}, "contact is 'elbow', expected one of tip, at"),
+        ({'contact': 'at'}, 'contact_s is empty, expected where the arm is touched'),
+        ({'contact_s': [0.1]}, 'contact_s is given, which goes not with contact tip'),
+        ({'contact': 'at', 'contact_s': [0.0]}, 'contact_s has 0, expected over 0 to 0.27 m'),
+        ({'contact': 'at', 'contact_s': [0.3]}, 'contact_s has 0.3, expected over 0 to 0.27 m'),
+        ({'contact': 'somewhere', 'contact_s': [0.1] * 51}, '51 values, at most 50'),
+        ({'marker_s': [float('nan')]}, 'marker_s has nan, expected from 0 to 0.27 m'),
+        ({'force_stddev': -1.0}, r'force_stddev is -1.0, expected a finite value >= 0 \[N\]'),
+        ({'force_time': 0.0}, r'force_time is 0.0, expected a finite number > 0 \[s\]'),
+        ({'marker_stddev': float('inf')}, r'marker_stddev is inf, .* > 0 \[m\]'),
+        ({'gate': 1.0}, r'gate is 1.0, expected within \(0, 1\)'),
+        ({'force_stdev': 1.0}, 'did you mean estimator.force_stddev'),
+        ({'marker_s': 'tip'}, r"marker_s is 'tip', expected double\[\]"),
+    ],
+)
+def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(OctoArmError, match=words):
+        settings(**values)
+
+
+def test_friction_is_refused() -> None:
+    rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
+    with pytest.raises(ConfigError, match='friction of tendons is not covered'):
+        settings(rough).models(rough)
+
+
+def test_every_parameter_has_its_group_and_a_default_of_its_type() -> None:
+    for parameter in ESTIMATOR_PARAMETERS:
+        assert parameter.name.startswith(PREFIX)
+        assert parameter.convert(parameter.default) == parameter.default

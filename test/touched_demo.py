@@ -1,0 +1,48 @@
+"""A synthetic record of an arm that is touched, with few messages."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.bags.demo import add_demo
+from octo_arm_model.bags.demo_experiment import TOUCH_DIRECTION, Experiment, custom_data
+from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.presets import preset_path
+
+# Hypothesis has no fixtures that last for all examples.
+_FOLDER = tempfile.TemporaryDirectory()
+PARAMETERS = {**load_parameters(preset_path('renda2012_prototype')), 'stations': 31}
+FORCE = 0.02
+PUSH = FORCE * np.array(TOUCH_DIRECTION)
+HOLD, RAMP = 2.0, 0.5
+TOUCHED = 4 * (HOLD + RAMP) + np.array([0.1875, 0.8125]) * HOLD  # of the full force [s]
+MARKERS = (0.09, 0.18)
+
+
+def touched(**changes: Any) -> Experiment:
+    given = {
+        'stiffness': 1.0, 'touch': FORCE, 'hold': HOLD, 'ramp': RAMP, 'tension_rate': 10.0,
+        'marker_rate': 5.0, 'camera_rate': 2.5, 'clock_offset': 0.0, 'dropped': 0.0,
+        'outliers': 0.0,
+    }  # fmt: skip
+    return Experiment(**{**given, **changes})
+
+
+def record(path: Path, **changes: Any) -> Path:
+    """A bag of `touched` at ``path``."""
+    experiment = touched(**changes)
+    with BagWriter(path, custom=custom_data(experiment, 0)) as writer:
+        add_demo(writer, PARAMETERS, experiment, 0)
+    return path
+
+
+@functools.cache
+def touched_bag() -> Path:
+    """The same for as long as the tests run, with markers at `MARKERS`."""
+    return record(Path(_FOLDER.name) / 'touched', markers=MARKERS)

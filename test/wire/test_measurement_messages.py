@@ -1,0 +1,251 @@
+"""Messages of what is measured: read as what they say, in whatever frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+from recordings import header, make
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import MeasurementError, OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.wire.measurement_messages import (
+    MEASUREMENT_TOPICS,
+    MeasuredArm,
+    read_tensions,
+)
+from octo_arm_model.wire.tension_messages import JOINT_STATE, FieldMessage
+
+PARAMETERS = {
+    **load_parameters(preset_path('renda2012_prototype')), 'base.position': [0.1, -0.2, 0.3],
+    'model': 'exact', 'stations': 41,
+}  # fmt: skip
+CONFIG = Config.from_parameters(PARAMETERS)
+FRAME = CONFIG.base_frame
+MARKERS = (0.0675, 0.135, 0.27)
+WRENCH = np.array([0.004, -0.006, 0.008, 1e-4, -2e-4, 3e-4])
+TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
+SHIFT = np.array([0.5, -0.3, 0.2])
+STAMP = 1_700_000_000 * 10**9 + 5
+VALUES = {
+    'estimator.marker_s': list(MARKERS), 'estimator.base_force_stddev': 0.02,
+    'estimator.base_moment_stddev': 0.003,
+}  # fmt: skip
+
+
+def arm(values: dict[str, Any] = VALUES, pose_of: Any = None, **changes: Any) -> MeasuredArm:
+    config = Config.from_parameters({**PARAMETERS, **changes})
+    return MeasuredArm(config, EstimatorSettings.from_parameters(values, config).noise, pose_of)
+
+
+def pose_of(frame: str, stamp_ns: int) -> Pose:
+    assert (frame, stamp_ns) == ('camera', STAMP)
+    return Pose(tuple(SHIFT), tuple(TURN.as_quat()))
+
+
+@pytest.fixture(scope='module')
+def truth() -> Prediction:
+    model = ArmModel(
+        CONFIG.arm, Unknowns(Walk(1.0), tip_force=Walk(1.0), tip_moment=Walk(1.0)),
+        stations=41, base=CONFIG.base,
+    )  # fmt: skip
+    return Prediction(model, np.concatenate([[1.0, 0.3, 0.0, 0.2], WRENCH]), None)
+
+
+def point(at: FloatArray) -> Any:
+    return make('geometry_msgs/msg/Point', x=float(at[0]), y=float(at[1]), z=float(at[2]))
+
+
+def pose(at: FloatArray, turned: FloatArray = np.array([0.0, 0.0, 0.0, 1.0])) -> Any:
+    x, y, z, w = map(float, turned)
+    orientation = make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)
+    return make('geometry_msgs/msg/Pose', position=point(at), orientation=orientation)
+
+
+def tip_pose(at: FloatArray, turned: FloatArray, covariance: FloatArray, frame: str) -> Any:
+    with_covariance = make(
+        'geometry_msgs/msg/PoseWithCovariance', pose=pose(at, turned),
+        covariance=covariance.ravel(),
+    )  # fmt: skip
+    name = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+    return make(name, header=header(STAMP, frame), pose=with_covariance)
+
+
+def markers(points: FloatArray, frame: str) -> Any:
+    poses = [pose(one) for one in points]
+    return make('geometry_msgs/msg/PoseArray', header=header(STAMP, frame), poses=poses)
+
+
+def base_wrench(values: FloatArray, frame: str) -> Any:
+    force, torque = (
+        make('geometry_msgs/msg/Vector3', x=float(x), y=float(y), z=float(z))
+        for x, y, z in values.reshape(2, 3)
+    )
+    wrench = make('geometry_msgs/msg/Wrench', force=force, torque=torque)
+    return make('geometry_msgs/msg/WrenchStamped', header=header(STAMP, frame), wrench=wrench)
+
+
+def messages(truth: Prediction, frame: str) -> dict[str, Any]:
+    """What exact sensors in a frame say of the truth; 'camera' is turned and shifted."""
+    turn, shift = (TURN, SHIFT) if frame == 'camera' else (Rotation.identity(), np.zeros(3))
+    back, shape = turn.inv(), truth.solved
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = back.as_matrix() @ np.diag([1e-6, 4e-6, 9e-6]) @ turn.as_matrix()
+    covariance[3:, 3:] = back.as_matrix() @ np.diag([1e-4, 2e-4, 3e-4]) @ turn.as_matrix()
+    turned = (back * Rotation.from_quat(shape.quaternion[-1])).as_quat()
+    at = [int(np.argmin(np.abs(shape.s - s))) for s in MARKERS]
+    np.testing.assert_allclose(shape.s[at], MARKERS, atol=1e-12)
+    force = WRENCH[:3]
+    moment = WRENCH[3:] + np.cross(shape.tip - shift, force)  # about the origin of the frame
+    return {
+        'measured/tip_pose': tip_pose(
+            back.apply(shape.tip - shift), turned, covariance, frame
+        ),
+        'measured/markers': markers(back.apply(shape.position[at] - shift), frame),
+        'measured/base_wrench': base_wrench(
+            np.concatenate([back.apply(force), back.apply(moment)]), frame
+        ),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize('frame', [FRAME, '', 'camera'])
+def test_exact_sensors_leave_no_innovation_in_any_frame(truth: Prediction, frame: str) -> None:
+    given = messages(truth, frame)
+    assert {*given, 'tendon_displacements'} == set(MEASUREMENT_TOPICS)
+    for name, message in given.items():
+        one = MEASUREMENT_TOPICS[name].read(message, arm(pose_of=pose_of))
+        np.testing.assert_allclose(one.innovation(truth), 0.0, atol=1e-9, err_msg=name)
+    tip = MEASUREMENT_TOPICS['measured/tip_pose'].read(
+        given['measured/tip_pose'], arm(pose_of=pose_of)
+    )
+    expected = np.diag([1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4])
+    np.testing.assert_allclose(tip.covariance, expected, atol=1e-16)
+
+
+def test_noise_of_a_wrench_goes_along_with_its_frame(truth: Prediction) -> None:
+    message = messages(truth, 'camera')['measured/base_wrench']
+    found = MEASUREMENT_TOPICS['measured/base_wrench'].read(message, arm(pose_of=pose_of))
+    rng = np.random.default_rng(0)
+    errors = rng.standard_normal((20000, 6)) * np.repeat([0.02, 0.003], 3)
+    force = TURN.apply(errors[:, :3])
+    arm_of_force = SHIFT - np.array(CONFIG.base.position)
+    moment = TURN.apply(errors[:, 3:]) + np.cross(arm_of_force, force)
+    sampled = np.cov(np.concatenate([force, moment], axis=1).T)
+    scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
+    np.testing.assert_allclose(found.covariance / scale, sampled / scale, atol=0.03)
+
+
+def test_errors_of_the_model_are_noise_of_what_is_seen(truth: Prediction) -> None:
+    wrong = arm(model_error_stddev=0.01)
+    given = messages(truth, FRAME)
+    deviation = 0.01 * CONFIG.arm.length
+    found = MEASUREMENT_TOPICS['measured/markers'].read(given['measured/markers'], wrong)
+    np.testing.assert_allclose(np.diag(found.covariance), 1e-6 + deviation**2)
+    found = MEASUREMENT_TOPICS['measured/tip_pose'].read(given['measured/tip_pose'], wrong)
+    expected = np.array([1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4])
+    expected += np.repeat([deviation**2, 0.02**2], 3)
+    np.testing.assert_allclose(np.diag(found.covariance), expected)
+
+
+def test_a_tip_without_a_covariance_has_that_of_the_parameters(truth: Prediction) -> None:
+    read, shape = MEASUREMENT_TOPICS['measured/tip_pose'].read, truth.solved
+    bare = tip_pose(shape.tip, shape.quaternion[-1], np.zeros((6, 6)), FRAME)
+    with pytest.raises(MeasurementError, match='tip_position_stddev is 0: its noise is not'):
+        read(bare, arm())
+    found = read(bare, arm({'estimator.tip_position_stddev': 2e-3}))
+    assert found.name == 'tip position'
+    np.testing.assert_allclose(found.covariance, 4e-6 * np.eye(3))
+    both = {'estimator.tip_position_stddev': 2e-3, 'estimator.tip_rotation_stddev': 0.1}
+    found = read(bare, arm(both))
+    assert found.name == 'tip pose'
+    np.testing.assert_allclose(np.diag(found.covariance), [4e-6] * 3 + [0.01] * 3)
+
+
+def test_hidden_markers_are_left_out(truth: Prediction) -> None:
+    points = truth.solved.position[[0, 1, -1]].copy()
+    points[:2] = np.nan
+    read = MEASUREMENT_TOPICS['measured/markers'].read
+    found = read(markers(points, FRAME), arm())
+    np.testing.assert_allclose(found.innovation(truth), 0.0, atol=1e-9)
+    assert found.value.size == 3
+    with pytest.raises(MeasurementError, match='it shows no marker'):
+        read(markers(np.full((3, 3), np.nan), FRAME), arm())
+
+
+def joint_state(names: list[str], values: list[float], field: str) -> Any:
+    fields = {'position': np.zeros(0), 'velocity': np.zeros(0), 'effort': np.zeros(0)}
+    fields[field] = np.array(values)
+    return make('sensor_msgs/msg/JointState', header=header(STAMP, ''), name=names, **fields)
+
+
+def test_readings_below_zero_are_measurements_as_calibrated() -> None:
+    names = list(CONFIG.arm.tendon_names)
+    message = joint_state(names[::-1], [0.4, -0.1, 0.02, 1.0], 'effort')
+    found = read_tensions(JOINT_STATE, message, arm(tension_scale=[2.0] * 4))
+    np.testing.assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
+    np.testing.assert_allclose(np.diag(found.covariance), 0.02**2)
+    field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
+    assert read_tensions(field, message, arm()).value.tolist() == [1.0, 0.02, -0.1, 0.4]
+    message = joint_state(names, [0.4, np.nan, 0.02, 1.0], 'effort')
+    with pytest.raises(OctoArmError, match='expected finite numbers'):
+        read_tensions(JOINT_STATE, message, arm())
+
+
+def test_displacements_are_of_the_tendons_named(truth: Prediction) -> None:
+    read = MEASUREMENT_TOPICS['tendon_displacements'].read
+    drawn_in = truth.model.solver.rest_lengths.ravel() - truth.tendon_lengths
+    names = list(CONFIG.arm.tendon_names)
+    message = joint_state([names[2], names[0]], [drawn_in[2], drawn_in[0]], 'position')
+    found = read(message, arm())
+    np.testing.assert_allclose(found.innovation(truth), 0.0, atol=1e-12)
+    with pytest.raises(OctoArmError, match='it has no displacements'):
+        read(joint_state([], [], 'position'), arm())
+    with pytest.raises(OctoArmError, match='unknown tendon elbow'):
+        read(joint_state(['elbow'], [0.0], 'position'), arm())
+
+
+@pytest.mark.parametrize(
+    ('name', 'message', 'values', 'words'),
+    [
+        ('measured/markers', markers(np.zeros((2, 3)), FRAME), VALUES,
+         r'2 marker\(s\), expected 3'),
+        ('measured/markers', markers(np.zeros((3, 3)), FRAME), {}, 'marker_s is empty'),
+        ('measured/markers', markers(np.zeros((3, 3)), 'camera'), VALUES,
+         "its frame is 'camera', expected 'arm_base'"),
+        ('measured/markers', markers(np.full((3, 3), np.inf), FRAME), VALUES, 'is infinite'),
+        ('measured/base_wrench', base_wrench(np.zeros(6), FRAME), {},
+         'base_moment_stddev is 0: its noise is not known'),
+        ('measured/tip_pose',
+         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 2]), np.eye(6), FRAME), {},
+         'quaternion .* expected length 1'),
+        ('measured/tip_pose',
+         tip_pose(np.zeros(3), np.zeros(4), np.eye(6), FRAME), {}, 'expected length 1'),
+        ('measured/tip_pose',
+         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), -np.eye(6), FRAME), {},
+         'positive definite covariance'),
+        ('measured/tip_pose',
+         tip_pose(np.full(3, np.nan), np.array([0.0, 0, 0, 1]), np.eye(6), FRAME), {},
+         'expected finite numbers'),
+    ],
+)  # fmt: skip
+def test_what_is_no_measurement_is_refused_in_a_line(
+    name: str, message: Any, values: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(OctoArmError, match=words) as refused:
+        MEASUREMENT_TOPICS[name].read(message, arm(values))
+    assert '\n' not in str(refused.value)
+
+
+def test_the_types_are_those_of_ros() -> None:
+    assert all(row.type_name in known_types().types for row in MEASUREMENT_TOPICS.values())
