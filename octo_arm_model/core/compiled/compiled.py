@@ -14,6 +14,8 @@ from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
+    differentiate,
+    differentiate_tip,
     evaluate_sections,
     find_exact_shapes,
     find_minima,
@@ -81,7 +83,9 @@ class Compiled:
             self._find_shapes = find_exact_shapes()
             self._tables = _own(exact_tables(statics))
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
-            for made in (newton, read_rod, find_turn, find_minima):
+            for made in (
+                newton, read_rod, find_turn, find_minima, differentiate, differentiate_tip,
+            ):  # fmt: skip
                 made()
             statics.use(_speed_up)
 
@@ -147,6 +151,9 @@ def _speed_up(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         compiled = CompiledRod(rod, _own)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
+        if not isinstance(rod.equilibrium.energy, SheathedSections):
+            rod.differentiate = compiled.differentiate
+            rod.differentiate_tip = compiled.differentiate_tip
         rod.minimum, rod.equilibrium.frames = compiled.minimum, compiled.frames
 
 

@@ -6,9 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numba_build import find_minima, find_turn, newton, read_rod
-from octo_arm_model.core.compiled.rod_tables import rod_tables
-from octo_arm_model.core.compiled.state_kernels import empty_state
+from octo_arm_model.core.compiled.numba_build import (
+    differentiate,
+    differentiate_tip,
+    find_minima,
+    find_turn,
+    newton,
+    read_rod,
+)
+from octo_arm_model.core.compiled.rod_tables import parameter_tables, rod_tables
+from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
+from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
@@ -16,6 +24,8 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
+
+_NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
 class CompiledRod:
@@ -27,9 +37,10 @@ class CompiledRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._tables = own(rod_tables(rod))
+        self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._newton, self._read_out = newton(), read_rod()
+        self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
         self._find_turn, self._find_minima = find_turn(), find_minima()
         self._minimum = rod.minimum  # which says why there is none
 
@@ -66,14 +77,44 @@ class CompiledRod:
         )  # fmt: skip
         return twist, position, quaternion
 
+    def differentiate(
+        self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`Differentiate` of the rod."""
+        tensions = condition.tensions
+        columns = len(dead[0]) if dead else 2 * tensions.size + 8
+        pose = np.empty((self._stations, 6, columns))
+        strain = np.empty((self._stations, 4, columns))
+        length = np.empty((tensions.size, columns))
+        self._check(
+            self._differentiate(
+                self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
+                _state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
+            )
+        )  # fmt: skip
+        return pose, strain, length
+
+    def differentiate_tip(self, condition: Condition, shape: Shape) -> FloatArray:
+        """`DifferentiateTip` of the rod."""
+        tensions = condition.tensions
+        tip = np.empty((6, 2 * tensions.size + 2))
+        self._check(
+            self._differentiate_tip(
+                self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
+                _state_of(shape), tip,
+            )
+        )  # fmt: skip
+        return tip
+
+    @staticmethod
+    def _check(sign: int) -> None:
+        if sign == 0:
+            raise ConvergenceError('the balance under load', np.inf, 0)
+
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        state = empty_state(shape.twist.shape[1])
-        a, b = shape.orientation
-        state.twist[:] = shape.twist
-        turn = state.turn
-        turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
-        compliance, change = np.empty((6, 6)), np.empty((6, *state.twist.shape))
+        state = _state_of(shape)
+        compliance, change = np.empty((6, 6)), np.empty((*state.twist.shape, 6))
         residual, iterations, strayed, sign, is_definite = self._newton(
             self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
             float(condition.factor), tolerance, state, compliance, change,
@@ -81,14 +122,23 @@ class CompiledRod:
         rotation = state.rotation
         found = State(
             condition,
-            Shape(state.twist, _quaternions(turn)),
+            Shape(state.twist, _quaternions(state.turn)),
             rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
             state.imbalance, state.hessian, residual,
         )  # fmt: skip
         answer = None
         if sign:
-            answer = TipAnswer(compliance, change.transpose(1, 0, 2), sign, is_definite)
+            answer = TipAnswer(compliance, change.transpose(0, 2, 1), sign, is_definite)
         return Iterate(found, iterations, strayed, answer)
+
+
+def _state_of(shape: Shape) -> RodState:
+    """Room for a state, of which ``shape`` is known."""
+    state = empty_state(shape.twist.shape[1])
+    a, b = shape.orientation
+    state.twist[:], turn = shape.twist, state.turn
+    turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+    return state
 
 
 def _quaternions(turn: FloatArray) -> Quaternions:

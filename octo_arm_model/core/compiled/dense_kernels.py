@@ -58,6 +58,52 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
             x[i], x[other] = x[other], x[i]
 
 
+def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
+    """As `solve_transposed`, for columns that come last: ``right`` is (n, columns)."""
+    n = len(factors)
+    if right.shape[1] == 1:
+        solve_transposed(factors, pivots, right.reshape(1, n))
+        return
+    for i in range(n):
+        subtract_rows(right, factors[:i, i], 0, i)
+        over, out = 1.0 / factors[i, i], right[i]
+        for c in range(out.size):
+            out[c] *= over
+    for i in range(n - 2, -1, -1):
+        subtract_rows(right, factors[i + 1 :, i], i + 1, i)
+    for i in range(n - 1, -1, -1):
+        out, other = right[i], right[pivots[i]]
+        for c in range(out.size):
+            out[c], other[c] = other[c], out[c]
+
+
+def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int) -> None:
+    """Subtract from the row ``target`` of ``rows`` those from ``first`` on, times ``factors``."""
+    i, out = 0, rows[target]
+    # By eights, so that `out` is loaded and stored less often.
+    while i + 8 <= factors.size:
+        a, b, c, d = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        e, f, g, h = factors[i + 4], factors[i + 5], factors[i + 6], factors[i + 7]
+        some = rows[first + i : first + i + 8]
+        for k in range(out.size):
+            out[k] -= (
+                (a * some[0, k] + b * some[1, k]) + (c * some[2, k] + d * some[3, k])
+                + ((e * some[4, k] + f * some[5, k]) + (g * some[6, k] + h * some[7, k]))
+            )  # fmt: skip
+        i += 8
+    if i + 4 <= factors.size:
+        a, b, c, d = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        some = rows[first + i : first + i + 4]
+        for k in range(out.size):
+            out[k] -= (a * some[0, k] + b * some[1, k]) + (c * some[2, k] + d * some[3, k])
+        i += 4
+    while i < factors.size:
+        factor, row = factors[i], rows[first + i]
+        for k in range(out.size):
+            out[k] -= factor * row[k]
+        i += 1
+
+
 def invert_three(matrix: FloatArray, inverse: FloatArray) -> float:
     """Fill in the ``inverse`` (3, 3); returns the determinant."""
     for i in range(3):

@@ -35,6 +35,7 @@ from octo_arm_model.core.compiled import (
     rod_kernels,
     section_kernels,
     section_rows,
+    sensitivity_kernels,
     sheath_kernels,
     sliding_kernels,
     start_kernels,
@@ -50,7 +51,7 @@ from octo_arm_model.core.compiled.kernel_cache import (
     one_at_a_time,
     write_checksums,
 )
-from octo_arm_model.core.compiled.rod_tables import no_rod
+from octo_arm_model.core.compiled.rod_tables import no_parameters, no_rod
 from octo_arm_model.core.compiled.section_tables import no_exact
 from octo_arm_model.core.compiled.tables import no_arm, no_grid
 
@@ -63,7 +64,7 @@ _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
     dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    winding_kernels,
+    winding_kernels, sensitivity_kernels,
 )  # fmt: skip
 
 
@@ -169,7 +170,7 @@ def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
         functools.partial(_entry, function=rod_kernels.newton),
         (
             no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, state_kernels.empty_state(0),
-            np.zeros((6, 6)), np.zeros((6, 4, 0)),
+            np.zeros((6, 6)), np.zeros((4, 0, 6)),
         ),
     )  # fmt: skip
 
@@ -201,6 +202,31 @@ def read_rod() -> Callable[..., None]:
         (
             no_rod(), four, none, none, np.zeros((3, 3, 0)), four, np.zeros((0, 3)),
             np.zeros((0, 4)),
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def differentiate() -> Callable[..., int]:
+    """`sensitivity_kernels.differentiate`, compiled; raises as `find_shapes`."""
+    dead, found = np.zeros((0, 3, 0)), np.zeros((0, 0, 0))
+    return _made(
+        functools.partial(_entry, function=sensitivity_kernels.differentiate),
+        (
+            no_rod(), no_parameters(), np.zeros(0), np.zeros(6), state_kernels.empty_state(0),
+            dead, dead, found, found, np.zeros((0, 0)),
+        ),
+    )  # fmt: skip
+
+
+@functools.cache
+def differentiate_tip() -> Callable[..., int]:
+    """`sensitivity_kernels.differentiate_tip`, compiled; raises as `find_shapes`."""
+    return _made(
+        functools.partial(_entry, function=sensitivity_kernels.differentiate_tip),
+        (
+            no_rod(), no_parameters(), np.zeros(0), np.zeros(6), state_kernels.empty_state(0),
+            np.zeros((6, 2)),
         ),
     )  # fmt: skip
 

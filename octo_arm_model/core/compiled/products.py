@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -21,3 +23,17 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
         for j in range(out.size):
             out[j] += row[i] * matrix[i, j]
         i += 1
+
+
+def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
+    """Fill in ``out`` (m, columns), the transposed ``matrix`` (n, m) times ``rows`` (n, columns).
+
+    All of them lie in order in memory.
+    """
+    if rows.shape[1] > 1:
+        np.dot(matrix.T, rows, out)
+        return
+    # BLAS takes longer to be called.
+    vector = out.reshape(out.size)
+    vector[:] = 0.0
+    add_products(rows.reshape(rows.size), matrix, vector)

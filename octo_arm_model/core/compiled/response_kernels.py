@@ -1,67 +1,112 @@
-"""How a loaded rod answers small wrenches: what `numba_build` compiles."""
+"""How a loaded rod answers small wrenches: what `numba_build` compiles.
+
+Columns, one for each wrench, come last: what belongs to a point is a few numbers for all of them.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.dense_kernels import solve_transposed
-from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.dense_kernels import solve_columns
+from octo_arm_model.core.compiled.products import add_products, multiply
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.system_kernels import System
 from octo_arm_model.core.hints import FloatArray
 
 
-def respond(tables: RodTables, system: System, imbalance: FloatArray, change: FloatArray) -> None:
-    """Fill in the ``change`` of twist (columns, 4, points) under an ``imbalance`` likewise."""
-    s, elements, columns = tables.weights.size, tables.step.size, len(imbalance)
-    own = np.empty((elements, columns, 3 * s))
-    last, before = np.zeros((elements, columns, 3)), np.zeros((elements, columns, 3))
-    carried = np.empty(s)
+def respond(
+    tables: RodTables, system: System, imbalance: FloatArray, change: FloatArray, turn: FloatArray
+) -> None:
+    """Fill in the ``change`` of twist (4, points, columns) under an ``imbalance`` likewise.
+
+    And the rotation ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
+    """
+    s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
+    own, ends = np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns))
+    carried, moved = np.empty((s, 3 * columns)), np.empty((s, 3 * columns))
+    before, more = np.empty((3, columns)), np.empty((3 * s, columns))
     at_points, rotation = system.at_points, system.rotation
     for element in range(elements):
-        first, h = element * s, tables.step[element]
-        stiffness = at_points[9, first : first + s]
-        for c in range(columns):
-            given = imbalance[c, :, first : first + s]
+        first, h, sides = element * s, tables.step[element], own[element]
+        for j in range(s):
             for p in range(3):
-                side = own[element, c, p * s : p * s + s]
-                turned, mixed = rotation[p, :, first : first + s], at_points[6 + p, first:]
-                across = at_points[3 + p, first:]
-                for j in range(s):
-                    side[j] = (
-                        turned[0, j] * given[0, j] + turned[1, j] * given[1, j]
-                        + turned[2, j] * given[2, j] - mixed[j] / stiffness[j] * given[3, j]
+                factor, start = -h * at_points[3 + p, first + j], p * columns
+                for i in range(columns):
+                    carried[j, start + i] = factor * imbalance[3, first + j, i]
+        np.dot(tables.to_end_columns.T, carried, moved)
+        for j in range(s):
+            at = first + j
+            over = 1.0 / at_points[9, at]
+            for p in range(3):
+                a, b, c = rotation[p, 0, at], rotation[p, 1, at], rotation[p, 2, at]
+                d, row, start = over * at_points[6 + p, at], p * s + j, p * columns
+                for i in range(columns):
+                    sides[row, i] = (
+                        moved[j, start + i] + a * imbalance[0, at, i] + b * imbalance[1, at, i]
+                        + c * imbalance[2, at, i] - d * imbalance[3, at, i]
                     )  # fmt: skip
-                    carried[j] = -h * across[j] * given[3, j]
-                add_products(carried, tables.to_end_columns, side)
-                for j in range(s):
-                    before[element, c, p] += tables.weights[j] * carried[j]
-        solve_transposed(system.factors[element], system.pivots[element], own[element])
-        to_moment = system.to_moment[element]
-        for c in range(columns):
-            k = own[element, c]
+        solve_columns(system.factors[element], system.pivots[element], sides)
+        np.dot(system.to_moment[element], sides, before)
+        for p in range(3):
+            start = p * columns
+            for i in range(columns):
+                ends[element, p, i], ends[element, 3 + p, i] = 0.0, -before[p, i]
+            for j in range(s):
+                weight, row = tables.weights[j], p * s + j
+                for i in range(columns):
+                    ends[element, 3 + p, i] += weight * carried[j, start + i]
+                for i in range(columns):
+                    ends[element, p, i] += h * weight * sides[row, i]
+    link_changes(system, ends)
+    for element in range(elements):
+        first, h, bends = element * s, tables.step[element], own[element]
+        multiply(system.bends[element], ends[element], more)
+        bends += more
+        for p in range(3):
+            angles = turn[p, first : first + s]
+            multiply(tables.from_start_columns, bends[p * s : p * s + s], angles)
+            for j in range(s):
+                for i in range(columns):
+                    angles[j, i] = ends[element, p, i] + h * angles[j, i]
+        for j in range(s):
+            at = first + j
             for p in range(3):
-                value = 0.0
-                for row in range(3 * s):
-                    value += to_moment[p, row] * k[row]
-                before[element, c, p] -= value
-                value = 0.0
-                for j in range(s):
-                    value += tables.weights[j] * k[p * s + j]
-                last[element, c, p] += h * value
+                a, b, c = rotation[0, p, at], rotation[1, p, at], rotation[2, p, at]
+                for i in range(columns):
+                    change[p, at, i] = (
+                        a * bends[j, i] + b * bends[s + j, i] + c * bends[2 * s + j, i]
+                    )
+            over = 1.0 / at_points[9, at]
+            a, b, c = over * at_points[0, at], over * at_points[1, at], over * at_points[2, at]
+            d, e, f = over * at_points[6, at], over * at_points[7, at], over * at_points[8, at]
+            for i in range(columns):
+                change[3, at, i] = (
+                    over * imbalance[3, at, i] + a * turn[0, at, i] + b * turn[1, at, i]
+                    + c * turn[2, at, i] - d * bends[j, i] - e * bends[s + j, i]
+                    - f * bends[2 * s + j, i]
+                )  # fmt: skip
+
+
+def link_changes(system: System, ends: FloatArray) -> None:
+    """From what each element does alone to what all do together, at the ``ends`` of each.
+
+    (elements, 6, columns): first changes of Phi at the last and of d m at the first end; what
+    comes out is Phi at the first and d m at the last end.
+    """
+    elements, _, columns = ends.shape
     rest, known = np.zeros((elements + 1, 3)), np.empty((elements, 3))
-    both, following, angle = np.empty(6), np.empty(3), np.empty((3, s))
+    start, following = np.empty(3), np.empty(3)
     for c in range(columns):
         for element in range(elements - 1, -1, -1):
-            ends, here, beyond = (
+            both, here, beyond = (
                 system.ends[element],
                 system.by_turn[element + 1],
                 rest[element + 1],
             )
             for i in range(3):
-                following[i] = last[element, c, i]
+                following[i] = ends[element, i, c]
                 for k in range(3):
-                    following[i] += ends[i, 3 + k] * beyond[k]
+                    following[i] += both[i, 3 + k] * beyond[k]
             for i in range(3):
                 known[element, i] = 0.0
                 for k in range(3):
@@ -71,47 +116,27 @@ def respond(tables: RodTables, system: System, imbalance: FloatArray, change: Fl
                 for k in range(3):
                     following[i] += here[i, k] * known[element, k]
             for i in range(3):
-                rest[element, i] = before[element, c, i]
+                rest[element, i] = ends[element, 3 + i, c]
                 for k in range(3):
-                    rest[element, i] += ends[3 + i, 3 + k] * following[k]
-        both[:3] = 0.0
+                    rest[element, i] += both[3 + i, 3 + k] * following[k]
+        start[:] = 0.0
         for element in range(elements):
-            first, h, k = element * s, tables.step[element], own[element, c]
             for i in range(3):
                 following[i] = known[element, i]
                 for m in range(3):
-                    following[i] += system.on[element, i, m] * both[m]
+                    following[i] += system.on[element, i, m] * start[m]
             for i in range(3):
-                both[3 + i] = rest[element + 1, i]
+                value = rest[element + 1, i]
                 for m in range(3):
-                    both[3 + i] += system.by_turn[element + 1, i, m] * following[m]
-            add_products(both, system.bends[element], k)
-            out, turned = change[c, :, first : first + s], rotation[:, :, first : first + s]
-            for p in range(3):
-                angle[p] = both[p]
-                add_products(h * k[p * s : p * s + s], tables.from_start_columns, angle[p])
-            across, mixed = at_points[:3, first:], at_points[6:9, first:]
-            stiffness, given = at_points[9, first:], imbalance[c, 3, first:]
-            for i in range(s):
-                k_0, k_1, k_2 = k[i], k[s + i], k[2 * s + i]
-                for p in range(3):
-                    out[p, i] = (
-                        turned[0, p, i] * k_0 + turned[1, p, i] * k_1 + turned[2, p, i] * k_2
-                    )
-                out[3, i] = (
-                    given[i]
-                    + across[0, i] * angle[0, i] - mixed[0, i] * k_0
-                    + across[1, i] * angle[1, i] - mixed[1, i] * k_1
-                    + across[2, i] * angle[2, i] - mixed[2, i] * k_2
-                ) / stiffness[i]  # fmt: skip
-            for i in range(3):
-                both[i] = following[i]
+                    value += system.by_turn[element + 1, i, m] * following[m]
+                ends[element, i, c], ends[element, 3 + i, c] = start[i], value
+            start[:] = following
 
 
 def tip_wrenches(tables: RodTables, twist: FloatArray, rotation: FloatArray) -> FloatArray:
-    """What unit wrenches on the tip do to all sections, (6, 4, points); moments over a length."""
+    """What unit wrenches on the tip do to all sections, (4, points, 6); moments over a length."""
     points, count = tables.weights.size, twist.shape[1]
-    wrench = np.zeros((6, 4, count))
+    wrench = np.zeros((4, count, 6))
     beyond, to_tip, carried = np.zeros(3), np.empty((3, points)), np.empty(points)
     for element in range(tables.step.size - 1, -1, -1):
         first, h = element * points, tables.step[element]
@@ -126,11 +151,11 @@ def tip_wrenches(tables: RodTables, twist: FloatArray, rotation: FloatArray) -> 
             n, m = (column + 1) % 3, (column + 2) % 3
             for i in range(points):
                 at = first + i
-                wrench[column, 3, at] = rotation[column, 0, at]
+                wrench[3, at, column] = rotation[column, 0, at]
                 for k in range(3):
                     # The lever times the unit vector.
-                    wrench[column, k, at] = (
+                    wrench[k, at, column] = (
                         rotation[n, k, at] * to_tip[m, i] - rotation[m, k, at] * to_tip[n, i]
                     )
-                    wrench[3 + column, k, at] = rotation[column, k, at] * tables.length
+                    wrench[k, at, 3 + column] = rotation[column, k, at] * tables.length
     return wrench

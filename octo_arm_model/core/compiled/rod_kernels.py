@@ -39,7 +39,7 @@ def newton(
     """Newton's method from the twist and orientations of ``state``, as `loaded.newton`.
 
     Fills in the state it ends in and, where that is balanced, the ``compliance`` (6, 6) of the
-    tip and the ``change`` (6, 4, points) that unit wrenches on it make, see `TipAnswer`.
+    tip and the ``change`` (4, points, 6) that unit wrenches on it make, see `TipAnswer`.
 
     Returns:
         Residual, number of iterations, how far all but the first have turned the arm [rad], the
@@ -48,7 +48,8 @@ def newton(
     """
     s, count = tables.weights.size, state.twist.shape[1]
     system, new = empty_system(tables), empty_state(count)
-    side, step = np.empty((1, 4, count)), np.empty((1, 4, count))
+    side, step = np.empty((4, count, 1)), np.empty((4, count, 1))
+    turn = np.empty((3, count, 1))
     residual = find_state(tables, tensions, tip_wrench, factor, state)
     strayed, turned, iterations, is_near, sign = 0.0, 0.0, 0, False, 0
     while residual > tolerance and iterations < MOST:
@@ -60,10 +61,10 @@ def newton(
             if sign == 0:
                 return residual, iterations, strayed, 0, False
             turned = 0.0
-        side[0] = state.imbalance
-        respond(tables, system, side, step)
+        side[:, :, 0] = state.imbalance
+        respond(tables, system, side, step, turn)
         iterations += 1
-        new.twist[:] = state.twist + step[0]
+        new.twist[:] = state.twist + step[:, :, 0]
         new.turn[:] = state.turn
         find_turn(tables, new.twist, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
@@ -72,10 +73,10 @@ def newton(
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
-        turn = turn_of(tables, step[0])
-        turned += turn
+        angle = turn_of(tables, step[:, :, 0])
+        turned += angle
         if iterations > 1:
-            strayed += turn
+            strayed += angle
     if not residual <= tolerance:
         return residual, iterations, strayed, 0, False
     if sign == 0 or turned > SAME:
@@ -85,13 +86,13 @@ def newton(
         if sign == 0:
             return residual, iterations, strayed, 0, False
     wrench = tip_wrenches(tables, state.twist, state.rotation)
-    respond(tables, system, wrench, change)
+    respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for row in range(6):
         for column in range(6):
             total = 0.0
             for k in range(4):
                 for i in range(count):
                     weight = tables.step[i // s] * tables.weights[i % s]
-                    total += weight * wrench[row, k, i] * change[column, k, i]
+                    total += weight * wrench[k, i, row] * change[k, i, column]
             compliance[row, column] = total
     return residual, iterations, strayed, sign, is_definite(compliance)

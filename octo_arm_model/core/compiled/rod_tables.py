@@ -33,6 +33,8 @@ class RodTables(NamedTuple):
         to_nodes: matrices (each, nodes) from values at points to these, one after another.
         station_runs: likewise of the stations.
         to_stations: to integrals over the element from its start, for a length of one.
+        at_stations: likewise to values.
+        most: the most stations in one of the runs.
     """
 
     sections: SectionTables
@@ -51,6 +53,26 @@ class RodTables(NamedTuple):
     to_nodes: FloatArray
     station_runs: IntArray
     to_stations: FloatArray
+    at_stations: FloatArray
+    most: int
+
+
+class ParameterTables(NamedTuple):
+    """What parameters of an arm change at the points of a rod, as `ParameterDerivatives` has it.
+
+    Attributes:
+        x: along n where each tendon moves to with its distance, (tendons, points).
+        y: along b.
+        dx: slope of ``x``.
+        dy: slope of ``y``.
+        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (points,).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    torsion_by_poisson: FloatArray
 
 
 def rod_tables(rod: LoadedRod) -> RodTables:
@@ -62,6 +84,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     node_runs, to_nodes = runs_by_element(nodes.element, nodes.values)
     within = stations.within / own.step[stations.element, np.newaxis]
     station_runs, to_stations = runs_by_element(stations.element, within)
+    _, at_stations = runs_by_element(stations.element, stations.values)
     return RodTables(
         sections=section_tables(problem.energy),
         from_start=rule.from_start,
@@ -79,7 +102,15 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         to_nodes=to_nodes,
         station_runs=station_runs,
         to_stations=to_stations,
+        at_stations=at_stations,
+        most=int(station_runs[:, 2].max()),
     )
+
+
+def parameter_tables(rod: LoadedRod) -> ParameterTables:
+    """Of the ``rod``."""
+    x, y, dx, dy = (table[:, 0] for table in rod.parameters.outwards)
+    return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson)
 
 
 def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -97,5 +128,11 @@ def no_rod() -> RodTables:
     return RodTables(
         no_exact().sections, table, table, table, table, none, none, nothing, nothing,
         np.zeros(4), 1.0, np.zeros(3), np.zeros((0, 3), np.int64), none,
-        np.zeros((0, 3), np.int64), none,
+        np.zeros((0, 3), np.int64), none, none, 0,
     )  # fmt: skip
+
+
+def no_parameters() -> ParameterTables:
+    """Of no arm."""
+    table = np.zeros((0, 0))
+    return ParameterTables(table, table, table, table, np.zeros(0))

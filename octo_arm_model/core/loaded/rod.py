@@ -16,10 +16,10 @@ from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
-from octo_arm_model.core.loaded.load_resultants import LoadTable
+from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
-from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import product
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -37,11 +37,25 @@ RESOLVED = 3e-5
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
+_KEPT = 64  # loads whose resultants are
+
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
 
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
+
+# From a balanced condition and shape, and resultants of dead loads per unit of each, force and
+# moment (loads, 3, points) in base_frame, to their changes of pose (stations, 6, columns), strain
+# (stations, 4, columns) and tendon length (tendons, columns). Without loads to those by the wrench
+# on the tip, tensions, E, nu and offsets. Raises ConvergenceError.
+Differentiate: TypeAlias = Callable[
+    [Condition, Shape, tuple[FloatArray, FloatArray] | None],
+    tuple[FloatArray, FloatArray, FloatArray],
+]
+
+# Likewise to those of the tip alone, (6, columns), by tensions, E, nu and offsets, by reciprocity.
+DifferentiateTip: TypeAlias = Callable[[Condition, Shape], FloatArray]
 
 
 class LoadedRod:
@@ -55,6 +69,10 @@ class LoadedRod:
         base: pose of the base.
         points: how many points there are.
         station_node: node of each station.
+        dead_resultants: of dead loads, force and moment without its levers, (3, points) in
+            base_frame, of the tip's wrench too; kept for those asked for last.
+        differentiate: derivatives in machine code, if there is.
+        differentiate_tip: likewise of the tip alone.
     """
 
     def __init__(
@@ -81,6 +99,9 @@ class LoadedRod:
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
+        self.dead_resultants = functools.lru_cache(_KEPT)(self._dead_resultants)
+        self.differentiate: Differentiate | None = None
+        self.differentiate_tip: DifferentiateTip | None = None
 
     @functools.cached_property
     def nodes(self) -> Readout:
@@ -138,6 +159,11 @@ class LoadedRod:
     def read_from(self, other: LoadedRod) -> Readout:
         """What values at the points of an ``other`` rod are at the points of this one."""
         return other._own.readout(self._own.s, self._own.s)
+
+    def _dead_resultants(self, loads: Loads) -> tuple[FloatArray, FloatArray]:
+        force, moment = dead_resultants(self._arm, self._own, loads)
+        force = force + np.array(loads.tip_force)[:, np.newaxis]
+        return force, moment + np.array(loads.tip_moment)[:, np.newaxis]
 
     def _read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of this rod."""

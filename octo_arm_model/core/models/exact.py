@@ -19,7 +19,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import ExactSections
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded_exact import UnloadedExact
@@ -199,7 +199,7 @@ class Exact:
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""
-        return derivatives(*self._balanced(backbone))
+        return derivatives(*self._balance_of(backbone))
 
     def tip_by(self, backbone: Backbone) -> TipBy:
         """Derivatives of the tip of ``backbone``, by reciprocity where that holds."""
@@ -210,12 +210,7 @@ class Exact:
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of ``backbone`` per unit of each of ``loads``."""
-        return by_loads(*self._balanced(backbone), self._setup.arm, loads)
-
-    def _balanced(self, backbone: Backbone) -> tuple[LoadedRod, State]:
-        """The rod that a ``backbone`` is a solution of, and its state."""
-        rod, condition, shape = self._balance_of(backbone)
-        return rod, rod.equilibrium.state(condition, shape)
+        return by_loads(*self._balance_of(backbone), loads)
 
     def _balance_of(self, backbone: Backbone) -> tuple[LoadedRod, Condition, Shape]:
         """The rod that a ``backbone`` is a solution of, what acts on it and its shape."""

@@ -12,7 +12,11 @@ from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution
-from octo_arm_model.core.sensitivity.analytic import papers_derivatives
+from octo_arm_model.core.sensitivity.analytic import (
+    from_twist_changes,
+    papers_twist_changes,
+    tip_from_twist_changes,
+)
 from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
 
 
@@ -62,12 +66,21 @@ class PapersModel(UnloadedStatics):
 
     def tip_by(self, backbone: Backbone) -> TipBy:
         """Derivatives of the tip of ``backbone``, see `Statics`."""
-        return self.sensitivity(backbone).tip_by
+        twist, frames = self._twist_and_frames(backbone)
+        tip = tip_from_twist_changes(self._setup.grid, twist, frames, self._changes(backbone))
+        return {'tension': tip[:, :-1], 'youngs_modulus': tip[:, -1:]}.get
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""
         twist, frames = self._twist_and_frames(backbone)
-        setup, tensions = self._setup, backbone.tensions.ravel()
-        return papers_derivatives(
-            self.equations.solve, self.sections, setup.grid, twist, frames, tensions, setup.batch
+        changes, count = self._changes(backbone), backbone.tensions.size
+        grid = self._setup.grid
+        return Sensitivity(
+            *from_twist_changes(self.sections, grid, twist, frames, changes, [count])
+        )
+
+    def _changes(self, backbone: Backbone) -> FloatArray:
+        """Changes of the twist of ``backbone``, see `papers_twist_changes`."""
+        return papers_twist_changes(
+            self.equations.solve, self.sections, backbone.tensions.ravel(), self._setup.batch
         )

@@ -46,6 +46,40 @@ def tendon_hessian(
     )  # fmt: skip
 
 
+def offset_direction(
+    t: Number, n: Number, b: Number, width: Number, x: Number, y: Number, dx: Number, dy: Number
+) -> tuple[Number, Number, Number]:
+    """Derivative of u with the tendon's distance from the midline.
+
+    Here (x, y) is the direction that the distance is measured in, and (dx, dy) its slope.
+    """
+    return n * y - b * x, width * dx - t * y, width * dy + t * x
+
+
+def unit_change(
+    u_t: Number, u_n: Number, u_b: Number, over: Number, c_t: Number, c_n: Number, c_b: Number
+) -> tuple[Number, Number, Number, Number]:
+    """Change of |u| and of u / |u| with a change c of u; from the latter and ``over`` |u|."""
+    along = u_t * c_t + u_n * c_n + u_b * c_b
+    return (
+        along,
+        (c_t - u_t * along) * over,
+        (c_n - u_n * along) * over,
+        (c_b - u_b * along) * over,
+    )
+
+
+def offset_gradient(
+    u_t: Number, u_n: Number, u_b: Number, c_t: Number, c_n: Number, c_b: Number, slope: Number,
+    x: Number, y: Number, dx: Number, dy: Number,
+    out_x: Number, out_y: Number, out_dx: Number, out_dy: Number,
+) -> tuple[Number, Number, Number, Number]:  # fmt: skip
+    """Change of `tendon_gradient` with that distance, from u / |u| and the change c of this."""
+    t, n, b, stretch = tendon_gradient(c_t, c_n, c_b, slope, x, y, dx, dy)
+    more = tendon_gradient(u_t, u_n, u_b, slope, out_x, out_y, out_dx, out_dy)
+    return t + more[0], n + more[1], b + more[2], stretch + (more[3] - u_t)
+
+
 def sheath_pull(
     t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number
 ) -> tuple[Number, Number]:

@@ -7,27 +7,36 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.formulas import offset_direction, offset_gradient, unit_change
 
 
 class ParameterDerivatives:
-    """Derivatives of a `SectionEnergy` at fixed strain, by Poisson's ratio and tendon offsets."""
+    """Derivatives of a `SectionEnergy` at fixed strain, by Poisson's ratio and tendon offsets.
+
+    Attributes:
+        outwards: directions along n and b that offsets of tendons increase in, and their slopes,
+            each (tendons, 1, nodes), zero beyond the anchorage.
+        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (nodes,).
+    """
 
     def __init__(self, energy: SectionEnergy, arm: Arm) -> None:
         """Tabulate the directions of increasing offset of the tendons of ``arm``."""
         self._energy = energy
-        self._out = tuple(
+        self.torsion_by_poisson = -energy.stiffness.torsion / (1.0 + energy.poisson)
+        x, y, dx, dy = (
             np.ascontiguousarray(table[:, np.newaxis]) * energy.active
             for table in (
                 *arm.tendon_outwards(energy.s),
                 *arm.tendon_outward_slopes(energy.s),
             )
         )
+        self.outwards = x, y, dx, dy
 
     def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
         """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
         energy = self._energy
         change = np.zeros_like(strain)
-        change[0] = -energy.stiffness.torsion / (1.0 + energy.poisson) * strain[0]
+        change[0] = self.torsion_by_poisson * strain[0]
         if energy.strains == 6:
             change[4:] = -energy.shear_stiffness / (1.0 + energy.poisson) * strain[4:]
         return change
@@ -43,23 +52,15 @@ class ParameterDerivatives:
         width, slope, _ = energy.widening(strain[3])
         u_t, u_n, u_b, length = energy.stretching(strain, width)
         over = 1.0 / length
-        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-        x, y, dx, dy = self._out
+        unit = u_t * over, u_n * over, u_b * over
         moved = self.direction_by_offset(strain)
-        c_t, c_n, c_b = moved
-        along = u_t * c_t + u_n * c_n + u_b * c_b
-        # The change of the direction of u.
-        c_t, c_n, c_b = (
-            (change - unit * along) * over for change, unit in ((c_t, u_t), (c_n, u_n), (c_b, u_b))
+        turned = unit_change(*unit, over, *moved)[1:]
+        change = np.empty((energy.strains, *length.shape))
+        change[:4] = offset_gradient(
+            *unit, *turned, slope, energy.x, energy.y, energy.dx, energy.dy, *self.outwards
         )
-        change = np.empty((energy.strains, *u_t.shape))
-        change[0] = energy.x * c_b - energy.y * c_n + x * u_b - y * u_n
-        change[1] = energy.y * c_t + y * u_t
-        change[2] = -energy.x * c_t - x * u_t
-        change[3] = c_t
-        change[3] += slope * (energy.dx * c_n + energy.dy * c_b + dx * u_n + dy * u_b)
         if energy.strains == 6:
-            change[4], change[5] = c_n, c_b
+            change[4:] = turned[1:]
         change *= local_tensions
         if condensed is not None:
             change -= condensed.answer(condensed.by_path(moved))
@@ -71,14 +72,9 @@ class ParameterDerivatives:
         Returns:
             Components along t, n and b, (3, tendons, batch, nodes) [1/m].
         """
-        torsion, about_n, about_b, stretch = strain[:4]
+        t, n, b, stretch = strain[:4]
         width = self._energy.widening(stretch)[0]
-        x, y, dx, dy = self._out
-        return np.stack([
-            about_n * y - about_b * x,
-            width * dx - torsion * y,
-            width * dy + torsion * x,
-        ])  # fmt: skip
+        return np.stack(offset_direction(t, n, b, width, *self.outwards))
 
     def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Derivative of the gradient with the stiffness of each tendon's sheath.

@@ -17,25 +17,40 @@ from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_response import respond
-from octo_arm_model.core.loaded.state import State
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
-from octo_arm_model.core.rod.quadrature import integrate_from_base, integration_weights
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.rod.quadrature import (
+    integrate_from_base,
+    integrate_from_tip,
+    integration_weights,
+)
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
-def derivatives(rod: LoadedRod, state: State) -> Sensitivity:
-    """Of the balanced ``state`` of a loaded ``rod``.
+def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivity:
+    """Of the balanced ``shape`` of a loaded ``rod``.
 
     Raises:
         LoadError: if a load states no tangent stiffness.
+        ConvergenceError: if the linearised equilibrium is singular.
     """
+    rod.equilibrium.require_tangents('sensitivity')
+    if rod.differentiate is None:
+        return _derivatives(rod, rod.equilibrium.state(condition, shape))
+    found = rod.differentiate(condition, shape, None)
+    tendons = condition.tensions.size
+    wrench, tension, young, poisson, offset = _split(*found, [6, tendons, 1, 1])
+    return Sensitivity(tension, young, wrench, poisson, offset)
+
+
+def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
+    """`derivatives` of the balanced ``state``, by NumPy."""
     problem, parameters = rod.equilibrium, rod.parameters
-    problem.require_tangents('sensitivity')
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
     local_tensions, direct = energy.local_tensions(tensions[np.newaxis]), None
@@ -83,9 +98,12 @@ def _split(
     pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int]
 ) -> list[Change]:
     """Changes of so many columns each, and of the rest."""
-    edges = np.cumsum(counts)
-    parts = (np.split(part, edges, axis=-1) for part in (pose, strains, length))
-    return [Change(*part) for part in zip(*parts, strict=True)]
+    parts, first = [], 0
+    for count in (*counts, pose.shape[-1] - sum(counts)):
+        own = slice(first, first + count)
+        parts.append(Change(pose[..., own], strains[..., own], length[..., own]))
+        first += count
+    return parts
 
 
 def _direct(rod: LoadedRod, state: State, sliding: Sliding, strain: FloatArray) -> FloatArray:
@@ -130,16 +148,13 @@ def _strains(twist: FloatArray, change: FloatArray) -> FloatArray:
     return strain
 
 
-def papers_derivatives(
+def papers_twist_changes(
     solve: Callable[[FloatArray], Solution],
     energy: SectionEnergy,
-    grid: StationGrid,
-    twist: FloatArray,
-    frames: Quaternions,
     tensions: FloatArray,
     batch: int,
-) -> Sensitivity:
-    """Of ``twist`` (4, nodes) and ``frames``, a solution of the paper's model ``solve``.
+) -> FloatArray:
+    """Change (4, tendons + 1, nodes) of the twist of a paper's model ``solve`` by tensions and E.
 
     ``batch`` of them are solved at once.
 
@@ -152,10 +167,8 @@ def papers_derivatives(
     moved = tensions + 1j * step * np.eye(tensions.size)
     parts = [moved[first : first + batch] for first in range(0, len(moved), batch)]
     by_tension = np.concatenate([solve(part).twist.imag for part in parts], axis=1) / step
-    changes = np.zeros((4, tensions.size + 1, twist.shape[1]))
-    changes[:, :-1] = by_tension
-    changes[:, -1] = -np.einsum('ijn,j->in', by_tension, tensions)
-    return Sensitivity(*from_twist_changes(energy, grid, twist, frames, changes, [tensions.size]))
+    by_young = np.einsum('ijn,j->in', by_tension, -tensions)
+    return np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
 
 
 def from_twist_changes(
@@ -175,6 +188,20 @@ def from_twist_changes(
     by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = lengths_along(by_twist * integration_weights(grid), changes)
     return _split(pose, strains, length, counts)
+
+
+def tip_from_twist_changes(
+    grid: StationGrid, twist: FloatArray, frames: Quaternions, changes: FloatArray
+) -> FloatArray:
+    """Change of the tip alone, (6, columns), otherwise as `from_twist_changes`."""
+    rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
+    # A bend turns what lies beyond about itself.
+    lever = integrate_from_tip(rotation[:, 0] * twist[3], grid)
+    by_twist = np.zeros((6, 4, twist.shape[1]))
+    by_twist[:3, :3] = cross(rotation, np.broadcast_to(lever[:, np.newaxis], rotation.shape))
+    by_twist[:3, 3] = rotation[:, 0]
+    by_twist[3:, :3] = rotation
+    return np.tensordot(by_twist * integration_weights(grid), changes, axes=([1, 2], [0, 2]))
 
 
 def lengths_along(weighted: FloatArray, changes: FloatArray) -> FloatArray:

@@ -38,18 +38,15 @@ class Imbalance:
         return -unscale_gradient(self._energy, self._twist, gradient)[:, :, 0]
 
     @functools.cached_property
-    def _lengthening(self) -> FloatArray:
-        return self._energy.lengthening(self.strain, self._local_tensions)[1]
-
-    @property
     def length_by_twist(self) -> FloatArray:
         """Gradient of every tendon's stretch by the twist, (n, tendons, points)."""
-        return -self._left_by(self._lengthening)
+        _, gradient = self._energy.lengthening(self.strain, self._local_tensions)
+        return -self._left_by(gradient)
 
     @property
     def by_tension(self) -> FloatArray:
         """Per newton of each tendon's tension at the base, without friction."""
-        return self._left_by(self._lengthening * self._energy.transmission)
+        return -self.length_by_twist * self._energy.transmission[:, 0]
 
     @property
     def by_youngs_modulus(self) -> FloatArray:

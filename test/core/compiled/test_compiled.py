@@ -18,9 +18,11 @@ from octo_arm_model import (
     Arm,
     Backbone,
     Config,
+    DistributedLoad,
     Loads,
     Material,
     PointLoad,
+    Pose,
     ProfiledBody,
     SolveError,
     Solver,
@@ -184,6 +186,49 @@ def test_exact_comes_out_as_with_numpy(arm: Arm, law: str, loads: Loads) -> None
         numpy.sensitivity(numpy.solve(tensions[3])).by_tension.pose,
         atol=1e-7,
     )
+
+
+HANGING = Loads(
+    gravity=(0.0, 2.0, -9.81),
+    fluid_density=900.0,
+    tip_force=(0.0, 1e-3, 1e-3),
+    points=(PointLoad(0.2, (0.0, 1e-3, 0.0)),),
+)
+
+
+@pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
+@pytest.mark.parametrize('arm', [TABLE_4.arm, HELICAL], ids=['table 4', 'helical'])
+@pytest.mark.parametrize('loads', [Loads(), HANGING], ids=['unloaded', 'loaded'])
+def test_derivatives_come_out_as_with_numpy(arm: Arm, law: str, loads: Loads) -> None:
+    arm = arm.with_density(1080.0)
+    base = Pose((0.1, 0.2, 0.3), (0.5, 0.5, -0.5, 0.5))
+    machine, numpy = (
+        Solver(arm, 'exact', 41, base, material=law, loads=loads, compiled=flag)
+        for flag in (True, False)
+    )
+    tensions = np.random.default_rng(2).random(arm.tension_shape)
+    tensions.flat[1] = 0.0
+    backbone = machine.solve(tensions)
+    one, other = machine.sensitivity(backbone), numpy.sensitivity(backbone)
+    pairs = [(getattr(one, name), getattr(other, name)) for name in vars(one)]
+    # Where no load acts yet, and several kinds of them.
+    each = (
+        Loads(gravity=(1.0, 0.0, 2.0), tip_moment=(1e-3, 0.0, 2e-3)),
+        Loads(distributed=(DistributedLoad((0.0, arm.length), ((0, 1, 0), (1, 0, 1))),)),
+        Loads(tip_force=(0.0, 1.0, 0.0)),
+    )
+    pairs.append(tuple(way.sensitivity_to_loads(backbone, each) for way in (machine, numpy)))
+    compared = 0
+    for quick, slow in pairs:
+        assert (quick is None) == (slow is None)
+        if quick is None:
+            continue
+        compared += 1
+        for name in vars(quick):
+            a, b = getattr(quick, name), getattr(slow, name)
+            assert a.shape == b.shape
+            np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-10 * np.abs(b).max())
+    assert compared == 6
 
 
 def test_what_points_do_not_resolve_is_found_at_all_nodes() -> None:
