@@ -1,6 +1,6 @@
 """The loops of `kernels` as machine code, where numba is installed and works.
 
-Compiling takes up to a minute, once: numba keeps the result beside this package or, where
+Compiling takes a minute or two, once: numba keeps the result beside this package or, where
 nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
 could not be kept, has another checksum or cannot be read again is compiled anew. Whatever goes
 wrong otherwise is logged, and NumPy solves.
@@ -323,7 +323,7 @@ def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
             name = machine.__name__
             # One line for all entries together.
             if not _ANNOUNCED or name in _ANNOUNCED:
-                _LOG.info('compiling the models: up to a minute, once on this machine')
+                _LOG.info('compiling the models: a minute or two, once on this machine')
             _ANNOUNCED.add(name)
         machine(*arguments)
         if sum(machine.stats.cache_misses.values()):

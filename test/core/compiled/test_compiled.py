@@ -385,7 +385,7 @@ def test_what_was_kept_but_not_whole_is_made_anew(
     assert numba_build.is_available()
     assert kept.stat().st_size == size
     assert [text for text, _ in nothing_known] == 2 * [
-        'compiling the models: up to a minute, once on this machine'
+        'compiling the models: a minute or two, once on this machine'
     ]
 
 
@@ -417,7 +417,7 @@ def test_of_what_was_kept_not_one_bit_may_differ(
     numba_build.find_shapes.cache_clear()
     assert sum(numba_build.find_shapes().stats.cache_hits.values()) == 1 and len(loaded) == 1
     assert [text for text, _ in nothing_known] == 2 * [
-        'compiling the models: up to a minute, once on this machine'
+        'compiling the models: a minute or two, once on this machine'
     ]
 
 
