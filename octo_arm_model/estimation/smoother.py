@@ -34,7 +34,7 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.posterior_mean import gradient as gradient_of
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.update import kinds_of
+from octo_arm_model.estimation.taken import kinds_of
 
 MAX_RECORDED = 100_000  # times
 _MOST = 100  # passes

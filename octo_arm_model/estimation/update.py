@@ -1,40 +1,37 @@
 """What measurements of one time make of a belief: the step of the filter.
 
-Linear measurements are exact and cost no shape, so they come first; the others all together by
-`fit`, from the last shape on. Where that does not converge, or one of them is not as expected,
-each is judged by itself; those that the others contradict are refused too.
+Linear measurements come first, then the others, see `taken`; those that the others contradict are
+refused too.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Hashable, Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.belief import (
     Belief,
     chi_square_limit,
-    gain,
-    lower_root,
-    normalised_square,
     solve_lower,
 )
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.fit import Fit, fit, nearest_possible
-from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
-from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, most_probable
+from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.taken import (
+    Kinds,
+    Taken,
+    kinds_of,
+    take_linear,
+    take_others,
+    volume_of,
+)
 
 _MOST_KINDS = 8  # of measurements together whose curvature is kept
 _REDUNDANT = 1e-6  # part of its variance that others must tell of a number to contradict it
-
-Kinds: TypeAlias = tuple[Hashable, ...]
-Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
 
 
 class Innovation(NamedTuple):
@@ -119,7 +116,7 @@ def update(
             size += value.size
         else:
             root = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + _volume(root))
+            log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
     return Updated(
         found.belief,
         found.at,
@@ -132,156 +129,27 @@ def update(
     )
 
 
-class _Taken(NamedTuple):
-    """A belief after some measurements.
-
-    Attributes:
-        belief: after them.
-        at: the prediction of its mean.
-        accepted: those that were used.
-        squares: normalised squares of all, by `id`.
-        square: of all that were accepted together.
-        volume: twice the logarithm of the denominator of their density.
-        curvature: of what these predict, if that is known.
-    """
-
-    belief: Belief
-    at: Prediction
-    accepted: Sequence[Measurement] = ()
-    squares: Mapping[int, float] = {}
-    square: float = 0.0
-    volume: float = 0.0
-    curvature: Curvature | None = None
-
-
 def _take_all(
     model: ArmModel,
     belief: Belief,
     measurements: Sequence[Measurement],
     last: Updated | None,
     gate: float,
-) -> tuple[_Taken, _Taken]:
+) -> tuple[Taken, Taken]:
     """``belief`` after linear ``measurements``, and after all.
 
     Raises:
         SolveError: if they find no agreement.
     """
     at = Prediction(model, belief.mean, last and last.shape)
-    linear = _take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
+    linear = take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
     others = [one for one in measurements if not one.is_linear]
-    return linear, _take(linear.belief, others, linear.at, last, gate)
-
-
-def _take_linear(
-    prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
-) -> _Taken:
-    """``prior`` after linear ``measurements``, whose mean is ``at``."""
-    squares: dict[int, float] = {}
-    accepted = measurements
-    while accepted:
-        left, jacobian = residuals(accepted, at), jacobians(accepted, at)
-        by = gain(prior.root, jacobian, noise_root(accepted))
-        if not squares:
-            squares = _squares(accepted, left, by.innovation_root)
-            within = _within(accepted, squares, gate)
-            if len(within) < len(accepted):
-                accepted = within
-                continue
-        wanted, posterior = prior.mean + by.gain @ left, Belief(prior.mean, by.root)
-        mean = nearest_possible(at.model, posterior, wanted)
-        square = normalised_square(left, by.innovation_root)
-        square += normalised_square(mean - wanted, by.root)
-        new = Prediction(at.model, mean, at.shape)
-        volume = _volume(by.innovation_root)
-        return _Taken(Belief(mean, by.root), new, accepted, squares, square, volume)
-    return _Taken(prior, at, (), squares)
-
-
-def _take(
-    prior: Belief,
-    measurements: Sequence[Measurement],
-    at: Prediction,
-    last: Updated | None,
-    gate: float,
-) -> _Taken:
-    """``prior`` after other ``measurements``, whose mean is ``at``.
-
-    Raises:
-        SolveError: if they find no agreement.
-    """
-    if not measurements:
-        return _Taken(prior, at)
-    if last is not None:
-        known = last.curvatures.get(kinds_of(measurements))
-        try:
-            taken = _all(measurements, fit(prior, measurements, last.at, known))
-        except SolveError:
-            pass
-        else:
-            if len(_within(measurements, taken.squares, gate)) == len(measurements):
-                return taken
-    starts: list[Start] = [(at, FROM_AFAR)]
-    if last is not None:
-        starts.insert(0, (last.at, FROM_NEARBY))
-    if len(measurements) > 1:
-        limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
-        start, square = _most_probable(prior, measurements, starts, limit)
-        if square <= limit:
-            try:
-                taken = _all(measurements, fit(prior, measurements, start, None))
-            except SolveError:
-                pass
-            else:
-                if len(_within(measurements, taken.squares, gate)) == len(measurements):
-                    return taken
-    squares = {}
-    for one in measurements:
-        limit = chi_square_limit(gate, one.value.size)
-        _, squares[id(one)] = _most_probable(prior, [one], starts, limit)
-    accepted = _within(measurements, squares, gate)
-    if not accepted:
-        return _Taken(prior, at, (), squares)
-    limit = chi_square_limit(gate, sum(one.value.size for one in accepted))
-    start, _ = _most_probable(prior, accepted, starts, limit)
-    try:
-        found = fit(prior, accepted, start, None)
-    except SolveError:
-        found = fit(prior, accepted, start, None, to_mode=True)
-    return _all(accepted, found)._replace(squares=squares)
-
-
-def _all(measurements: Sequence[Measurement], found: Fit) -> _Taken:
-    """All ``measurements`` taken, as they were ``found``."""
-    root = found.innovation_root
-    squares = _squares(measurements, found.innovation, root)
-    return _Taken(
-        found.belief, found.at, measurements, squares, found.square, _volume(root),
-        found.curvature,
-    )  # fmt: skip
-
-
-def _most_probable(
-    prior: Belief, measurements: Sequence[Measurement], starts: Sequence[Start], enough: float
-) -> tuple[Prediction, float]:
-    """`most_probable` from the best of ``starts``, or the first that is as good as ``enough``.
-
-    Infinite where there is none.
-    """
-    best, least = starts[0][0], math.inf
-    for start, factors in starts:
-        try:
-            at, square = most_probable(prior, measurements, start, factors)
-        except SolveError:
-            continue
-        if square < least:
-            best, least = at, square
-        if least <= enough:
-            break
-    return best, least
+    known = last and (last.at, last.curvatures.get(kinds_of(others)))
+    return linear, take_others(linear.belief, others, linear.at, known, gate)
 
 
 def _contradicted(
-    accepted: Sequence[Measurement], linear: _Taken, found: _Taken, gate: float
+    accepted: Sequence[Measurement], linear: Taken, found: Taken, gate: float
 ) -> tuple[Measurement, float] | None:
     """The measurement that all others contradict the most, and its square by these.
 
@@ -304,7 +172,7 @@ def _contradicted(
     return worst
 
 
-def _kept(last: Updated | None, found: _Taken) -> dict[Kinds, Curvature]:
+def _kept(last: Updated | None, found: Taken) -> dict[Kinds, Curvature]:
     """Curvatures of what was measured together last."""
     kept = dict(last.curvatures) if last is not None else {}
     if found.curvature is not None:
@@ -314,36 +182,3 @@ def _kept(last: Updated | None, found: _Taken) -> dict[Kinds, Curvature]:
         if len(kept) > _MOST_KINDS:
             del kept[next(iter(kept))]
     return kept
-
-
-def kinds_of(measurements: Sequence[Measurement]) -> Kinds:
-    """What ``measurements`` are of, whatever their values."""
-    return tuple(one.kind for one in measurements)
-
-
-def _squares(
-    measurements: Sequence[Measurement], innovation: FloatArray, root: FloatArray
-) -> dict[int, float]:
-    """Normalised square of each, by `id`; ``root`` is of the covariance of all."""
-    if len(measurements) == 1:
-        return {id(measurements[0]): normalised_square(innovation, root)}
-    found, first = {}, 0
-    for one in measurements:
-        own = slice(first, first + one.value.size)
-        found[id(one)] = normalised_square(innovation[own], lower_root([root[own]]))
-        first = own.stop
-    return found
-
-
-def _within(
-    measurements: Sequence[Measurement], squares: Mapping[int, float], gate: float
-) -> list[Measurement]:
-    """Those whose ``squares`` are within the ``gate``."""
-    return [
-        one for one in measurements if squares[id(one)] <= chi_square_limit(gate, one.value.size)
-    ]
-
-
-def _volume(root: FloatArray) -> float:
-    """Twice the logarithm of the normal density's denominator, for a covariance of ``root``."""
-    return 2.0 * float(np.log(root.diagonal()).sum()) + len(root) * math.log(2.0 * math.pi)

@@ -1,0 +1,196 @@
+"""A belief after linear measurements and after others, and which of them are within the gate.
+
+Linear measurements are exact and cost no shape; the others are taken all together by `fit`, from
+the last shape on. Where that does not converge, or one of them is not as expected, each is judged
+by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.belief import (
+    Belief,
+    chi_square_limit,
+    gain,
+    lower_root,
+    normalised_square,
+)
+from octo_arm_model.estimation.curvature import Curvature
+from octo_arm_model.estimation.fit import Fit, fit, nearest_possible
+from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
+from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, most_probable
+from octo_arm_model.estimation.prediction import Prediction
+
+Kinds: TypeAlias = tuple[Hashable, ...]
+Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
+
+
+class Taken(NamedTuple):
+    """A belief after some measurements.
+
+    Attributes:
+        belief: after them.
+        at: the prediction of its mean.
+        accepted: those that were used.
+        squares: normalised squares of all, by `id`.
+        square: of all that were accepted together.
+        volume: twice the logarithm of the denominator of their density.
+        curvature: of what these predict, if that is known.
+    """
+
+    belief: Belief
+    at: Prediction
+    accepted: Sequence[Measurement] = ()
+    squares: Mapping[int, float] = {}
+    square: float = 0.0
+    volume: float = 0.0
+    curvature: Curvature | None = None
+
+
+def take_linear(
+    prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
+) -> Taken:
+    """``prior`` after linear ``measurements``, whose mean is ``at``."""
+    squares: dict[int, float] = {}
+    accepted = measurements
+    while accepted:
+        left, jacobian = residuals(accepted, at), jacobians(accepted, at)
+        by = gain(prior.root, jacobian, noise_root(accepted))
+        if not squares:
+            squares = _squares(accepted, left, by.innovation_root)
+            within = _within(accepted, squares, gate)
+            if len(within) < len(accepted):
+                accepted = within
+                continue
+        wanted, posterior = prior.mean + by.gain @ left, Belief(prior.mean, by.root)
+        mean = nearest_possible(at.model, posterior, wanted)
+        square = normalised_square(left, by.innovation_root)
+        square += normalised_square(mean - wanted, by.root)
+        new = Prediction(at.model, mean, at.shape)
+        volume = volume_of(by.innovation_root)
+        return Taken(Belief(mean, by.root), new, accepted, squares, square, volume)
+    return Taken(prior, at, (), squares)
+
+
+def take_others(
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    at: Prediction,
+    last: tuple[Prediction, Curvature | None] | None,
+    gate: float,
+) -> Taken:
+    """``prior`` after other ``measurements``, whose mean is ``at``.
+
+    ``last`` is the prediction of the last mean, and the curvature of what these predict.
+
+    Raises:
+        SolveError: if they find no agreement.
+    """
+    if not measurements:
+        return Taken(prior, at)
+    if last is not None:
+        try:
+            taken = _all(measurements, fit(prior, measurements, *last))
+        except SolveError:
+            pass
+        else:
+            if len(_within(measurements, taken.squares, gate)) == len(measurements):
+                return taken
+    starts: list[Start] = [(at, FROM_AFAR)]
+    if last is not None:
+        starts.insert(0, (last[0], FROM_NEARBY))
+    if len(measurements) > 1:
+        limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
+        start, square = _most_probable(prior, measurements, starts, limit)
+        if square <= limit:
+            try:
+                taken = _all(measurements, fit(prior, measurements, start, None))
+            except SolveError:
+                pass
+            else:
+                if len(_within(measurements, taken.squares, gate)) == len(measurements):
+                    return taken
+    squares = {}
+    for one in measurements:
+        limit = chi_square_limit(gate, one.value.size)
+        _, squares[id(one)] = _most_probable(prior, [one], starts, limit)
+    accepted = _within(measurements, squares, gate)
+    if not accepted:
+        return Taken(prior, at, (), squares)
+    limit = chi_square_limit(gate, sum(one.value.size for one in accepted))
+    start, _ = _most_probable(prior, accepted, starts, limit)
+    try:
+        found = fit(prior, accepted, start, None)
+    except SolveError:
+        found = fit(prior, accepted, start, None, to_mode=True)
+    return _all(accepted, found)._replace(squares=squares)
+
+
+def _all(measurements: Sequence[Measurement], found: Fit) -> Taken:
+    """All ``measurements`` taken, as they were ``found``."""
+    root = found.innovation_root
+    squares = _squares(measurements, found.innovation, root)
+    return Taken(
+        found.belief, found.at, measurements, squares, found.square, volume_of(root),
+        found.curvature,
+    )  # fmt: skip
+
+
+def _most_probable(
+    prior: Belief, measurements: Sequence[Measurement], starts: Sequence[Start], enough: float
+) -> tuple[Prediction, float]:
+    """`most_probable` from the best of ``starts``, or the first that is as good as ``enough``.
+
+    Infinite where there is none.
+    """
+    best, least = starts[0][0], math.inf
+    for start, factors in starts:
+        try:
+            at, square = most_probable(prior, measurements, start, factors)
+        except SolveError:
+            continue
+        if square < least:
+            best, least = at, square
+        if least <= enough:
+            break
+    return best, least
+
+
+def kinds_of(measurements: Sequence[Measurement]) -> Kinds:
+    """What ``measurements`` are of, whatever their values."""
+    return tuple(one.kind for one in measurements)
+
+
+def _squares(
+    measurements: Sequence[Measurement], innovation: FloatArray, root: FloatArray
+) -> dict[int, float]:
+    """Normalised square of each, by `id`; ``root`` is of the covariance of all."""
+    if len(measurements) == 1:
+        return {id(measurements[0]): normalised_square(innovation, root)}
+    found, first = {}, 0
+    for one in measurements:
+        own = slice(first, first + one.value.size)
+        found[id(one)] = normalised_square(innovation[own], lower_root([root[own]]))
+        first = own.stop
+    return found
+
+
+def _within(
+    measurements: Sequence[Measurement], squares: Mapping[int, float], gate: float
+) -> list[Measurement]:
+    """Those whose ``squares`` are within the ``gate``."""
+    return [
+        one for one in measurements if squares[id(one)] <= chi_square_limit(gate, one.value.size)
+    ]
+
+
+def volume_of(root: FloatArray) -> float:
+    """Twice the logarithm of the normal density's denominator, for a covariance of ``root``."""
+    return 2.0 * float(np.log(root.diagonal()).sum()) + len(root) * math.log(2.0 * math.pi)
