@@ -31,11 +31,7 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
-_COMPILE = (
-    'from octo_arm_model import Loads, Solver, load_config;'
-    'arm = load_config("config/renda2012_table4.yaml").arm;'
-    'Solver(arm, "exact", loads=Loads(tip_force=(0.0, 0.0, 1.0)), compiled=None)'
-)
+_COMPILE = 'from octo_arm_model.core.compiled.numba_build import make_all; make_all()'
 
 
 class CannotPrepare(Exception):

@@ -209,12 +209,14 @@ def read_rod() -> Callable[..., None]:
 @functools.cache
 def differentiate() -> Callable[..., int]:
     """`sensitivity_kernels.differentiate`, compiled; raises as `find_shapes`."""
-    dead, found = np.zeros((0, 3, 0)), np.zeros((0, 0, 0))
+    columns = 8  # of an arm without tendons
+    dead = np.zeros((0, 3, 0))
     return _made(
         functools.partial(_entry, function=sensitivity_kernels.differentiate),
         (
             no_rod(), no_parameters(), np.zeros(0), np.zeros(6), state_kernels.empty_state(0),
-            dead, dead, found, found, np.zeros((0, 0)),
+            dead, dead, np.zeros((0, 6, columns)), np.zeros((0, 4, columns)),
+            np.zeros((0, columns)),
         ),
     )  # fmt: skip
 
@@ -239,6 +241,17 @@ def read_out() -> Callable[..., bool]:
         functools.partial(_entry, function=frame_kernels.read_out),
         (no_grid(), none, none, np.zeros((0, 3)), np.zeros((0, 4))),
     )
+
+
+def make_all() -> dict[str, Any]:
+    """Every kernel that Python calls, by its name; empty where there is no machine code."""
+    if not is_available():
+        return {}
+    made = (
+        find_shapes, find_exact_shapes, read_out, find_sliding_shapes, find_lengths, wind, newton,
+        read_rod, find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
+    )  # fmt: skip
+    return {one.__name__: one() for one in made}
 
 
 def _made(entry: Callable[[Any], types.FunctionType], arguments: tuple[Any, ...]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -371,6 +372,23 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     find_shapes.__qualname__ = 'find_shapes'
     monkeypatch.setattr(numba_build, '_entry', lambda numba: find_shapes)
     return tmp_path
+
+
+@pytest.mark.slow
+def test_what_one_process_compiles_another_loads() -> None:
+    """A kernel whose first call fails would be compiled by every process again."""
+    pytest.importorskip('numba')
+    script = (
+        'from octo_arm_model.core.compiled.numba_build import make_all\n'
+        'for name, machine in make_all().items():\n'
+        '    print(name, sum(machine.stats.cache_misses.values()))\n'
+    )
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, '-c', script], capture_output=True, text=True, check=True
+        )
+    compiled = dict(line.split() for line in done.stdout.splitlines())
+    assert len(compiled) > 10 and set(compiled.values()) == {'0'}
 
 
 @pytest.mark.parametrize('suffix', ['nbi', 'nbc'])
