@@ -20,7 +20,8 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import profile_names
+from octo_arm_model.simulation.commands import find_profile, profile_names
+from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser
 from octo_arm_model.viewer.options import add_optional_page, open_page
@@ -28,7 +29,7 @@ from octo_arm_model.viewer.options import add_optional_page, open_page
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
-_SLOWLY = 0.3  # speed of the movement of an arm that is pushed
+_SLOWLY = 0.3  # highest speed of the movement of an arm that is pushed
 _POLL = 1.0 / 30.0  # [s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
@@ -46,6 +47,17 @@ def movement_of(arm: Arm) -> str:
     """Name of the first of the preferred movements that is for ``arm``."""
     names = profile_names(arm)
     return next(name for name in _MOVEMENTS if name in names)
+
+
+def speed_within(profile: CommandProfile, rate: float) -> float:
+    """Speed at which tensions change as the estimator expects, at most `_SLOWLY`.
+
+    Between two samples none changes by more than the standard deviation of a random walk of
+    ``rate`` [N/s^0.5]; what changes faster would be refused by the gate.
+    """
+    samples = profile.at(np.arange(0.0, profile.duration, 1.0 / RATE))
+    fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0))
+    return min(_SLOWLY, rate / RATE**0.5 / max(fastest, 1e-9))
 
 
 def describe(client: ArmClient) -> str:
@@ -93,7 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common)]
     if options.estimate:
         pushing, estimating = touched(config)
-        playing |= {**pushing, 'profile.speed': _SLOWLY}
+        profile = find_profile(movement, config.arm)
+        speed = speed_within(profile, estimating['estimator.tension_rate'])
+        playing |= {**pushing, 'profile.speed': speed}
         commands = [('octo_arm_model.ros.estimator.main', *common, *_given(estimating))]
     commands.append(('octo_arm_model.ros.simulator_node', *common, *_given(playing)))
     with contextlib.ExitStack() as stack:
