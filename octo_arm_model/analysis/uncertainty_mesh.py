@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from octo_arm_model.analysis.arm_mesh import MOST_RINGS, SIDES, tube_triangles
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.section.highest_tensions import bending_force
 
 INSIDE = 0.95  # probability of what is drawn to hold the truth
-_ONE, _TWO, _THREE = (float(chi2.ppf(INSIDE, size)) for size in (1, 2, 3))
+_ONE, _TWO, _THREE = (chi_square_limit(INSIDE, size) for size in (1, 2, 3))
 # A force that moves the tip by _BENT of the length is drawn as _LENGTH of it.
 _BENT, _LENGTH = 0.2, 0.3
 _LONGEST = 0.6  # of the length
@@ -52,6 +52,7 @@ class UncertaintyDrawing:
         self._rings = np.unique(
             np.linspace(0.0, s.size - 1.0, min(s.size, MOST_RINGS)).round().astype(np.int64)
         )
+        self._s = s
         self._radius = _RIM * arm.body.radius(s[self._rings])
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         self._circle = np.array([np.cos(angle), np.sin(angle)])
@@ -79,6 +80,14 @@ class UncertaintyDrawing:
         reach = self._radius + np.sqrt(_ONE * np.maximum(variance, 0.0))
         surface = centre + reach[..., np.newaxis] * out
         return np.concatenate([surface.reshape(-1, 3), centre[[0, -1]]])
+
+    def place(self, position: FloatArray, s: float) -> FloatArray:
+        """Where a force at ``s`` [m] acts, (3,) [m]; ``position`` is as that of `tube`.
+
+        The resultant of a current, whose ``s`` is NaN, acts everywhere and is drawn at the middle.
+        """
+        at = 0.5 * self._s[-1] if np.isnan(s) else s
+        return np.array([np.interp(at, self._s, axis) for axis in position.T])
 
     def arrow(self, start: FloatArray, force: FloatArray, covariance: FloatArray) -> Arrow | None:
         """The arrow of a ``force`` (3,) [N] of ``covariance`` (3, 3) from ``start`` (3,) on [m].

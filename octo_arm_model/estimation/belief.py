@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtrsm, dtrsv
 from scipy.linalg.lapack import dgeqrf
-from scipy.stats import chi2
 
 from octo_arm_model.core.hints import FloatArray
 
@@ -76,10 +75,9 @@ def normalised_square(residual: FloatArray, root: FloatArray) -> float:
     return float(white @ white)
 
 
-@functools.lru_cache(maxsize=1024)
-def chi_square_limit(probability: float, size: int) -> float:
-    """What a normalised square of ``size`` numbers exceeds with 1 - ``probability``."""
-    return float(chi2.ppf(probability, size))
+def log_determinant(root: FloatArray) -> float:
+    """Logarithm of the determinant of a covariance, by its ``root`` (n, n)."""
+    return 2.0 * float(np.log(root.diagonal()).sum())
 
 
 def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = False) -> FloatArray:

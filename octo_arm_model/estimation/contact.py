@@ -31,6 +31,9 @@ class Contact(NamedTuple):
     is_at_tip: bool = False
 
 
+NO_CONTACT = Contact(math.nan, np.zeros(6), np.zeros((6, 6)))
+
+
 def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
     """The wrench on the tip of ``arm``, else the first point force, else the current's resultant.
 

@@ -45,20 +45,19 @@ class Step:
     updated: Updated
 
 
-def first_step(
-    model: ArmModel, time: float, measurements: tuple[Measurement, ...], gate: float
-) -> Step:
-    """From nothing but the prior; see `update`."""
-    belief = prior(model)
-    return Step(time, measurements, update(model, belief, measurements, None, gate))
-
-
 def next_step(
-    model: ArmModel, last: Step, time: float, measurements: tuple[Measurement, ...], gate: float
+    model: ArmModel,
+    last: Step | None,
+    time: float,
+    measurements: tuple[Measurement, ...],
+    gate: float,
 ) -> Step:
-    """From the ``last`` one to ``time`` [s]; see `update`."""
-    belief = predict(model, last.updated.belief, time - last.time)
-    return Step(time, measurements, update(model, belief, measurements, last.updated, gate))
+    """From the ``last`` one, or from nothing but the prior, to ``time`` [s]; see `update`."""
+    if last is None:
+        belief, updated = prior(model), None
+    else:
+        belief, updated = predict(model, last.updated.belief, time - last.time), last.updated
+    return Step(time, measurements, update(model, belief, measurements, updated, gate))
 
 
 class Filter:
@@ -119,10 +118,7 @@ class Filter:
         first = time if self._first is None else self._first
         new = steps[:index]
         for at, made in [(time, taken), *((s.time, s.measurements) for s in steps[index:])]:
-            if new:
-                new.append(next_step(self.model, new[-1], at, made, self._gate))
-            else:
-                new.append(first_step(self.model, at, made, self._gate))
+            new.append(next_step(self.model, new[-1] if new else None, at, made, self._gate))
         self._count(new[index].updated)
         newest = new[-1]
         since = bisect.bisect_left([step.time for step in new], newest.time - self._window)

@@ -15,7 +15,14 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Belief, Gain, gain, solve_lower
+from octo_arm_model.estimation.belief import (
+    Belief,
+    Gain,
+    gain,
+    log_determinant,
+    normalised_square,
+    solve_lower,
+)
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of, turned
 from octo_arm_model.estimation.measurements import (
     Measurement,
@@ -182,11 +189,8 @@ class _Posterior:
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """Sum of squares of the change of the state and of the noise, in standard deviations."""
-        away, off = (
-            solve_lower(self._prior.root, x - self._prior.mean),
-            solve_lower(self._noise, left),
-        )
-        return float(away @ away + off @ off)
+        change = normalised_square(x - self._prior.mean, self._prior.root)
+        return change + normalised_square(left, self._noise)
 
     def mean(self, local: Local, step: _Step) -> FloatArray:
         """The mean by a ``local`` model, from a ``step`` on."""
@@ -223,12 +227,11 @@ class _Posterior:
         new = nearest_possible(self._model, Belief(x, by.root), wanted)
         if new is not wanted:
             change = solve_lower(by.root, new - x)
-            clipped = solve_lower(by.root, new - wanted)
-            square += float(clipped @ clipped)
+            square += normalised_square(new - wanted, by.root)
         size = math.sqrt(float(change @ change) / count)
         cost = self.square(x, left)
         if not self._to_mode:
-            cost += 2.0 * float(np.log(by.innovation_root.diagonal()).sum())
+            cost += log_determinant(by.innovation_root)
         return _Step(x, new, size, by, innovation, square, cost)
 
 

@@ -19,12 +19,13 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import (
     Belief,
     gain,
+    log_determinant,
     lower_root,
     normalised_square,
     solve_lower,
 )
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
-from octo_arm_model.estimation.filter import GATE, Step, first_step, next_step, predict, prior
+from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
 from octo_arm_model.estimation.fit import TOLERANCE, nearest_possible
 from octo_arm_model.estimation.measurements import (
     Measurement,
@@ -170,8 +171,7 @@ def _filtered(
         if len(steps) == MAX_RECORDED:
             raise MeasurementError(f'more than {MAX_RECORDED} times, which is the most')
         made = tuple(measurements)
-        step = next_step(model, steps[-1], time, made, gate) if steps else None
-        steps.append(step or first_step(model, time, made, gate))
+        steps.append(next_step(model, steps[-1] if steps else None, time, made, gate))
         steps[-1].updated.at.forget()
         progress(len(steps))
     return steps
@@ -190,9 +190,10 @@ def _forward(
     beliefs: list[Belief] = []
     volume = 0.0
     for number, (step, at, gradient) in enumerate(zip(steps, points, gradients, strict=True)):
-        belief = prior(model)
         if number:
             belief = predict(model, beliefs[-1], step.time - steps[number - 1].time)
+        else:
+            belief = prior(model)
         accepted = step.updated.accepted
         if accepted:
             jacobian = jacobians(accepted, at)
@@ -200,7 +201,7 @@ def _forward(
             left = residuals(accepted, at) + jacobian @ (at.x - belief.mean)
             shift = by.root @ (by.root.T @ gradient)
             belief = Belief(belief.mean + by.gain @ left - shift, by.root)
-            volume += 2.0 * float(np.log(by.innovation_root.diagonal()).sum())
+            volume += log_determinant(by.innovation_root)
         beliefs.append(belief)
     return beliefs, volume
 

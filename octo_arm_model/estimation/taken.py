@@ -11,14 +11,13 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
-
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.belief import (
     Belief,
-    chi_square_limit,
     gain,
+    log_determinant,
     lower_root,
     normalised_square,
 )
@@ -95,28 +94,16 @@ def take_others(
     """
     if not measurements:
         return Taken(prior, at)
-    if last is not None:
-        try:
-            taken = _all(measurements, fit(prior, measurements, *last))
-        except SolveError:
-            pass
-        else:
-            if len(_within(measurements, taken.squares, gate)) == len(measurements):
-                return taken
+    if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
+        return taken
     starts: list[Start] = [(at, FROM_AFAR)]
     if last is not None:
         starts.insert(0, (last[0], FROM_NEARBY))
     if len(measurements) > 1:
         limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
         start, square = _most_probable(prior, measurements, starts, limit)
-        if square <= limit:
-            try:
-                taken = _all(measurements, fit(prior, measurements, start, None))
-            except SolveError:
-                pass
-            else:
-                if len(_within(measurements, taken.squares, gate)) == len(measurements):
-                    return taken
+        if square <= limit and (taken := _agreed(prior, measurements, start, None, gate)):
+            return taken
     squares = {}
     for one in measurements:
         limit = chi_square_limit(gate, one.value.size)
@@ -131,6 +118,21 @@ def take_others(
     except SolveError:
         found = fit(prior, accepted, start, None, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
+
+
+def _agreed(
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    start: Prediction,
+    known: Curvature | None,
+    gate: float,
+) -> Taken | None:
+    """All ``measurements`` taken, from ``start`` on; None unless all are within the ``gate``."""
+    try:
+        taken = _all(measurements, fit(prior, measurements, start, known))
+    except SolveError:
+        return None
+    return taken if len(_within(measurements, taken.squares, gate)) == len(measurements) else None
 
 
 def _all(measurements: Sequence[Measurement], found: Fit) -> Taken:
@@ -193,4 +195,4 @@ def _within(
 
 def volume_of(root: FloatArray) -> float:
     """Twice the logarithm of the normal density's denominator, for a covariance of ``root``."""
-    return 2.0 * float(np.log(root.diagonal()).sum()) + len(root) * math.log(2.0 * math.pi)
+    return log_determinant(root) + len(root) * math.log(2.0 * math.pi)

@@ -84,6 +84,14 @@ class Consistency:
         self.refused_to = stamp_ns
 
 
+def count_innovations(
+    consistency: dict[str, Consistency], stamp_ns: int, innovations: Sequence[Innovation]
+) -> None:
+    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds."""
+    for one in innovations:
+        consistency.setdefault(one.name, Consistency()).count(stamp_ns, one)
+
+
 class Tracker:
     """Follows one arm.
 
@@ -144,17 +152,15 @@ class Tracker:
             self.failed += 1
             raise
         self.origin_ns, self._newest = origin, max(time, self._newest)
-        for one in tracked.innovations:
-            self.consistency.setdefault(one.name, Consistency()).count(stamp_ns, one)
+        count_innovations(self.consistency, stamp_ns, tracked.innovations)
         return tracked
 
     def _add(self, time: float, measurements: Sequence[Measurement]) -> Tracked:
         if self._filter is not None:
-            late = self._filter.late
             try:
                 estimate = self._filter.add(time, measurements)
             finally:
-                self.late += self._filter.late - late
+                self.late = self._filter.late
             one = self._filter.innovations
             return Tracked(estimate, self._name, {self._name: 1.0}, one)
         assert self._hypotheses is not None

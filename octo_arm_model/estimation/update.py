@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.belief import (
     Belief,
-    chi_square_limit,
     solve_lower,
 )
 from octo_arm_model.estimation.curvature import Curvature

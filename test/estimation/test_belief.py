@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model.estimation.belief import Belief, chi_square_limit, gain, normalised_square
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.estimation.belief import Belief, gain, normalised_square
 from octo_arm_model.estimation.observability import unlearnt
 from octo_arm_model.estimation.unknowns import Walk
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.contact import Contact, contact_of
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate
 from octo_arm_model.experiment.estimating.touches import (
     Touch,
@@ -17,7 +17,7 @@ from octo_arm_model.experiment.estimating.touches import (
     is_touched,
 )
 
-_NONE = np.full(6, np.nan)
+_NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 
 
 class Moment(NamedTuple):
@@ -48,11 +48,7 @@ def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
     """What ``one`` estimate of ``arm`` at a ``time`` [s] knows."""
     estimate = one.estimate
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
-    contact = contact_of(estimate, arm)
-    if contact is None:
-        return Moment(
-            time, estimate.backbone.tip, tip_stddev, np.nan, _NONE, _NONE, one.hypothesis, False
-        )
+    contact = contact_of(estimate, arm) or _NONE
     return Moment(
         time, estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
         np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_touched(estimate),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.estimation.tracker import Consistency
+from octo_arm_model.estimation.tracker import Consistency, count_innovations
 from octo_arm_model.experiment.estimating.camera_check import CameraErrors
 from octo_arm_model.experiment.estimating.estimates import (
     Progress,
@@ -72,9 +72,7 @@ def estimate(
         time = 1e-9 * (one.stamp_ns - recorded.origin_ns)
         moments.append(moment_of(time, one, recorded.config.arm))
         write(moments[-1], one)
-        for innovation in one.innovations:
-            kind = consistency.setdefault(innovation.name, Consistency())
-            kind.count(one.stamp_ns, innovation)
+        count_innovations(consistency, one.stamp_ns, one.innovations)
         if recorded.camera is not None:
             recorded.camera.add(time, one.estimate.backbone)
         total.update(one.probabilities)

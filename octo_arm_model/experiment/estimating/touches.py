@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import chi_square_limit
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.estimate import Estimate
 
 SURE = 0.999  # probability of no false alarm at one time
