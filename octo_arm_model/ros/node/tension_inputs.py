@@ -74,10 +74,12 @@ class TensionInputs:
             self._work.add(self._subscribe_to_field)
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
-        return TensionSubscription(
+        made = TensionSubscription(
             self._node, topic, self._arm, self._answer, self._work,
             names=self._names, message=message,
         )  # fmt: skip
+        self._diagnostics.publishers[made.topic] = made.count_publishers
+        return made
 
     def _subscribe_to_field(self) -> bool:
         """Subscribe to messages of the type that the parameters name, if they name one."""
@@ -88,18 +90,13 @@ class TensionInputs:
                 self._field_input = self._subscribe(FIELD_TOPIC, field)
             except OctoArmError as error:
                 self._node.get_logger().error(f'{FIELD_TOPIC} is not subscribed to: {error}')
-        self._count_publishers()
         return False
 
     def _unsubscribe_from_field(self) -> None:
         if self._field_input is not None:
             self._field_input.close()
+            self._diagnostics.publishers.pop(self._field_input.topic, None)
         self._field_input = None
-        self._count_publishers()
-
-    def _count_publishers(self) -> None:
-        inputs = [*self._inputs, *filter(None, [self._field_input])]
-        self._diagnostics.publishers = {one.topic: one.count_publishers for one in inputs}
 
     def _names(self) -> tuple[str, ...]:
         config = self._current()

@@ -342,6 +342,21 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
     client.measure([1000.0])
 
 
+def test_another_type_of_tensions_leaves_the_publishers_of_other_topics_counted(client):
+    def count():
+        return client.status('input')[1]['publishers']
+
+    before = count()
+    assert int(before) >= len(INPUTS)
+    field = {'tension_type': 'sensor_msgs/msg/LaserScan', 'tension_field': 'ranges'}
+    assert client.change(**field) == (True, '')
+    try:
+        assert count() == before
+    finally:
+        assert client.change(tension_type='', tension_field='') == (True, '')
+    assert count() == before
+
+
 def test_rviz_sees_the_tube_and_the_arrow(client):
     heard, steps = client.hear(MarkerArray, 'markers'), itertools.count()
     client.force = FORCE
