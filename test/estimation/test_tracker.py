@@ -39,7 +39,7 @@ def test_it_is_the_filter_by_seconds_from_the_first_stamp() -> None:
         given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
         found = tracker.add(ORIGIN + step * SECOND // 4, given)
         expected = one.add(0.25 * step, given)
-        np.testing.assert_array_equal(found.estimate.mean, expected.mean)
+        np.testing.assert_allclose(found.estimate.mean, expected.mean, rtol=0, atol=1e-12)
     assert (found.hypothesis, found.probabilities) == ('tip', {'tip': 1.0})
     assert found.estimate.time == 0.5
     kinds = tracker.consistency
@@ -126,7 +126,7 @@ def test_a_failure_changes_nothing_but_the_counts() -> None:
     other = Tracker({'tip': rubber(unbounded)})
     other.add(ORIGIN, given)
     found, expected = (one.add(ORIGIN + SECOND // 5, given).estimate for one in (tracker, other))
-    np.testing.assert_array_equal(found.mean, expected.mean)
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=0, atol=1e-12)
 
 
 def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:
