@@ -12,12 +12,12 @@ from octo_arm_model.wire.cdr_layout import Layout, text_field
 from octo_arm_model.wire.cdr_templates import Template
 
 # Of visualization_msgs/Marker.
-TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
-_ADD = 0
+_TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
+ADD = 0
 
 BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
 DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
-ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
+_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
 
 
 class MarkersWriter:
@@ -38,24 +38,20 @@ class MarkersWriter:
         frame = text_field('frame_id', frame_id)
         layout = Layout()
         layout.count(1 + drawing.disc_count + len(drawing.tendon_points))
-        begin_marker(layout, frame, b'body', 0, TRIANGLE_LIST)
-        layout.constants(ORIGIN)
-        layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
-        layout.constants(np.array(BODY_COLOUR, '<f4'))
-        finish_marker(layout, self._corners.size)
+        add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
         for index in range(drawing.disc_count):
-            begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
+            _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
             layout.poses(1)
             layout.numbers(2)
             layout.constants(np.array([drawing.disc_thickness], '<f8'))
             layout.constants(np.array(DISC_COLOUR, '<f4'))
-            finish_marker(layout, 0)
+            _finish_marker(layout, 0)
         for index, points in enumerate(drawing.tendon_points):
-            begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.constants(ORIGIN)
+            _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
+            layout.constants(_ORIGIN)
             layout.constants(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
-            finish_marker(layout, points)
+            _finish_marker(layout, points)
         self._template = Template(layout)
 
     def write(
@@ -129,8 +125,24 @@ class FramesWriter:
         return self._template.write(sec, nanosec, *values)
 
 
-def begin_marker(
-    layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = _ADD
+def add_triangles(
+    layout: Layout,
+    frame: bytes,
+    namespace: bytes,
+    colour: tuple[float, float, float, float],
+    corners: int,
+    action: int = ADD,
+) -> None:
+    """A Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
+    _begin_marker(layout, frame, namespace, 0, _TRIANGLE_LIST, action)
+    layout.constants(_ORIGIN)
+    layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
+    layout.constants(np.array(colour, '<f4'))
+    _finish_marker(layout, corners)
+
+
+def _begin_marker(
+    layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = ADD
 ) -> None:
     """The first fields of a Marker: its pose, scale and colour follow."""
     layout.header(frame)
@@ -138,7 +150,7 @@ def begin_marker(
     layout.constants(np.array([number, kind, action], '<i4'))
 
 
-def finish_marker(layout: Layout, points: int) -> None:
+def _finish_marker(layout: Layout, points: int) -> None:
     """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
     layout.zeros(4, 2)  # lifetime
     layout.zeros(1, 1)  # frame_locked

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.wire.cdr_backbone import BackboneWriter, tendon_tensions
@@ -92,16 +90,14 @@ class EstimateMessages:
         """
         shape, stamp = estimate.backbone, (sec, nanosec)
         pose, contact = estimate.pose_covariance, contact_of(estimate, self._arm)
-        s, of_contact = np.nan, np.zeros((6, 6))
-        if contact is not None:
-            s, of_contact = contact.s, contact.covariance
+        known = contact or NO_CONTACT
         messages = {
             'backbone/path': self._shape.path(shape, *stamp),
             'backbone/poses': self._shape.poses(shape, *stamp),
             'strains': self._shape.strains(shape, *stamp),
             'tip_pose': self._shape.tip_pose(shape, pose[-1], *stamp),
             'tendon_tension_estimates': self._shape.tensions(estimate.tensions, *stamp),
-            COVARIANCE: self._covariance.write(pose, s, of_contact, *stamp),
+            COVARIANCE: self._covariance.write(pose, known.s, known.covariance, *stamp),
         }
         if contact is not None:
             topic = TIP_WRENCH if contact.is_at_tip else CONTACT

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from octo_arm_model.analysis.uncertainty_mesh import (
     ARROW_TRIANGLES,
@@ -13,11 +12,11 @@ from octo_arm_model.analysis.uncertainty_mesh import (
 )
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.wire.cdr_drawing import ORIGIN, TRIANGLE_LIST, begin_marker, finish_marker
+from octo_arm_model.wire.cdr_drawing import ADD, add_triangles
 from octo_arm_model.wire.cdr_layout import Layout, text_field
 from octo_arm_model.wire.cdr_templates import Template
 
-_ADD, _DELETE = 0, 2  # of visualization_msgs/Marker
+_DELETE = 2  # of visualization_msgs/Marker
 
 
 class _Part(NamedTuple):
@@ -46,15 +45,15 @@ class UncertaintyMarkersWriter:
         tube = _Part(b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles)
         force = _Part(b'contact', (0.1, 0.43, 0.2, 1.0), ARROW_TRIANGLES)
         cone = _Part(b'cone', (0.1, 0.43, 0.2, 0.35), CONE_TRIANGLES)
-        self._with_force = _template(frame, [tube, force, cone], [])
-        self._without = _template(frame, [tube], [force, cone])
+        parts = tube, force, cone
+        self._with_force, self._without = _template(frame, parts, 3), _template(frame, parts, 1)
 
     def write(
         self,
         position: FloatArray,
         quaternion: FloatArray,
         covariance: FloatArray,
-        start: FloatArray,
+        s: float,
         force: FloatArray,
         of_force: FloatArray,
         sec: int,
@@ -62,29 +61,28 @@ class UncertaintyMarkersWriter:
     ) -> bytes:
         """Markers of one estimate; see `UncertaintyDrawing.tube` and `UncertaintyDrawing.arrow`.
 
-        ``of_force`` (3, 3) [N^2] is the covariance of ``force``.
+        ``force`` (3,) [N] acts at ``s`` [m], see `UncertaintyDrawing.place`; ``of_force`` (3, 3)
+        [N^2] is its covariance.
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
         tube = self._drawing.tube(position, quaternion, covariance)[self._drawing.triangles]
-        arrow = self._drawing.arrow(start, force, of_force)
+        arrow = self._drawing.arrow(self._drawing.place(position, s), force, of_force)
         if arrow is None:
             return self._without.write(sec, nanosec, tube.reshape(-1, 3))
         parts = tube, arrow.shaft[ARROW_TRIANGLES], arrow.cone[CONE_TRIANGLES]
         return self._with_force.write(sec, nanosec, *(part.reshape(-1, 3) for part in parts))
 
 
-def _template(frame: bytes, shown: list[_Part], deleted: list[_Part]) -> Template:
-    """A message with the markers ``shown``, whose points vary, and the ``deleted`` ones."""
+def _template(frame: bytes, parts: Sequence[_Part], shown: int) -> Template:
+    """A message with markers of the first ``shown`` ``parts``, whose points vary.
+
+    The others are deleted.
+    """
     layout = Layout()
-    layout.count(len(shown) + len(deleted))
-    for part in (*shown, *deleted):
-        is_shown = any(part is one for one in shown)
-        action = _ADD if is_shown else _DELETE
-        begin_marker(layout, frame, part.name, 0, TRIANGLE_LIST, action)
-        layout.constants(ORIGIN)
-        layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
-        layout.constants(np.array(part.colour, '<f4'))
-        finish_marker(layout, part.triangles.size if is_shown else 0)
+    layout.count(len(parts))
+    for number, part in enumerate(parts):
+        corners, action = (part.triangles.size, ADD) if number < shown else (0, _DELETE)
+        add_triangles(layout, frame, part.name, part.colour, corners, action)
     return Template(layout)

@@ -1,5 +1,6 @@
 """Programs that start others: their output, and that no process is left behind."""
 
+import math
 import os
 import re
 import signal
@@ -7,6 +8,7 @@ import socket
 import uuid
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
@@ -14,8 +16,10 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from live_nodes import DEADLINE, new_domain, start
 
+from octo_arm_model import load_config
 from octo_arm_model.apps import demo
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.simulation.commands import find_profile
 
 pytestmark = pytest.mark.slow
 
@@ -137,3 +141,17 @@ def test_a_config_that_is_none_is_one_clear_line(config, capsys):
     complaint = capsys.readouterr().err
     assert complaint.count('\n') == 1
     assert config in complaint
+
+
+@pytest.mark.parametrize('rate', [0.02, 0.5, 100.0])
+def test_an_arm_that_is_pushed_moves_no_faster_than_its_tensions_may_change(rate):
+    arm = load_config(preset_path('renda2012_table4')).arm
+    profile = find_profile('fetching', arm)
+    speed = demo.speed_within(profile, rate)
+    step = 1.0 / demo.RATE
+    samples = profile.at(np.arange(0.0, profile.duration, speed * step))
+    fastest = np.abs(np.diff(samples, axis=0)).max()
+    assert 0.0 < speed <= 0.3
+    # A random walk of that rate has this standard deviation after a step.
+    assert fastest <= 1.01 * rate * math.sqrt(step)
+    assert speed == 0.3 or fastest > 0.9 * rate * math.sqrt(step)

@@ -26,7 +26,7 @@ FORCE = np.array([0.0, -0.006, 0.01])
 def markers(force, frame='arm_base'):
     writer = UncertaintyMarkersWriter(ARM, SHAPE.s, frame)
     data = writer.write(
-        SHAPE.position, SHAPE.quaternion, COVARIANCE, SHAPE.tip, force, OF_FORCE, 3, 4
+        SHAPE.position, SHAPE.quaternion, COVARIANCE, ARM.length, force, OF_FORCE, 3, 4
     )
     message = deserialize_message(data, MarkerArray)
     assert len(serialize_message(message)) == len(data)

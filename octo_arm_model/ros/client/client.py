@@ -27,6 +27,7 @@ from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
+from octo_arm_model.wire.cdr_estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # Topics of the backbone, and of further quantities at the same stations, with their types.
@@ -36,8 +37,8 @@ DETAILS: dict[str, Any] = {
     'tendon_lengths': JointState,
     'tip_pose': PoseWithCovarianceStamped,
     COVARIANCE: CovarianceMessage,
-    'tip_wrench/estimate': WrenchStamped,
-    'contact/estimate': WrenchStamped,
+    TIP_WRENCH: WrenchStamped,
+    CONTACT: WrenchStamped,
 }
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -150,7 +151,7 @@ class ArmClient:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
             self._read_covariance(message)
-        elif name.endswith('estimate'):
+        elif name in (TIP_WRENCH, CONTACT):
             force = message.wrench.force
             self.force = np.array([force.x, force.y, force.z])
         else:

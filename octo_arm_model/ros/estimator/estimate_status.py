@@ -7,9 +7,9 @@ import time
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from scipy.stats import chi2
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.tracker import Consistency, Tracked, Tracker
 from octo_arm_model.ros.node.diagnostics import make_status
@@ -107,7 +107,9 @@ def consistency(one: Consistency) -> tuple[str, bool]:
     if not one.recent:
         return '', False
     square, size = (sum(column) for column in zip(*one.recent, strict=True))
-    low, high = (chi2.ppf(side, size) / size for side in (0.5 - 0.5 * _BAND, 0.5 + 0.5 * _BAND))
+    low, high = (
+        chi_square_limit(side, size) / size for side in (0.5 - 0.5 * _BAND, 0.5 + 0.5 * _BAND)
+    )
     mean, count = square / size, len(one.recent)
     words = f'{mean:.2f} a number of the last {count}, expected {low:.2f} to {high:.2f}'
     return words, count >= _FEWEST and mean > high

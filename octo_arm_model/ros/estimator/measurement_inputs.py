@@ -42,13 +42,8 @@ class MeasurementInputs:
         self._inputs: list[LatestSubscription] = []
 
     @property
-    def topics(self) -> list[str]:
-        """Whole names of the topics."""
-        return [one.topic for one in self._inputs]
-
-    @property
     def publishers(self) -> dict[str, Callable[[], int]]:
-        """Functions that count the publishers of each topic."""
+        """Functions that count the publishers of each topic, by its whole name."""
         return {one.topic: one.count_publishers for one in self._inputs}
 
     def open(self) -> None:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.estimation.contact import Contact, contact_of
+from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS, BackbonePublishers
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import CovarianceWriter
-from octo_arm_model.wire.cdr_estimate import EstimateWriter
+from octo_arm_model.wire.cdr_estimate import BIAS, CONTACT, TIP_WRENCH, EstimateWriter
 from octo_arm_model.wire.cdr_uncertainty import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
-
-TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
-_NOTHING = Contact(math.nan, np.zeros(6), np.zeros((6, 6)))
 
 
 class EstimatePublishers:
@@ -68,15 +63,12 @@ class EstimatePublishers:
         assert self._solver is not None
         backbone, covariance = estimate.backbone, estimate.pose_covariance
         contact = contact_of(estimate, self._solver.arm)
-        known = contact or _NOTHING
+        known = contact or NO_CONTACT
 
         def markers() -> bytes:
-            # The resultant of a current, which acts everywhere, is drawn at the middle.
-            place = 0.5 * backbone.s[-1] if math.isnan(known.s) else known.s
-            start = np.array([np.interp(place, backbone.s, axis) for axis in backbone.position.T])
             return self._markers.write(
                 backbone.position, backbone.quaternion, covariance[:, :3, :3],
-                start, known.wrench[:3], known.covariance[:3, :3], *stamp,
+                known.s, known.wrench[:3], known.covariance[:3, :3], *stamp,
             )  # fmt: skip
 
         self.backbone.publish(backbone, covariance[-1], stamp, markers)

@@ -73,8 +73,9 @@ class EstimatorServer:
         self._begin_anew()
         self._tensions.open()
         self._others.open()
-        self._diagnostics.apart = frozenset(self._others.topics)
-        self._diagnostics.publishers |= self._others.publishers
+        others = self._others.publishers
+        self._diagnostics.apart = frozenset(others)
+        self._diagnostics.publishers |= others
         self._diagnostics.begin()
         check_overrides(self._node)
 
@@ -111,9 +112,9 @@ class EstimatorServer:
 
         self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead
-        self._diagnostics.model = next(iter(prepared.models.values())).solver.model
-        self._diagnostics.limits = config.diagnostic_limits
         solver = next(iter(prepared.models.values())).solver
+        self._diagnostics.model = solver.model
+        self._diagnostics.limits = config.diagnostic_limits
         self._diagnostics.is_compiled = solver.is_compiled
         self._publishers.describe(solver, config)
         self._publishers.backbone.announce(parameters_as_yaml(prepared.description))

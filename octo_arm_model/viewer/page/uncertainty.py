@@ -55,9 +55,7 @@ class UncertaintyScene:
         self._draw('tube', tube, self._drawing.triangles, TUBE_COLOUR, TUBE_OPACITY)
         if force is None:
             return
-        # The resultant of a current, which acts everywhere, is drawn at the middle.
-        place = 0.5 * known.s[-1] if np.isnan(known.contact_s) else known.contact_s
-        start = np.array([np.interp(place, known.s, axis) for axis in position.T])
+        start = self._drawing.place(position, known.contact_s)
         arrow = self._drawing.arrow(start, force, known.contact[:3, :3])
         if arrow is not None:
             self._draw('force', arrow.shaft, ARROW_TRIANGLES, FORCE_COLOUR, None)
