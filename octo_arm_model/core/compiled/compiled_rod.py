@@ -70,10 +70,12 @@ class CompiledRod:
         twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
         quaternion = np.empty((count, 4))
         # Arrays of a `Backbone`, which is followed from, cannot be written.
-        shape = state.shape
+        own = _state_of(state.shape)
+        own.rotation[:], own.force[:] = state.rotation, state.force
+        condition = state.condition
         self._read_out(
-            self._tables, np.array(shape.twist), *map(np.array, shape.orientation),
-            np.ascontiguousarray(state.rotation), twist, position, quaternion,
+            self._tables, np.array(condition.tensions), np.array(condition.tip_wrench), own,
+            twist, position, quaternion,
         )  # fmt: skip
         return twist, position, quaternion
 
@@ -135,12 +137,16 @@ class CompiledRod:
 def _state_of(shape: Shape) -> RodState:
     """Room for a state, of which ``shape`` is known."""
     state = empty_state(shape.twist.shape[1])
-    a, b = shape.orientation
-    state.twist[:], turn = shape.twist, state.turn
-    turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+    state.twist[:], state.turn[:] = shape.twist, _turn(shape.orientation)
     return state
 
 
 def _quaternions(turn: FloatArray) -> Quaternions:
     """Of components w, x, y, z (4, points)."""
     return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])
+
+
+def _turn(orientation: Quaternions) -> FloatArray:
+    """Components w, x, y, z (4, points)."""
+    a, b = orientation
+    return np.array([a.real, a.imag, b.real, b.imag])

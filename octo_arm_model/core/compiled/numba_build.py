@@ -196,12 +196,11 @@ def find_minima() -> Callable[..., tuple[float, int]]:
 @functools.cache
 def read_rod() -> Callable[..., None]:
     """`readout_kernels.read_rod`, compiled; raises as `find_shapes`."""
-    four, none = np.zeros((4, 0)), np.zeros(0, np.complex128)
     return _made(
         functools.partial(_entry, function=readout_kernels.read_rod),
         (
-            no_rod(), four, none, none, np.zeros((3, 3, 0)), four, np.zeros((0, 3)),
-            np.zeros((0, 4)),
+            no_rod(), np.zeros(0), np.zeros(6), state_kernels.empty_state(0), np.zeros((4, 0)),
+            np.zeros((0, 3)), np.zeros((0, 4)),
         ),
     )  # fmt: skip
 

@@ -4,54 +4,60 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.dense_kernels import solve_definite
 from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
-from octo_arm_model.core.compiled.state_kernels import RodState
-from octo_arm_model.core.hints import ComplexArray, FloatArray
+from octo_arm_model.core.compiled.section_kernels import evaluate_sections
+from octo_arm_model.core.compiled.state_kernels import RodState, find_rotation
+from octo_arm_model.core.hints import FloatArray
 
 
 def read_rod(
-    tables: RodTables, twist: FloatArray, a: ComplexArray, b: ComplexArray, rotation: FloatArray,
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     at_nodes: FloatArray, position: FloatArray, quaternion: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in twist (4, nodes), position (stations, 3) and orientation, as `LoadedRod`."""
+    """Fill in twist (4, nodes), position (stations, 3) and orientation, as `LoadedRod`.
+
+    Of a balanced ``state`` under all loads.
+    """
     s = tables.weights.size
     at_nodes[:] = 0.0
     done = 0
     for element, first, count in tables.node_runs:
         matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
         for k in range(4):
-            row = twist[k, element * s : element * s + s]
+            row = state.twist[k, element * s : element * s + s]
             add_products(row, matrix, at_nodes[k, first : first + count])
         done += s * count
-    rate, total = np.empty((7, s)), np.zeros(7)
+    # Position, orientation and the moment of the forces.
+    rate, total = np.empty((10, s)), np.zeros(10)
     total[:3] = tables.position
     total[3], total[4], total[5], total[6] = (
         tables.base[1], tables.base[2], tables.base[3], tables.base[0],
     )  # fmt: skip
-    found = np.empty((7, len(position)))
+    found, wrench = np.empty((10, len(position))), np.zeros((6, len(position)))
+    others = np.empty((6, s))
     done, run = 0, 0
     for element in range(tables.step.size):
-        first, half = element * s, 0.5 * tables.step[element]
-        for i in range(s):
-            at = first + i
-            for k in range(3):
-                rate[k, i] = 2.0 * half * rotation[k, 0, at] * twist[3, at]
-            t, n, m = half * twist[0, at], half * twist[1, at], half * twist[2, at]
-            w, x, y, z = a[at].real, a[at].imag, b[at].real, b[at].imag
-            rate[3, i] = w * t + y * m - z * n
-            rate[4, i] = w * n + z * t - x * m
-            rate[5, i] = w * m + x * n - y * t
-            rate[6, i] = -x * t - y * n - z * m
+        first = element * s
+        set_rates(state, first, tables.step[element], rate)
+        for k in range(3):
+            for i in range(s):
+                # What of the moment is no integral of the force, such as moments of point loads.
+                others[k, i] = tip_wrench[3 + k] + tables.moment[k, first + i]
+                others[3 + k, i] = state.force[k, first + i]
         while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
             start, count = tables.station_runs[run, 1], tables.station_runs[run, 2]
-            matrix = tables.to_stations[done : done + s * count].reshape(s, count)
-            for k in range(7):
+            within = tables.to_stations[done : done + s * count].reshape(s, count)
+            values = tables.at_stations[done : done + s * count].reshape(s, count)
+            for k in range(10):
                 out = found[k, start : start + count]
                 out[:] = total[k]
-                add_products(rate[k], matrix, out)
+                add_products(rate[k], within, out)
+            for k in range(6):
+                add_products(others[k], values, wrench[k, start : start + count])
             run, done = run + 1, done + s * count
-        for k in range(7):
+        for k in range(10):
             for i in range(s):
                 total[k] += tables.weights[i] * rate[k, i]
     for i in range(len(position)):
@@ -59,8 +65,62 @@ def read_rod(
         over = 1.0 / np.sqrt(square)
         for k in range(3):
             position[i, k] = found[k, i]
+            wrench[k, i] += total[7 + k] - found[7 + k, i]
         for k in range(4):
             quaternion[i, k] = over * found[3 + k, i]
+    balance_stations(tables, tensions, wrench, quaternion, at_nodes)
+
+
+def set_rates(state: RodState, first: int, h: float, rate: FloatArray) -> None:
+    """Fill in what position, orientation x, y, z, w and moment change by along an element.
+
+    (10, s), over its length ``h``, at the points from ``first`` on.
+    """
+    twist, rotation, force, half = state.twist, state.rotation, state.force, 0.5 * h
+    for i in range(rate.shape[1]):
+        at = first + i
+        for k in range(3):
+            rate[k, i] = h * rotation[k, 0, at] * twist[3, at]
+        t, n, m = half * twist[0, at], half * twist[1, at], half * twist[2, at]
+        w, x, y, z = state.turn[0, at], state.turn[1, at], state.turn[2, at], state.turn[3, at]
+        rate[3, i] = w * t + y * m - z * n
+        rate[4, i] = w * n + z * t - x * m
+        rate[5, i] = w * m + x * n - y * t
+        rate[6, i] = -x * t - y * n - z * m
+        rate[7, i] = rate[1, i] * force[2, at] - rate[2, i] * force[1, at]
+        rate[8, i] = rate[2, i] * force[0, at] - rate[0, i] * force[2, at]
+        rate[9, i] = rate[0, i] * force[1, at] - rate[1, i] * force[0, at]
+
+
+def balance_stations(
+    tables: RodTables, tensions: FloatArray, wrench: FloatArray, quaternion: FloatArray,
+    at_nodes: FloatArray,
+) -> None:  # fmt: skip
+    """Balance the twist at the stations with a ``wrench`` (6, stations) in base_frame.
+
+    As `LoadedRod` does, by one step of Newton's method from what is interpolated.
+    """
+    count = tables.station_node.size
+    twist, left = np.empty((4, count)), np.empty((4, count))
+    scale, hessian = np.empty((4, count)), np.empty((4, 4, count))
+    turn, rotation = np.empty((4, count)), np.empty((3, 3, count))
+    for i in range(count):
+        for k in range(4):
+            twist[k, i] = at_nodes[k, tables.station_node[i]]
+            turn[k, i] = quaternion[i, (k + 3) % 4]
+    find_rotation(turn, rotation)
+    evaluate_sections(tables.station_sections, tensions, twist, left, hessian, scale)
+    for i in range(count):
+        left[3, i] = -left[3, i]
+        for k in range(3):
+            left[k, i] = -left[k, i]
+            left[3, i] += rotation[k, 0, i] * wrench[3 + k, i]
+            for m in range(3):
+                left[k, i] += rotation[m, k, i] * wrench[m, i]
+    solve_definite(hessian, left)
+    for i in range(count):
+        for k in range(4):
+            at_nodes[k, tables.station_node[i]] = twist[k, i] + left[k, i]
 
 
 def read_changes(

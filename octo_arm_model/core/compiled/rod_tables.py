@@ -35,6 +35,8 @@ class RodTables(NamedTuple):
         to_stations: to integrals over the element from its start, for a length of one.
         at_stations: likewise to values.
         most: the most stations in one of the runs.
+        station_sections: cross sections at the stations.
+        station_node: node of each station, (stations,).
     """
 
     sections: SectionTables
@@ -55,6 +57,8 @@ class RodTables(NamedTuple):
     to_stations: FloatArray
     at_stations: FloatArray
     most: int
+    station_sections: SectionTables
+    station_node: IntArray
 
 
 class ParameterTables(NamedTuple):
@@ -104,6 +108,8 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         to_stations=to_stations,
         at_stations=at_stations,
         most=int(station_runs[:, 2].max()),
+        station_sections=section_tables(rod.station_sections),
+        station_node=rod.station_node,
     )
 
 
@@ -125,10 +131,10 @@ def no_rod() -> RodTables:
     """Of no arm."""
     none, table = np.zeros(0), np.zeros((0, 0))
     nothing = np.zeros((3, 0))
+    runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
     return RodTables(
-        no_exact().sections, table, table, table, table, none, none, nothing, nothing,
-        np.zeros(4), 1.0, np.zeros(3), np.zeros((0, 3), np.int64), none,
-        np.zeros((0, 3), np.int64), none, none, 0,
+        sections, table, table, table, table, none, none, nothing, nothing, np.zeros(4), 1.0,
+        np.zeros(3), runs, none, runs, none, none, 0, sections, np.zeros(0, np.int64),
     )  # fmt: skip
 
 

@@ -19,9 +19,12 @@ from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
 # Points in each element, for at most so many elements.
-_POINTS = ((4, 20), (8, 14), (16, 10))
+_POINTS = ((8, 12), (16, 10), (24, 8))
 _FEWEST = 6  # in each of more elements
 _LONGEST = 0.41  # of the length of the arm
+# Ratio of the radii at the ends of an element: compliances go with the fourth power of the radius,
+# and what changes more within an element takes many more points.
+_TAPER = 1.5
 _ROUNDING = 1e-12  # of the length of the arm
 
 
@@ -50,9 +53,9 @@ class Collocation:
         for panel in grid.panels:
             inside = [s for s in knots if panel.start < s < panel.stop]
             for start, stop in itertools.pairwise([panel.start, *inside, panel.stop]):
-                count = math.ceil((stop - start) / (_LONGEST * arm.length))
-                ends += np.linspace(start, stop, count * cuts + 1)[1:].tolist()
-                section += [panel.section] * (count * cuts)
+                parts = _parts(arm, start, stop)
+                ends += _cut(np.concatenate([[start], parts]), cuts)
+                section += [panel.section] * (parts.size * cuts)
         self.start, self.step = np.array(ends[:-1]), np.diff(ends)
         # Finer elements have as many points each as those they are cut from.
         coarse = len(section) // cuts
@@ -101,6 +104,23 @@ class Collocation:
         at_border = np.abs(self.start[element] - s) <= _ROUNDING * self.length
         element[at_border & (stop <= s + _ROUNDING * self.length) & (element > 0)] -= 1
         return Readout(self, s, element)
+
+
+def _parts(arm: Arm, start: float, stop: float) -> FloatArray:
+    """Where the elements between ``start`` and ``stop`` end, shorter where the arm is thinner."""
+    first, last = arm.body.radius(np.array([start, stop])).tolist()
+    long = (stop - start) / (_LONGEST * arm.length)
+    count = math.ceil(max(long, abs(math.log(last / first)) / math.log(_TAPER)))
+    lengths = (last / first) ** (np.arange(count) / count)
+    parts = start + (stop - start) * np.cumsum(lengths) / lengths.sum()
+    parts[-1] = stop
+    return np.asarray(parts)
+
+
+def _cut(ends: FloatArray, cuts: int) -> list[float]:
+    """Ends of all elements but the first, between ``ends``, each cut in ``cuts``."""
+    parts = np.linspace(ends[:-1], ends[1:], cuts + 1, axis=1)[:, 1:]
+    return np.asarray(parts).ravel().tolist()
 
 
 class Readout:

@@ -13,18 +13,21 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
-from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.equilibrium import Equilibrium, evaluate_local
 from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import Condition, State
-from octo_arm_model.core.numerics.quaternion import product
+from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
+from octo_arm_model.core.numerics.quaternion import Quaternions, product
+from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
@@ -33,7 +36,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
 # of its values. Positions, which are integrals of it, are far more exact.
-RESOLVED = 3e-5
+RESOLVED = 1e-6
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
@@ -115,6 +118,12 @@ class LoadedRod:
         return self._own.readout(self._grid.s, self._grid.s)
 
     @functools.cached_property
+    def station_sections(self) -> SectionEnergy:
+        """Cross sections at the stations."""
+        energy, grid = self.equilibrium.energy, self._grid
+        return sections_of(self._arm, grid.s, grid.section, energy.law, energy.strains == 6)
+
+    @functools.cached_property
     def parameters(self) -> ParameterDerivatives:
         """What the balance at the points changes by with parameters of the arm."""
         return ParameterDerivatives(self.equilibrium.energy, self._arm)
@@ -176,7 +185,30 @@ class LoadedRod:
         position = found[:, :3] + self.base.position
         turn = found[:, 3:] + [a.imag.item(), b.real.item(), b.imag.item(), a.real.item()]
         turn /= np.sqrt(np.add.reduce(turn * turn, axis=1, keepdims=True))
-        return self.nodes.interpolate(state.shape.twist), position, turn
+        twist = self.nodes.interpolate(state.shape.twist)
+        twist[:, self.station_node] = self._at_stations(state, turn)
+        return twist, position, turn
+
+    def _at_stations(self, state: State, turn: FloatArray) -> FloatArray:
+        """Twist (n, stations) at the stations, of orientations ``turn`` (stations, 4).
+
+        The wrench of the loads is an integral, and far more exact between the points than what is
+        interpolated of the twist: one step of Newton's method balances it with the cross section.
+        """
+        energy, stations = self.station_sections, self.stations
+        tensions = energy.local_tensions(state.condition.tensions[np.newaxis])
+        if state.sliding is not None:
+            tensions = stations.interpolate(state.sliding.tensions)
+        twist = stations.interpolate(state.shape.twist)
+        gradient, hessian, _ = evaluate_local(energy, tensions, twist)
+        carried = cross(state.tangent, state.force)
+        others = state.moment - self._own.integrate_from_tip(carried)
+        whole = (carried @ self._own.weights)[:, np.newaxis]
+        moment = whole - stations.integrate_from_base(carried) + stations.interpolate(others)
+        wrench = np.stack([moment, stations.interpolate(state.force)])
+        rotation = Quaternions.from_xyzw(turn).matrix()
+        wrench = np.einsum('jin,kjn->kin', rotation, wrench).reshape(6, -1)[: len(twist)]
+        return twist + substitute(factorise(hessian), wrench - gradient)
 
     def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
         """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""

@@ -33,7 +33,7 @@ from octo_arm_model.core.sensitivity.by_loads import by_loads
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
-COARSE = 10  # points in each of the elements in which an arm is followed from its unloaded shape
+COARSE = 6  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:

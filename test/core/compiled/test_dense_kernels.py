@@ -9,6 +9,7 @@ from octo_arm_model.core.compiled.dense_kernels import (
     factorise,
     invert_three,
     is_definite,
+    solve_definite,
     solve_transposed,
 )
 
@@ -45,3 +46,12 @@ def test_definite_is_what_has_positive_eigenvalues(least: float) -> None:
     skewed = np.triu(np.ones((6, 6)), 1)
     matrix = turn @ np.diag([least, 1.0, 2.0, 3.0, 4.0, 5.0]) @ turn.T + skewed - skewed.T
     assert is_definite(matrix) == (least > 0.0)
+
+
+def test_definite_matrices_are_solved_side_by_side() -> None:
+    random = np.random.default_rng(4)
+    roots, right = random.normal(size=(4, 4, 9)), random.normal(size=(4, 9))
+    matrix = np.einsum('ikn,jkn->ijn', roots, roots)
+    left = right.copy()
+    solve_definite(matrix.copy(), left)
+    np.testing.assert_allclose(np.einsum('ijn,jn->in', matrix, left), right, atol=1e-10)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from differences import jacobian
@@ -53,6 +55,19 @@ def test_integrals_go_on_across_elements(cuts: int) -> None:
     np.testing.assert_allclose(readout.interpolate(values), np.cos(10.0 * GRID.s), atol=1e-10)
     integral = readout.integrate_from_base(values)
     np.testing.assert_allclose(integral, np.sin(10.0 * GRID.s) / 10.0, atol=1e-12)
+
+
+def test_elements_are_the_shorter_the_thinner_the_arm_is() -> None:
+    own = Collocation(ARM, GRID, (), 2)
+    ends = np.append(own.start, own.start[-1] + own.step[-1])
+    panels = np.searchsorted(ends, [0.0, 0.15, 0.25, 0.4])
+    assert own.step.max() <= 0.41 * 0.4 / 2
+    for first, last in itertools.pairwise(panels[panels < ends.size]):
+        radius = ARM.body.radius(ends[first : last + 1 : 2])
+        ratio = radius[:-1] / radius[1:]
+        np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)
+        assert 1.0 < ratio[0] <= 1.5
+        np.testing.assert_allclose(own.step[first:last:2], own.step[first + 1 : last : 2])
 
 
 def test_what_jumps_at_a_border_is_read_out_on_either_side() -> None:
