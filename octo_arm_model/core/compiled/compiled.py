@@ -83,7 +83,8 @@ class Compiled:
             self._tables = own(exact_tables(statics))
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
             for made in (
-                newton, read_rod, find_turn, find_minima, differentiate, differentiate_tip,
+                newton, read_rod, find_turn, find_minima, evaluate_sections, differentiate,
+                differentiate_tip,
             ):  # fmt: skip
                 made()
             statics.use(_speed_up)
