@@ -5,8 +5,6 @@ Shapes are those of NumPy to rounding.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +33,7 @@ from octo_arm_model.core.compiled.tables import (
     GridTables,
     PapersTables,
     grid_tables,
+    own,
     papers_tables,
 )
 from octo_arm_model.core.hints import FloatArray
@@ -66,25 +65,26 @@ class Compiled:
             Exception: whatever a numba that does not work raises.
         """
         self._read_out = read_out()
-        self._grid: GridTables = _own(grid_tables(grid, base))
+        self._grid: GridTables = own(grid_tables(grid, base))
         self._tables: PapersTables | ExactTables | None = None
         self._sliding: CompiledSliding | None = None
         self._lengths: CompiledLengths | None = None
         if isinstance(statics, SlidingClosedForm) or (
             isinstance(statics, Exact) and statics.slides
         ):
-            self._sliding = CompiledSliding(statics, self._grid, _own)
+            self._sliding = CompiledSliding(statics, self._grid)
         elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
             self._find_shapes = find_shapes()
-            self._tables = _own(papers_tables(statics.equations))
+            self._tables = own(papers_tables(statics.equations))
         else:
             assert isinstance(statics, Exact)
             self._find_shapes = find_exact_shapes()
-            self._tables = _own(exact_tables(statics))
+            self._tables = own(exact_tables(statics))
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
             for made in (
-                newton, read_rod, find_turn, find_minima, differentiate, differentiate_tip,
+                newton, read_rod, find_turn, find_minima, evaluate_sections, differentiate,
+                differentiate_tip,
             ):  # fmt: skip
                 made()
             statics.use(_speed_up)
@@ -93,13 +93,13 @@ class Compiled:
         self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
     ) -> None:
         """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
-        self._read_out(self._grid, np.ascontiguousarray(twist), strains, position, quaternion)
+        self._read_out(self._grid, own(twist), strains, position, quaternion)
 
     def measure(self, lengths: TendonLengths) -> None:
         """Have ``lengths`` of tendons that keep their places measured in machine code."""
         if not isinstance(lengths.sections, SheathedSections):
             tables = self._tables if isinstance(self._tables, ExactTables) else None
-            self._lengths = CompiledLengths(lengths, tables, self._grid, _own)
+            self._lengths = CompiledLengths(lengths, tables, self._grid)
 
     def wind(
         self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
@@ -149,7 +149,7 @@ def _speed_up(rod: LoadedRod) -> None:
     """Have a ``rod`` evaluate its sections and iterate in machine code."""
     rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
     if not rod.equilibrium.loads.others:
-        compiled = CompiledRod(rod, _own)
+        compiled = CompiledRod(rod)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
         if not isinstance(rod.equilibrium.energy, SheathedSections):
             rod.differentiate = compiled.differentiate
@@ -159,7 +159,7 @@ def _speed_up(rod: LoadedRod) -> None:
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:
     """`Evaluate` for the cross sections ``energy``, compiled."""
-    tables: SectionTables = _own(section_tables(energy))
+    tables: SectionTables = own(section_tables(energy))
     machine = evaluate_sections()
     count = energy.s.size
 
@@ -171,14 +171,7 @@ def _evaluation(energy: SectionEnergy) -> Evaluate:
             np.empty((4, 4, count)),
             np.empty((4, count)),
         )
-        machine(tables, np.array(tensions), np.ascontiguousarray(twist), gradient, hessian, scale)
+        machine(tables, own(tensions), own(twist), gradient, hessian, scale)
         return gradient, hessian, scale
 
     return evaluate
-
-
-def _own(value: Any) -> Any:
-    """A copy with arrays that can be written and lie in order: one type for the compiler."""
-    if isinstance(value, np.ndarray):
-        return np.array(value, order='C')
-    return type(value)(*map(_own, value)) if hasattr(value, '_fields') else value

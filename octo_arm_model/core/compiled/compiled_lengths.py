@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.numba_build import find_lengths, wind
 from octo_arm_model.core.compiled.section_tables import ExactTables
-from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.compiled.tables import GridTables, own
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.section.tendon_lengths import TendonLengths
@@ -19,9 +17,9 @@ class CompiledLengths:
     """Lengths of tendons that keep their places in the cross sections."""
 
     def __init__(
-        self, lengths: TendonLengths, tables: ExactTables | None, grid: GridTables, own: Any
+        self, lengths: TendonLengths, tables: ExactTables | None, grid: GridTables
     ) -> None:
-        """Measure ``lengths``; ``tables`` of the model exact, ``own`` readies for the compiler.
+        """Measure ``lengths``; ``tables`` of the model exact.
 
         Raises:
             Exception: whatever a numba that does not work raises.
@@ -40,8 +38,7 @@ class CompiledLengths:
     def under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
         """A `Measure`."""
         found = np.zeros(len(self._path))
-        given = np.array(twist, order='C')
-        self._find_lengths(self._path, self._weights, self._widens, given, found)
+        self._find_lengths(self._path, self._weights, self._widens, own(twist), found)
         return found
 
     def wind(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from octo_arm_model.core.compiled.numba_build import (
@@ -16,6 +14,7 @@ from octo_arm_model.core.compiled.numba_build import (
 )
 from octo_arm_model.core.compiled.rod_tables import parameter_tables, rod_tables
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
+from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import TipAnswer
@@ -31,8 +30,8 @@ _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 class CompiledRod:
     """`Newton` and `ReadOut` of one rod."""
 
-    def __init__(self, rod: LoadedRod, own: Any) -> None:
-        """Tabulate ``rod``; ``own`` makes tables ready for the compiler.
+    def __init__(self, rod: LoadedRod) -> None:
+        """Tabulate ``rod``.
 
         Raises:
             Exception: whatever a numba that does not work raises.
@@ -61,7 +60,7 @@ class CompiledRod:
         """
         sections = self._tables.sections
         twist = np.empty((4, sections.axial.size))
-        _, steps = self._find_minima(sections, np.array(tensions), twist)
+        _, steps = self._find_minima(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -69,12 +68,10 @@ class CompiledRod:
         count = self._stations
         twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
         quaternion = np.empty((count, 4))
-        # Arrays of a `Backbone`, which is followed from, cannot be written.
-        own = _state_of(state.shape)
-        own.rotation[:], own.force[:] = state.rotation, state.force
-        condition = state.condition
+        balanced, condition = _state_of(state.shape), state.condition
+        balanced.rotation[:], balanced.force[:] = state.rotation, state.force
         self._read_out(
-            self._tables, np.array(condition.tensions), np.array(condition.tip_wrench), own,
+            self._tables, own(condition.tensions), own(condition.tip_wrench), balanced,
             twist, position, quaternion,
         )  # fmt: skip
         return twist, position, quaternion
@@ -90,7 +87,7 @@ class CompiledRod:
         length = np.empty((tensions.size, columns))
         self._check(
             self._differentiate(
-                self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
+                self._tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 _state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
         )  # fmt: skip
@@ -102,7 +99,7 @@ class CompiledRod:
         tip = np.empty((6, 2 * tensions.size + 2))
         self._check(
             self._differentiate_tip(
-                self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
+                self._tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 _state_of(shape), tip,
             )
         )  # fmt: skip
@@ -118,7 +115,7 @@ class CompiledRod:
         state = _state_of(shape)
         compliance, change = np.empty((6, 6)), np.empty((*state.twist.shape, 6))
         residual, iterations, strayed, sign, is_definite = self._newton(
-            self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
+            self._tables, own(condition.tensions), own(condition.tip_wrench),
             float(condition.factor), tolerance, state, compliance, change,
         )  # fmt: skip
         rotation = state.rotation

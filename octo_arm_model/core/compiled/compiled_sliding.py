@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
 from octo_arm_model.core.compiled.sliding_kernels import UNRESOLVED
-from octo_arm_model.core.compiled.tables import GridTables
+from octo_arm_model.core.compiled.tables import GridTables, own
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.sliding import CUTS
@@ -22,8 +21,8 @@ from octo_arm_model.core.rod.solution import TendonTensions
 class CompiledSliding:
     """Shapes of one arm under its tendons alone, as `Rods` finds them."""
 
-    def __init__(self, statics: Exact | SlidingClosedForm, grid: GridTables, own: Any) -> None:
-        """Tabulate the arm of ``statics``; ``own`` makes tables ready for the compiler.
+    def __init__(self, statics: Exact | SlidingClosedForm, grid: GridTables) -> None:
+        """Tabulate the arm of ``statics``.
 
         Raises:
             Exception: whatever a numba that does not work raises.
@@ -49,7 +48,7 @@ class CompiledSliding:
         while True:
             tables = self._tables(level)
             at_level = self._rods.at_level(before, level)
-            held = np.zeros((0, 0)) if at_level is None else np.array(at_level)
+            held = np.zeros((0, 0)) if at_level is None else own(at_level)
             points = np.empty(tables.transmission.shape)
             without = self._find_shapes(
                 tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist, strains,

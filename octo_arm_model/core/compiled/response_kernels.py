@@ -10,6 +10,7 @@ import numpy as np
 from octo_arm_model.core.compiled.dense_kernels import solve_columns
 from octo_arm_model.core.compiled.products import add_products, multiply
 from octo_arm_model.core.compiled.rod_tables import RodTables
+from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.compiled.system_kernels import System
 from octo_arm_model.core.hints import FloatArray
 
@@ -133,8 +134,9 @@ def link_changes(system: System, ends: FloatArray) -> None:
             start[:] = following
 
 
-def tip_wrenches(tables: RodTables, twist: FloatArray, rotation: FloatArray) -> FloatArray:
+def tip_wrenches(tables: RodTables, state: RodState) -> FloatArray:
     """What unit wrenches on the tip do to all sections, (4, points, 6); moments over a length."""
+    twist, rotation = state.twist, state.rotation
     points, count = tables.weights.size, twist.shape[1]
     wrench = np.zeros((4, count, 6))
     beyond, to_tip, carried = np.zeros(3), np.empty((3, points)), np.empty(points)

@@ -54,10 +54,7 @@ def newton(
     strayed, turned, iterations, is_near, sign = 0.0, 0.0, 0, False, 0
     while residual > tolerance and iterations < MOST:
         if not (sign and is_near):
-            sign = find_system(
-                tables, state.twist, state.rotation, state.force, state.moment, state.hessian,
-                system,
-            )  # fmt: skip
+            sign = find_system(tables, state, system)
             if sign == 0:
                 return residual, iterations, strayed, 0, False
             turned = 0.0
@@ -80,12 +77,10 @@ def newton(
     if not residual <= tolerance:
         return residual, iterations, strayed, 0, False
     if sign == 0 or turned > SAME:
-        sign = find_system(
-            tables, state.twist, state.rotation, state.force, state.moment, state.hessian, system
-        )
+        sign = find_system(tables, state, system)
         if sign == 0:
             return residual, iterations, strayed, 0, False
-    wrench = tip_wrenches(tables, state.twist, state.rotation)
+    wrench = tip_wrenches(tables, state)
     respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for row in range(6):
         for column in range(6):

@@ -177,9 +177,7 @@ def differentiate(
     count, columns, tendons = state.twist.shape[1], pose.shape[2], tensions.size
     find_state(tables, tensions, tip_wrench, 1.0, state)
     system = empty_system(tables)
-    sign = find_system(
-        tables, state.twist, state.rotation, state.force, state.moment, state.hessian, system
-    )
+    sign = find_system(tables, state, system)
     if sign == 0:
         return 0
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
@@ -188,7 +186,7 @@ def differentiate(
     if len(force):
         dead_wrenches(tables, state, force, moment, imbalance)
     else:
-        wrench = tip_wrenches(tables, state.twist, state.rotation)
+        wrench = tip_wrenches(tables, state)
         wrench[:, :, 3:] /= tables.length
         imbalance[:, :, :6] = wrench
         find_imbalance(tables, parameters, tensions, state.twist, stretch, imbalance, 6, own)
@@ -227,12 +225,10 @@ def differentiate_tip(
     count, tendons, s = state.twist.shape[1], tensions.size, tables.weights.size
     find_state(tables, tensions, tip_wrench, 1.0, state)
     system = empty_system(tables)
-    sign = find_system(
-        tables, state.twist, state.rotation, state.force, state.moment, state.hessian, system
-    )
+    sign = find_system(tables, state, system)
     if sign == 0:
         return 0
-    wrench = tip_wrenches(tables, state.twist, state.rotation)
+    wrench = tip_wrenches(tables, state)
     change = np.empty_like(wrench)
     respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for i in range(count):

@@ -13,6 +13,7 @@ import numpy as np
 from octo_arm_model.core.compiled.dense_kernels import factorise, invert_three, solve_transposed
 from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
+from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 
@@ -58,11 +59,11 @@ def empty_system(tables: RodTables) -> System:
 
 
 def find_terms(
-    twist: FloatArray, rotation: FloatArray, force: FloatArray, moment: FloatArray,
-    hessian: FloatArray, first: int, at_points: FloatArray, by_turn: FloatArray,
-    by_bend: FloatArray, follow: FloatArray, bending: FloatArray,
+    state: RodState, first: int, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
+    follow: FloatArray, bending: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in what Phi and k do at the points from ``first`` on, each (3, 3, s)."""
+    rotation, force, moment, hessian = state.rotation, state.force, state.moment, state.hessian
     mixed, across, carried = np.empty(3), np.empty(3), np.empty(3)
     condensed, half = np.empty((3, 3)), np.empty((3, 3))
     for j in range(by_turn.shape[2]):
@@ -84,7 +85,7 @@ def find_terms(
             at_points[p, at], at_points[3 + p, at] = across[p], carried[p]
             at_points[6 + p, at] = mixed[p]
         at_points[9, at] = stiffness
-        stretch = twist[3, at]
+        stretch = state.twist[3, at]
         for k in range(3):
             for m in range(k, 3):
                 value = hessian[k, m, at] - hessian[k, 3, at] * hessian[m, 3, at] * over
@@ -115,11 +116,8 @@ def find_terms(
             follow[n, m, j] -= moment[p, at]
 
 
-def find_system(
-    tables: RodTables, twist: FloatArray, rotation: FloatArray, force: FloatArray,
-    moment: FloatArray, hessian: FloatArray, system: System,
-) -> int:  # fmt: skip
-    """Fill in the linearised ``system`` about a state.
+def find_system(tables: RodTables, state: RodState, system: System) -> int:
+    """Fill in the linearised ``system`` about a ``state``.
 
     Returns:
         The sign of its determinant, 1 or -1; 0 where it is singular.
@@ -128,14 +126,11 @@ def find_system(
     by_turn, follow = np.empty((3, 3, s)), np.empty((3, 3, s))
     by_bend, bending = np.empty((3, 3, s)), np.empty((3, 3, s))
     twice, rates = np.empty(s * s), np.empty(s)
-    system.rotation[:] = rotation
+    system.rotation[:] = state.rotation
     sign = 1
     for element in range(tables.step.size):
         h = tables.step[element]
-        find_terms(
-            twist, rotation, force, moment, hessian, element * s, system.at_points, by_turn,
-            by_bend, follow, bending,
-        )  # fmt: skip
+        find_terms(state, element * s, system.at_points, by_turn, by_bend, follow, bending)
         matrix, sides = system.factors[element], system.bends[element]
         to_moment = system.to_moment[element]
         for p in range(3):

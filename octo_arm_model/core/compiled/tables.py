@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,17 @@ from octo_arm_model.core.models.renda2012 import March, Renda2012
 from octo_arm_model.core.numerics.vectors import runs_of
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
+
+
+def own(value: Any) -> Any:
+    """A copy of an array, or of tables, whose arrays can be written and lie in order.
+
+    Read-only arrays and others of any order in memory are other types to the compiler, for each
+    of which it would compile a kernel anew.
+    """
+    if isinstance(value, np.ndarray):
+        return np.array(value, order='C')
+    return type(value)(*map(own, value)) if hasattr(value, '_fields') else value
 
 
 class Weights(NamedTuple):

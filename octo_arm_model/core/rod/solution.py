@@ -28,8 +28,8 @@ class TendonTensions(NamedTuple):
 
     Attributes:
         points: at the points of the model, (tendons, batch, points), or (tendons, points) of one
-            arm [N].
-        stations: at the stations, likewise.
+            arm [N]; where the arms of a batch were solved one by one, of the last alone.
+        stations: at the stations, (tendons, batch, stations), or (tendons, stations) [N].
     """
 
     points: FloatArray
@@ -75,7 +75,12 @@ class Solution(NamedTuple):
 def stacked(found: Sequence[Solution]) -> Solution:
     """Solutions of one loaded arm each as that of a batch."""
     frames = [one.frames for one in found if one.frames is not None]
-    tendons = [one.tendons for one in found if one.tendons is not None]
+    along = [one.tendons for one in found if one.tendons is not None]
+    tendons = None
+    if along:
+        # At the points of the last alone, as its shape: each arm may need others.
+        stations = np.stack([one.stations for one in along], axis=1)
+        tendons = TendonTensions(along[-1].points[:, np.newaxis], stations)
     position, quaternion = zip(*frames, strict=True)
     return Solution(
         np.stack([one.twist for one in found], axis=1),
@@ -83,5 +88,5 @@ def stacked(found: Sequence[Solution]) -> Solution:
         np.array([one.iterations for one in found]),
         found[-1].shape,
         (np.stack(position), np.stack(quaternion)),
-        TendonTensions(*(np.stack(part, axis=1) for part in zip(*tendons))) if tendons else None,
+        tendons,
     )

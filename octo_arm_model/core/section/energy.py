@@ -114,24 +114,6 @@ class SectionEnergy:
         u_t: FloatArray = np.einsum('ij...,i...->j...', self._levers, bending)
         return u_t
 
-    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Gradient (n, batch, nodes) of the tendons' energy sum T |u|."""
-        width, slope, _ = self.widening(strain[3])
-        u_t, u_n, u_b, length = self.stretching(strain, width)
-        pull = local_tensions / length
-        u_t *= pull
-        u_n *= pull
-        u_b *= pull
-        gradient = np.empty_like(strain)
-        gradient[0] = np.add.reduce(self.x * u_b - self.y * u_n)
-        gradient[1:4] = self.resultants(u_t)
-        if self.law.widens:
-            gradient[3] += slope * np.add.reduce(self.dx * u_n + self.dy * u_b)
-        if len(strain) == 6:
-            np.add.reduce(u_n, out=gradient[4])
-            np.add.reduce(u_b, out=gradient[5])
-        return gradient
-
     def softening(self, local_tensions: FloatArray) -> Number:
         """Nearly what sheaths take from the bending stiffness, over 2 E A R^2, (batch, nodes)."""
         return 0.0

@@ -42,7 +42,7 @@ class ParameterDerivatives:
         return change
 
     def gradient_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of `tendon_gradient` with each tendon's distance from the midline.
+        """Derivative of the tendons' gradient with each tendon's distance from the midline.
 
         Returns:
             (n, tendons, batch, nodes).

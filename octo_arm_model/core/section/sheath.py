@@ -136,7 +136,6 @@ class SheathedSections(SectionEnergy):
             left_n, left_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
             worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
             if not worst > _TOLERANCE:  # NaN where a section cannot be
-                moved._levers = np.stack([moved.y, -moved.x, np.ones_like(moved.x)])
                 return _Placed(moved, offset, unit, over, pull, inverse)
             nn, nb, bb = inverse
             offset[0] -= nn * left_n + nb * left_b
@@ -156,11 +155,6 @@ class SheathedSections(SectionEnergy):
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
         """As `SectionEnergy.tendons`."""
         return SheathedTendons(self, local_tensions) if self._in_planes else None
-
-    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Gradient (n, batch, nodes) of the energy of tendons and sheaths."""
-        moved = self._placed(strain, local_tensions).sections
-        return SectionEnergy.tendon_gradient(moved, strain, local_tensions)
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray

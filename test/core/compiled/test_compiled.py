@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,10 +29,13 @@ from octo_arm_model import (
     SolveError,
     Solver,
     Table,
+    Uncertainty,
     load_config,
 )
+from octo_arm_model.analysis.displacement import solve_displacements
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.core.compiled import frame_kernels, kernel_cache, kernels, numba_build
 from octo_arm_model.core.compiled.section_tables import section_tables
 from octo_arm_model.core.loaded.linearised import TipAnswer
@@ -345,6 +349,84 @@ def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: C
         solver.solve(random_tensions(preset, count))
     solver.solve(random_tensions(preset, 1)[0])
     assert len(numba_build.find_shapes().signatures) == 1
+
+
+@pytest.fixture
+def loaded_anew() -> Iterator[dict[str, Any]]:
+    """Every kernel as a process has it that has solved nothing yet, now and afterwards."""
+    names = list(numba_build.make_all())
+    for name in names:
+        getattr(numba_build, name).cache_clear()
+    yield numba_build.make_all()
+    for name in names:
+        getattr(numba_build, name).cache_clear()
+
+
+class TipPull:
+    """A `Load` that the kernels do not know: a constant force on the tip."""
+
+    knots: tuple[float, ...] = ()
+    breaks: tuple[float, ...] = ()
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """The force, and no free moment."""
+        force = np.zeros((3, rod.s.size))
+        force[2] = 0.05
+        return Resultants(force, np.zeros_like(force))
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
+        """It is fixed in base_frame."""
+        return ()
+
+
+@pytest.mark.slow
+def test_one_version_of_every_kernel_serves_all_work(loaded_anew: dict[str, Any]) -> None:
+    """Another one would be compiled in the middle of a run, and spoil the file that is kept."""
+    weight = Loads(gravity=(0.0, 0.0, -9.81))
+    plain = HELICAL.with_density(1080.0)
+    sheathed = dataclasses.replace(plain, sheath_stiffness=(2e6,) * len(plain.tendons))
+    rough = dataclasses.replace(plain, friction=(0.2,))
+    one = np.array([[0.3, 0.0, 0.1], [0.2, 0.4, 0.0]])
+    one.setflags(write=False)
+    several = np.asfortranarray(np.stack([one, 0.5 * one, 0.2 * one]))
+    several.setflags(write=False)
+    wrench = np.array([0.01, 0.0, 0.02, 0.0, 1e-4, 0.0])
+    wrench.setflags(write=False)
+    for arm, model, loads in [
+        (plain, 'exact', Loads()), (plain, 'exact', weight),
+        (plain, 'exact', Loads(others=(TipPull(),))), (sheathed, 'exact', Loads()),
+        (sheathed, 'exact', weight), (rough, 'closed_form', Loads()), (rough, 'exact', Loads()),
+        (rough, 'exact', weight),
+    ]:  # fmt: skip
+        solver = Solver(arm, model, 21, loads=loads, compiled=True)
+        for batch in (several[:0], several[:1], several):
+            solver.solve(batch)
+        found = solver.solve(one)
+        solver.tendon_lengths(found)
+        solver.sensitivity(found)
+        solver.tip_covariance(found, Uncertainty(tension=0.1))
+        solver.follow(one[:, ::-1], found)
+        if model == 'exact':
+            found = solver.solve(one, wrench)
+            solver.tip_covariance(found, Uncertainty(tension=0.1))
+            solver.follow(one, found, 0.5 * wrench)
+            solver.solve(several, np.stack(3 * [wrench]))
+            if not (arm.friction or loads.others):
+                solver.sensitivity_to_loads(found, [weight])
+                name = arm.tendon_names[0]
+                held = solve_displacements(solver, {name: 1e-3})
+                solve_displacements(solver, {name: 1.1e-3}, start=held)
+    for model in ('closed_form', 'renda2012'):
+        solver = TABLE_4.solver(model, 21, compiled=True)
+        for count in (0, 1, 5):
+            solver.solve(random_tensions(TABLE_4, count))
+        found = solver.follow(FETCHING_IN_SPACE, None)
+        solver.tendon_lengths(found)
+        solver.sensitivity(found)
+    versions = {name: len(machine.signatures) for name, machine in loaded_anew.items()}
+    assert versions == dict.fromkeys(versions, 1)
+    for machine in loaded_anew.values():
+        assert all(map(kernel_cache.is_whole, kernel_cache.kept_files(machine)))
 
 
 def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:

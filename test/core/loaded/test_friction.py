@@ -318,9 +318,9 @@ def test_where_a_tendon_begins_to_stick_is_resolved(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_batch_is_its_arms_one_by_one() -> None:
-    for model in MODELS:
-        solver = Solver(helical(), model)
-        several = np.stack([HELICAL, 0.3 * HELICAL, 0.0 * HELICAL])
+    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
+        solver = Solver(helical(), model, loads=loads)
+        several = np.stack([HELICAL, 0.1 * HELICAL, 0.0 * HELICAL])
         batch = solver.solve(several)
         last = solver.solve(1.2 * HELICAL)
         followed = solver.follow(several, last)

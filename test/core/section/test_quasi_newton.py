@@ -37,7 +37,8 @@ def energy_at(arm: Arm, law: str, sheath: float = 0.0) -> SectionEnergy:
 
 def imbalance(energy: SectionEnergy, tensions: FloatArray, strain: FloatArray) -> float:
     """What is left of the balance over its scale, evaluated anew."""
-    gradient = energy.material(strain)[0] + energy.tendon_gradient(strain, tensions)
+    pull, _ = energy.tendon_derivatives(strain, tensions)
+    gradient = energy.material(strain)[0] + pull
     return float(np.abs(gradient / force_scale(energy, tensions)).max())
 
 

@@ -126,11 +126,12 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     assert np.abs(place.offset).max() > 1e-5
     assert not place.offset[:, 2].any() and not place.offset[:, 3:, 0, 1].any()
     gradient, hessian = energy.tendon_derivatives(strain, local_tensions)
-    np.testing.assert_allclose(
-        energy.tendon_gradient(strain, local_tensions), gradient, rtol=1e-12, atol=1e-15
-    )
     np.testing.assert_allclose(gradient[:, 0].T, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
-    expected = jacobian(lambda x: energy.tendon_gradient(at_both(x), local_tensions), at, steps)
+
+    def pull_of(strain: np.ndarray, tensions: np.ndarray = local_tensions) -> np.ndarray:
+        return energy.tendon_derivatives(strain, tensions)[0]
+
+    expected = jacobian(lambda x: pull_of(at_both(x)), at, steps)
     scale = np.abs(expected[:, 0]).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(
         hessian[:, :, 0].transpose(0, 2, 1) / scale, expected[:, 0] / scale, atol=1e-7
@@ -148,7 +149,7 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
             moved = local_tensions.copy()
             moved[tendon] += tension[0] * energy.active[tendon]
             stretch = energy.stretches(strain, moved)[tendon]
-            return np.concatenate([energy.tendon_gradient(strain, moved)[:, 0], stretch])
+            return np.concatenate([pull_of(strain, moved)[:, 0], stretch])
 
         by_tension = jacobian(pulled, [0.0], 1e-3)[..., 0]
         np.testing.assert_allclose(by_tension[:-1], by_strain[:, tendon, 0], atol=1e-7)
