@@ -119,7 +119,7 @@ class Problem:
 
     def _count(self, step: int) -> int:
         """Number of coordinates that are `weighed` in a ``step``."""
-        taut = len(self.solutions.taut(step)) if self.unknowns.reads_encoders else 0
+        taut = int(self.unknowns.taut[step].sum()) if self.unknowns.reads_encoders else 0
         return 3 * taut + self.shapes[step].points.size
 
     def minimise(
