@@ -40,10 +40,7 @@ class EstimateTables:
         self._innovations = self._open(folder / 'innovations.csv')
         self._innovations.writerow(INNOVATIONS)
         values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in self._columns)]
-        deviations = [
-            f'{name.split(" [")[0]} stddev{name[name.find(" [") :] if " [" in name else ""}'
-            for name in values
-        ]
+        deviations = [name.replace(' [', ' stddev [') for name in values]
         self._estimates.writerow([
             'time [s]', 'stamp [ns]', 'contact', 'contact s [m]', *values, *deviations,
             'normalised square', 'numbers', 'refused',

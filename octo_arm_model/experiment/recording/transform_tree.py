@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
 
 _NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
@@ -229,7 +230,7 @@ class TransformTree:
         at = np.clip(stamps, times[0], times[-1])
         # Differences are exact as integers, and small enough as seconds.
         seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
-        shift = np.stack([np.interp(wanted, seconds, one) for one in numbers[:, :3].T], axis=1)
+        shift = interpolated(wanted, seconds, numbers[:, :3])
         if not needs_turn:
             return shift, None
         turns = Rotation.from_quat(numbers[:, 3:])
