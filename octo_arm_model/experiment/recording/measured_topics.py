@@ -66,7 +66,7 @@ class MeasuredTopics:
         """
         frames: dict[int, FloatArray] = {}
         is_tf = bool(self._measured.marker_frames)
-        found = self._of_tf(skip, count) if is_tf else self._of_messages(skip, count)
+        found = self._of_tf(skip, count) if is_tf else self._messages(skip, count, self._read)
         for stamp, points in found:
             if not is_tf and len(self.topics) == 1:
                 yield Frame(stamp, points)
@@ -80,20 +80,15 @@ class MeasuredTopics:
 
     def _messages(
         self, skip: Skip, count: Count, read: Callable[[Record, Any], T]
-    ) -> Iterator[tuple[Record, int, T]]:
-        """Messages, their stamps [ns] and what ``read`` makes of each, skipped where nothing."""
+    ) -> Iterator[tuple[int, T]]:
+        """Stamps [ns] of messages and what ``read`` makes of each, skipped where nothing."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
             count.add()
             stamp, found, reason = self._reader.read(record, partial(read, record))
             if found is None:
                 skip(record.topic, stamp.ns, reason)
             else:
-                yield record, stamp.ns, found
-
-    def _of_messages(self, skip: Skip, count: Count) -> Iterator[tuple[int, FloatArray]]:
-        """Stamps and points of messages that hold points."""
-        for _, stamp, points in self._messages(skip, count, self._read):
-            yield stamp, points
+                yield stamp.ns, found
 
     def _read(self, record: Record, message: Any) -> FloatArray:
         """The points of a ``message``, checked."""
@@ -112,13 +107,15 @@ class MeasuredTopics:
         from octo_arm_model.bags.records import stamp_of
 
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
-        of_messages = self._messages(skip, count, lambda _, message: message.transforms)
-        for record, _, transforms in of_messages:
-            is_static = record.topic.endswith(_STATIC)
+        found = self._messages(
+            skip, count, lambda record, message: [(record, one) for one in message.transforms]
+        )
+        for _, transforms in found:
             number += len(transforms)
             if number > MOST_TRANSFORMS:
                 raise MeasurementError(f'{topics}: more than {MOST_TRANSFORMS} transforms')
-            for one in transforms:
+            for record, one in transforms:
+                is_static = record.topic.endswith(_STATIC)
                 stamp = stamp_of(one, record.received_ns).ns
                 at, turn = one.transform.translation, one.transform.rotation
                 parts = np.array([at.x, at.y, at.z]), np.array([turn.x, turn.y, turn.z, turn.w])
