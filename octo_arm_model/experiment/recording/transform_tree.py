@@ -228,6 +228,10 @@ class TransformTree:
         for stamp in stamps[outside].tolist():
             skip(stamp, f'{name} is not known at {1e-9 * stamp:.3f} s')
         at = np.clip(stamps, times[0], times[-1])
+        # A pose at one time needs the two transforms about it, and not those of the whole history.
+        first, after = np.searchsorted(times, (at.min(), at.max()), side='right')
+        near = slice(max(first - 1, 0), after + 1)
+        times, numbers = times[near], numbers[near]
         # Differences are exact as integers, and small enough as seconds.
         seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
         shift = interpolated(wanted, seconds, numbers[:, :3])
