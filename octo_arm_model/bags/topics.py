@@ -6,16 +6,14 @@ from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {
-    'backbone/path': 'nav_msgs/msg/Path',
-    'backbone/poses': 'geometry_msgs/msg/PoseArray',
-    'strains': 'octo_arm_msgs/msg/SectionStrains',
-    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    **BACKBONE_TOPICS,
     'tendon_lengths': 'sensor_msgs/msg/JointState',
     'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
 }
