@@ -29,7 +29,7 @@ from octo_arm_model.bags.answers import Answers
 from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import replay
-from octo_arm_model.bags.tensions import TYPES, read_tensions
+from octo_arm_model.bags.tensions import TYPES, TensionTopic, read_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.config import load_parameters
@@ -81,7 +81,7 @@ def replay_all(source: Path, out: Path, storage: str, model: str) -> None:
 def read_all(source: Path, config: Config) -> None:
     """Read all tensions."""
     with BagReader(source) as reader:
-        for _ in read_tensions(reader, '/tendon_tensions', config):
+        for _ in read_topic(reader, '/tendon_tensions', TensionTopic(reader, config).read):
             pass
 
 

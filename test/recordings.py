@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from octo_arm_model import Arm, load_config
+from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import Reading, read_tensions
+from octo_arm_model.bags.tensions import Reading, TensionTopic, read_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, float32
@@ -134,4 +134,12 @@ def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
     """Tensions in the messages of a topic, for the arm of Table 4."""
     with BagReader(path) as reader:
-        return list(read_tensions(reader, topic, CONFIG))
+        return tensions_in(reader, CONFIG, topic)
+
+
+def tensions_in(
+    reader: BagReader, config: Config, topic: str = '/tendon_tensions'
+) -> list[Reading]:
+    """Tensions in the messages of a topic."""
+    found = read_topic(reader, topic, TensionTopic(reader, config).read)
+    return [reading for _, reading in found]

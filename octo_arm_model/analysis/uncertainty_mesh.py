@@ -10,6 +10,7 @@ from octo_arm_model.analysis.arm_mesh import MOST_RINGS, SIDES, tube_triangles
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.section.highest_tensions import bending_force
 
@@ -87,7 +88,7 @@ class UncertaintyDrawing:
         The resultant of a current, whose ``s`` is NaN, acts everywhere and is drawn at the middle.
         """
         at = 0.5 * self._s[-1] if np.isnan(s) else s
-        return np.array([np.interp(at, self._s, axis) for axis in position.T])
+        return interpolated(at, self._s, position)
 
     def arrow(self, start: FloatArray, force: FloatArray, covariance: FloatArray) -> Arrow | None:
         """The arrow of a ``force`` (3,) [N] of ``covariance`` (3, 3) from ``start`` (3,) on [m].

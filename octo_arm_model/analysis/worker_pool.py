@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import functools
 import multiprocessing
@@ -193,6 +192,8 @@ def _find_scheduler(address: str) -> None:
     Raises:
         ConfigError: if there is no scheduler.
     """
+    import asyncio  # which takes long to import, and nothing else needs
+
     from distributed.comm import connect
 
     async def connect_once() -> None:

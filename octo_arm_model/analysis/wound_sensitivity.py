@@ -12,8 +12,6 @@ import numpy as np
 
 from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.quadrature import integration_weights
-from octo_arm_model.core.section.tendon_sums import transmission
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
 
@@ -75,7 +73,7 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             young,
             held(found.by_tip_wrench),
             held(found.by_poisson_ratio),
-            held(found.by_offset, np.diag(stretch * rest_by_offset(solver))),
+            held(found.by_offset, np.diag(stretch * solver.rest_lengths_by_offset)),
             held(found.by_sheath_stiffness),
         ),
     )
@@ -92,17 +90,3 @@ def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
         change.strain + more.strain,
         change.tendon_length + more.tendon_length,
     )
-
-
-def rest_by_offset(solver: Solver) -> FloatArray:
-    """Derivative of each unloaded length with the tendon's distance from the midline (tendons,).
-
-    Only of tendons that wind about it.
-    """
-    arm, grid = solver.arm, solver.grid
-    slope, outward = arm.tendon_slopes(grid.nodes), arm.tendon_outward_slopes(grid.nodes)
-    along = slope[0] * outward[0] + slope[1] * outward[1]
-    along /= np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
-    passes = transmission(arm, grid.nodes, grid.node_section) > 0.0
-    by_offset: FloatArray = (passes * along) @ integration_weights(grid)
-    return by_offset

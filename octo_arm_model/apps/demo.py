@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from rclpy.node import Node
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.ros.child_processes import children, ended, stop_signals
+from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile, profile_names
@@ -108,8 +107,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         profile = find_profile(movement, config.arm)
         speed = speed_within(profile, estimating['estimator.tension_rate'])
         playing |= {**pushing, 'profile.speed': speed}
-        commands = [('octo_arm_model.ros.estimator.main', *common, *_given(estimating))]
-    commands.append(('octo_arm_model.ros.simulator_node', *common, *_given(playing)))
+        commands = [
+            ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
+        ]
+    commands.append(('octo_arm_model.ros.simulator_node', *common, *parameter_arguments(playing)))
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
@@ -130,15 +131,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             step()
             line.show(lambda: describe(client))
         return 0 if is_over() else fail(_PROG, ended(started), 1)
-
-
-def _given(parameters: Mapping[str, Any]) -> list[str]:
-    """Arguments of ROS for ``parameters``."""
-    return [
-        word
-        for name, value in parameters.items()
-        for word in ('-p', f'{name}:={json.dumps(value)}')
-    ]
 
 
 def _watching(client: ArmClient) -> Callable[[], None]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.ros.child_processes import children, ended, stop_signals
+from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
@@ -104,9 +103,7 @@ def host(config_file: str, numbers: Sequence[int]) -> None:
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
         }
-        arguments = ['--ros-args', '--params-file', config_file]
-        for name, value in settings.items():
-            arguments += ['-p', f'{name}:={json.dumps(value)}']
+        arguments = ['--ros-args', '--params-file', config_file, *parameter_arguments(settings)]
         node = OctoArmNode(
             namespace=f'arm_{number}', cli_args=arguments, use_global_arguments=False
         )

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import pick_tensions
-from octo_arm_model.bags.topics import DESCRIPTION, names
+from octo_arm_model.bags.topics import DESCRIPTION, names, usual_topics
+from octo_arm_model.bags.types import STRING
 from octo_arm_model.config.config import parse_parameters
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.wire.displacement_messages import TOPIC
+from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
-
-STRING = 'std_msgs/msg/String'
 
 
 class RecordedArm(NamedTuple):
@@ -61,18 +60,13 @@ def find_arms(
         picked = dict(_pick(reader, topic) for topic in topics)
         found = list(picked)
     else:
-        found = [
-            topic
-            for topic, type_name in reader.topics.items()
-            if (
-                any(
-                    names(topic, usual) and type_name == kind.type_name
-                    for usual, kind in TENSION_TOPICS.items()
-                )
-                or holds_displacements(topic, type_name)
-            )
-            and reader.count([topic])
-        ]
+        rows = {
+            **{name: kind.type_name for name, kind in TENSION_TOPICS.items()},
+            TOPIC: TYPE_NAME,
+        }
+        found = sorted(
+            topic for name, kind in rows.items() for topic in usual_topics(reader, name, (kind,))
+        )
         picked = dict.fromkeys(found, '') or dict([pick_tensions(reader, None)])
         found = list(picked)
     by_prefix: dict[str, list[str]] = {}
@@ -120,11 +114,7 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or that of no arm.
         BagError: if the bag is damaged.
     """
-    topics = [
-        topic
-        for topic, type_name in reader.topics.items()
-        if names(topic, DESCRIPTION) and type_name == STRING and reader.count([topic])
-    ]
+    topics = usual_topics(reader, DESCRIPTION, (STRING,))
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

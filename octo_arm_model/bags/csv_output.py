@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,14 +13,12 @@ from octo_arm_model.bags.answers import Answer
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.bags.types import known_types
+from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
 
-STATIONS = (
-    'topic', 'stamp [ns]', 'time [s]', 's [m]', 'x [m]', 'y [m]', 'z [m]',
-    'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]',
-)  # fmt: skip
+STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
 
 
-class CsvAnswers:
+class CsvAnswers(CsvFiles):
     """Writes stations.csv, a row for each station of each answer, and tensions, a file a topic.
 
     The tensions are as `octo-arm play` reads them. Times count from the first answer.
@@ -34,20 +30,15 @@ class CsvAnswers:
         Raises:
             OSError: if a file cannot be written.
         """
-        self._files = contextlib.ExitStack()
-        self._stations = self._open(folder / 'stations.csv')
+        super().__init__()
+        self._stations = self.open(folder / 'stations.csv')
         self._stations.writerow(STATIONS)
         names = ['tensions.csv'] if len(topics) == 1 else [
             f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics
         ]  # fmt: skip
-        self._tensions = {topic: self._open(folder / name)
-                          for topic, name in zip(topics, names)}  # fmt: skip
+        self._tensions = {topic: self.open(folder / name) for topic, name in zip(topics, names)}
         self._begun: set[str] = set()
         self._origin: int | None = None
-
-    def _open(self, path: Path) -> Any:
-        file = self._files.enter_context(path.open('w', encoding='utf-8', newline=''))
-        return csv.writer(file, lineterminator='\n')
 
     def write(
         self, topic: str, reading: Reading, answer: Answer, topics: Sequence[str],
@@ -65,8 +56,7 @@ class CsvAnswers:
         time = 1e-9 * (reading.stamp_ns - self._origin)
         if topic not in self._begun:
             self._begun.add(topic)
-            header = ('time [s]', *(f'{name} [N]' for name in tendons))
-            self._tensions[topic].writerow(header)
+            self._tensions[topic].writerow(tension_columns(tendons))
         tensions = reading.tensions if answer.tensions is None else answer.tensions
         assert tensions is not None
         self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
@@ -82,11 +72,3 @@ class CsvAnswers:
         ])  # fmt: skip
         head = (topic, reading.stamp_ns, round(time, 9))
         self._stations.writerows([*head, *row] for row in table.tolist())
-
-    def __enter__(self) -> CsvAnswers:
-        """Stay open."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the files."""
-        self._files.close()

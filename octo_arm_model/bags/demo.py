@@ -15,7 +15,7 @@ from octo_arm_model.bags.demo_experiment import (
     Experiment,
     note,
 )
-from octo_arm_model.bags.demo_messages import DemoMessages
+from octo_arm_model.bags.demo_messages import START, DemoMessages
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml
@@ -42,9 +42,8 @@ def add_demo(
     rng = np.random.default_rng(seed)
     times, pulls = experiment.schedule(config)
     messages, true = DemoMessages(writer, config), TrueArm(parameters, experiment)
-    text = parameters_as_yaml(parameters)
-    messages.say(f'/{DESCRIPTION}', text)
-    messages.say('/note', note(experiment, seed))
+    writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
+    writer.add_text('/note', note(experiment, seed), START)
 
     sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
     measured = np.interp(sampled, times, pulls)

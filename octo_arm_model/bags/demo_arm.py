@@ -12,6 +12,7 @@ from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.bags.demo_experiment import Experiment
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.backbone import Backbone
 
 _LEVELS = 41  # tensions that encoders are computed at, between which they are interpolated
@@ -74,4 +75,4 @@ class TrueArm:
 
 def points_of(shape: Backbone, s: FloatArray) -> FloatArray:
     """Points of a ``shape`` at ``s`` (n,) [m], (n, 3) [m]."""
-    return np.stack([np.interp(s, shape.s, axis) for axis in shape.position.T], axis=1)
+    return interpolated(s, shape.s, shape.position)

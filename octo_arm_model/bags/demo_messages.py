@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from rosbags.interfaces import Connection
 
-from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.topics import MIDLINE
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
@@ -18,7 +17,7 @@ from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 CAMERA_FRAME = 'camera'
-_START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
+START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
 # A camera does not see the orientation of cross sections.
 _LEVEL: FloatArray = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -32,11 +31,6 @@ class DemoMessages:
         self._types = known_types()
         self._topics: dict[str, Connection] = {}
         self._messages: list[Message] = []
-
-    def say(self, topic: str, text: str) -> None:
-        """Add a latched text at the start."""
-        message = self._make(STRING, data=text)
-        self._add(topic, STRING, 0.0, message, latched=True)
 
     def add_tension(self, time: float, tension: float) -> None:
         """Add tensions measured at ``time`` [s]: that of the first tendon [N], the others none."""
@@ -111,15 +105,13 @@ class DemoMessages:
     def _make(self, name: str, /, **fields: Any) -> Any:
         return self._types.types[name](**fields)
 
-    def _add(
-        self, topic: str, name: str, time: float, message: Any, latched: bool = False
-    ) -> None:
+    def _add(self, topic: str, name: str, time: float, message: Any) -> None:
         if topic not in self._topics:
-            self._topics[topic] = self._writer.add(topic, name, latched)
+            self._topics[topic] = self._writer.add(topic, name)
         data = bytes(self._types.serialize_cdr(message, name))
         self._messages.append((self._topics[topic], _nanoseconds(time), data))
 
 
 def _nanoseconds(time: float) -> int:
     """Stamp of a ``time`` from the start [s]."""
-    return _START + round(time * 1e9)
+    return START + round(time * 1e9)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+import functools
+from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
-from octo_arm_model.bags.tensions import Reading, reading_of, stampable
-from octo_arm_model.bags.topics import names, pick_topic
+from octo_arm_model.bags.tensions import Reading, stampable
+from octo_arm_model.bags.topics import names, pick_usual
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME, read_displacements
-from octo_arm_model.wire.stamp import Stamp
 
 
 class DisplacementTopic:
@@ -24,21 +22,12 @@ class DisplacementTopic:
 
     def read(self, records: Sequence[Record]) -> list[Reading]:
         """Displacements of each of ``records``, or why it was refused."""
-        return [stampable(reading_of(self._reader, record, self._read)) for record in records]
+        return [stampable(self._read(record)) for record in records]
 
-    def _read(self, message: Any, stamp: Stamp) -> Reading:
-        return Reading(stamp, None, '', read_displacements(message, self._arm))
-
-
-def read_topic(reader: BagReader, topic: str, arm: Arm) -> Iterator[Reading]:
-    """Every message of ``topic``, read as the node reads it.
-
-    Raises:
-        BagError: if the bag is damaged.
-    """
-    displacements = DisplacementTopic(reader, arm)
-    for record in reader.messages([topic]):
-        yield from displacements.read([record])
+    def _read(self, record: Record) -> Reading:
+        read = functools.partial(read_displacements, arm=self._arm)
+        stamp, displacements, reason = self._reader.read(record, read)
+        return Reading(stamp, None, reason, displacements)
 
 
 def pick_displacements(reader: BagReader, wanted: str | None) -> str | None:
@@ -47,18 +36,7 @@ def pick_displacements(reader: BagReader, wanted: str | None) -> str | None:
     Raises:
         BagError: if there is no ``wanted`` one, it is of another type, or there are several.
     """
-    if wanted is not None:
-        return pick_topic(reader, wanted, (TYPE_NAME,), 'displacements')
-    found = [
-        topic
-        for topic, type_name in reader.topics.items()
-        if holds_displacements(topic, type_name) and reader.count([topic])
-    ]
-    if len(found) > 1:
-        raise BagError(
-            f'{reader.path}: several topics of displacements, name one of {", ".join(found)}'
-        )
-    return found[0] if found else None
+    return pick_usual(reader, wanted, TOPIC, (TYPE_NAME,), 'displacements')
 
 
 def holds_displacements(topic: str, type_name: str) -> bool:

@@ -7,11 +7,9 @@ from typing import Any
 
 from rosbags.interfaces import Connection
 
-from octo_arm_model.bags.arms import STRING
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import open_copies
 from octo_arm_model.bags.topics import DESCRIPTION
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
@@ -19,15 +17,9 @@ from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.wire.cdr_estimate import ESTIMATES, EstimateMessages
 from octo_arm_model.wire.stamp import Stamp
 
-_TOGETHER = 1000  # messages that are copied at a time
-
 
 class EstimateOutput:
-    """Writes the estimates of one arm into a bag.
-
-    Attributes:
-        written: how many estimates.
-    """
+    """Writes the estimates of one arm into a bag."""
 
     def __init__(
         self,
@@ -49,15 +41,11 @@ class EstimateOutput:
         Raises:
             BagError: if the bag cannot be written.
         """
-        self._writer, self._prefix, self.written = writer, prefix, 0
+        self._writer, self._prefix = writer, prefix
         frame = Config.from_parameters(parameters).base_frame
         self._messages = {name: EstimateMessages(frame, one) for name, one in models.items()}
         self._connections: dict[str, Connection] = {}
-        types = known_types()
-        text = types.types[STRING](data=parameters_as_yaml(parameters))
-        data = bytes(types.serialize_cdr(text, STRING))
-        description = writer.add(prefix + DESCRIPTION, STRING, latched=True)
-        writer.write([(description, start_ns, data)])
+        writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
     def write(self, hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
         """Write an ``estimate`` by one hypothesis.
@@ -71,7 +59,6 @@ class EstimateOutput:
             if topic not in self._connections:
                 self._connections[topic] = self._writer.add(self._prefix + topic, ESTIMATES[topic])
             self._writer.write([(self._connections[topic], received_ns, data)])
-        self.written += 1
 
 
 def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str]:
@@ -84,12 +71,10 @@ def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str
         reader, writer, {prefix + topic for topic in (*ESTIMATES, DESCRIPTION)}
     )
     left_out.pop(prefix + DESCRIPTION, None)  # it is the same
-    some = []
-    for record in reader.messages(sorted({topic for topic, _ in copies})) if copies else ():
-        if connection := copies.get((record.topic, record.type_name)):
-            some.append((connection, record.received_ns, record.data))
-        if len(some) == _TOGETHER:
-            writer.write(some)
-            some = []
-    writer.write(some)
+    # One by one: many large messages at once may not fit into memory.
+    writer.write(
+        (connection, record.received_ns, record.data)
+        for record in reader.messages(sorted({topic for topic, _ in copies}))
+        if (connection := copies.get((record.topic, record.type_name)))
+    )
     return left_out

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.reader import DirectoryReader
@@ -14,10 +14,13 @@ from rosbags.typesys.store import Typestore
 
 from octo_arm_model.bags.limits import check_size, expand_message
 from octo_arm_model.bags.metadata import check_folder
-from octo_arm_model.bags.records import Key, Record, count_messages, counts_of
+from octo_arm_model.bags.records import Key, Record, count_messages, counts_of, stamp_of
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.types import numeric_fields, types_for
-from octo_arm_model.core.errors import BagError
+from octo_arm_model.core.errors import BagError, OctoArmError
+from octo_arm_model.wire.stamp import Stamp
+
+T = TypeVar('T')
 
 
 class BagReader:
@@ -192,6 +195,23 @@ class BagReader:
             raise BagError(
                 f'{record.topic}: {len(record.data)} bytes that are no {record.type_name}'
             ) from error
+
+    def read(self, record: Record, read: Callable[[Any], T]) -> tuple[Stamp, T | None, str]:
+        """Stamp of a ``record``, what ``read`` makes of its message, and why nothing.
+
+        A message that ``read`` refuses by an OctoArmError, or that has other fields than it takes,
+        is None with the reason; the reason of all others is ''.
+        """
+        stamp = Stamp.from_ns(record.received_ns)
+        try:
+            message = self.decode(record)
+            stamp = stamp_of(message, record.received_ns)
+            return stamp, read(message), ''
+        except OctoArmError as error:
+            return stamp, None, str(error)
+        except (AttributeError, TypeError, ValueError) as error:
+            # The bag defines the type otherwise: fields are missing or of other types.
+            return stamp, None, f'{record.type_name} of another kind: {error}'
 
     def types_of(self, type_name: str) -> Typestore:
         """Types to decode messages of a type with: the bag's definition, or else ours.

@@ -34,7 +34,7 @@ def stamp_of(message: Any, received_ns: int) -> Stamp:
     """
     header = getattr(message, 'header', None)
     if header is not None and (header.stamp.sec or header.stamp.nanosec):
-        return Stamp(header.stamp.sec, header.stamp.nanosec)
+        return Stamp.of(header.stamp)
     return Stamp.from_ns(received_ns)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.answers import Answer, Answers
-from octo_arm_model.bags.arms import STRING, RecordedArm
+from octo_arm_model.bags.arms import RecordedArm
 from octo_arm_model.bags.csv_output import CsvAnswers
 from octo_arm_model.bags.displacements import DisplacementTopic
 from octo_arm_model.bags.reader import BagReader
@@ -15,7 +15,6 @@ from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.replay_report import Report, TopicReport, check_answered
 from octo_arm_model.bags.tensions import Reading, TensionTopic
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config, parameters_as_yaml
 
@@ -109,15 +108,12 @@ class _Output:
         }
         self._newest: dict[str, int] = {}
         self._answers = Answers(config, lengths, bool(arm.displacements))
-        description = writer.add(arm.prefix + DESCRIPTION, STRING, latched=True)
+        description = arm.prefix + DESCRIPTION
+        writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
         self.connections = [
             writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers.topics
         ]
-        self.written = [connection.topic for connection in (description, *self.connections)]
-        types = known_types()
-        message = types.types[STRING](data=parameters_as_yaml(arm.parameters))
-        data = bytes(types.serialize_cdr(message, STRING))
-        writer.write([(description, reader.start_ns, data)])
+        self.written = [description, *(connection.topic for connection in self.connections)]
 
     def answer(
         self, records: Sequence[Record], report: Report, table: CsvAnswers | None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,19 +11,19 @@ import numpy as np
 
 from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import stamp_of
-from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions
-from octo_arm_model.bags.topics import is_answer, names, pick_topic
+from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
+from octo_arm_model.bags.topics import is_answer, names, only_one, pick_usual
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import BagError, OctoArmError
+from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
+from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used
 MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
-_TOGETHER = 128  # messages of tensions read at once
 
 # Called with the topic, the stamp [ns] and the reason of a message left out.
 Skip = Callable[[str, int, str], None]
@@ -105,11 +105,7 @@ def find_sensors(
     found = {}
     for name, row in MEASUREMENT_TOPICS.items():
         wanted = (others or {}).get(name)
-        if wanted == NONE:
-            continue
-        if wanted is not None:
-            found[name] = pick_topic(reader, wanted, (row.type_name,), name)
-        elif topic := _usual(reader, name, (row.type_name,), name):
+        if wanted != NONE and (topic := pick_usual(reader, wanted, name, (row.type_name,), name)):
             found[name] = topic
     topic, field = _tensions(reader, tensions, set(found.values()))
     sensors = SensorTopics(topic, field, found)
@@ -119,18 +115,6 @@ def find_sensors(
             f'{", ".join(MEASUREMENT_TOPICS)}; {reader.listing}'
         )
     return sensors
-
-
-def _usual(reader: BagReader, name: str, types: Sequence[str], what: str) -> str:
-    """The topic of the usual ``name`` with messages; '' if there is none."""
-    topics = [
-        topic
-        for topic, kind in reader.topics.items()
-        if names(topic, name) and kind in types and reader.count([topic])
-    ]
-    if len(topics) > 1:
-        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(topics)}')
-    return topics[0] if topics else ''
 
 
 def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[str, str]:
@@ -148,12 +132,7 @@ def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[
         and reader.count([topic])
     ]
     usual = [topic for topic in there if any(names(topic, name) for name in TENSION_TOPICS)]
-    there = usual or there
-    if len(there) > 1:
-        raise BagError(
-            f'{reader.path}: several topics of tensions, name one of {", ".join(there)}'
-        )
-    return (there[0], '') if there else ('', '')
+    return only_one(reader, usual or there, 'tensions') or '', ''
 
 
 def read_tension_rows(
@@ -175,18 +154,16 @@ def read_tension_rows(
         raise BagError(f'{reader.path}: {count} messages measured, at most {MOST_MESSAGES}')
     times, rows = [], []
     if sensors.tensions:
-        topic = TensionTopic(reader, config, sensors.field, raw=True)
-        records = reader.messages([sensors.tensions])
-        while some := list(itertools.islice(records, _TOGETHER)):
-            for record, reading in zip(some, topic.read(some)):
-                if reading.tensions is None:
-                    skip(record.topic, reading.stamp_ns, reading.reason)
-                elif not np.isfinite(reading.tensions).all():
-                    skip(record.topic, reading.stamp_ns, 'a tension is not finite')
-                else:
-                    times.append((reading.stamp_ns, record.received_ns))
-                    rows.append(reading.tensions.ravel())
-            done(len(some))
+        raw = TensionTopic(reader, config, sensors.field, raw=True)
+        for record, reading in read_topic(reader, sensors.tensions, raw.read):
+            if reading.tensions is None:
+                skip(record.topic, reading.stamp_ns, reading.reason)
+            elif not np.isfinite(reading.tensions).all():
+                skip(record.topic, reading.stamp_ns, 'a tension is not finite')
+            else:
+                times.append((reading.stamp_ns, record.received_ns))
+                rows.append(reading.tensions.ravel())
+            done(1)
     table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
     stamps, received = np.array(times, np.int64).reshape(-1, 2).T
     return RecordedTensions(stamps, received, table)
@@ -210,19 +187,17 @@ def read_measured(
         for stamp, received, row in zip(*tensions)
     ]
     rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
-    for record in reader.messages(list(rows)) if rows else ():
+
+    def read(record: Record) -> tuple[Stamp, Measurement | None, str]:
+        row = rows[record.topic]
+        return reader.read(record, lambda message: row.read(message, arm))
+
+    for record in reader.messages(list(rows)):
         done(1)
-        stamp = record.received_ns
-        try:
-            message = reader.decode(record)
-            stamp = stamp_of(message, record.received_ns).ns
-            measurement = rows[record.topic].read(message, arm)
-        except OctoArmError as error:
-            skip(record.topic, stamp, str(error))
-        except (AttributeError, TypeError, ValueError) as error:
-            # The bag defines the type otherwise: fields are missing or of other types.
-            skip(record.topic, stamp, f'{record.type_name} of another kind: {error}')
+        stamp, measurement, reason = read(record)
+        if measurement is None:
+            skip(record.topic, stamp.ns, reason)
         else:
-            found.append(Measured(stamp, record.received_ns, measurement))
+            found.append(Measured(stamp.ns, record.received_ns, measurement))
     found.sort(key=lambda one: one.stamp_ns)
     return [list(group) for _, group in itertools.groupby(found, key=lambda one: one.stamp_ns)]

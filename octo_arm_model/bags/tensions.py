@@ -9,11 +9,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record, stamp_of
+from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import BagError, OctoArmError, TensionError
+from octo_arm_model.core.errors import BagError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
@@ -53,20 +53,17 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def read_tensions(
-    reader: BagReader, topic: str, config: Config, field: str = ''
-) -> Iterator[Reading]:
-    """Every message of ``topic``, read as the node reads it.
+def read_topic(
+    reader: BagReader, topic: str, read: Callable[[Sequence[Record]], list[Reading]]
+) -> Iterator[tuple[Record, Reading]]:
+    """Every message of ``topic`` and what ``read``, that of its type, makes of it.
 
     Raises:
-        BagError: if there is no such topic, it is of none of `TYPES` or the bag is damaged.
+        BagError: if there is no such topic, or the bag is damaged.
     """
-    if not field:
-        topic, field = pick_tensions(reader, topic)
-    tensions = TensionTopic(reader, config, field)
     records = reader.messages([topic])
     while some := list(itertools.islice(records, _TOGETHER)):
-        yield from tensions.read(some)
+        yield from zip(some, read(some), strict=True)
 
 
 def pick_tensions(
@@ -154,22 +151,22 @@ class TensionTopic:
         # The layout may be that of another message of the same batch by now.
         if found := self._read_alike([record]):
             return found[0]
-        return reading_of(self._reader, record, partial(self._read, record))
+        return Reading(*self._reader.read(record, partial(self._read, record)))
 
-    def _read(self, record: Record, message: Any, stamp: Stamp) -> Reading:
+    def _read(self, record: Record, message: Any) -> FloatArray:
         wanted = self._load_cells.names
         if self._field:
             values = field_values(message, self._field)
             names = names_of(message, len(values))
-            return self._checked(stamp, tensions_by_names(values, names, wanted, self._arm))
+            return self._calibrated(tensions_by_names(values, names, wanted, self._arm))
         kind = _KINDS[record.type_name]
         if wanted:
-            return self._checked(stamp, kind.read_named(message, self._arm, wanted))
+            return self._calibrated(kind.read_named(message, self._arm, wanted))
         tensions = kind.read(message, self._arm)
         if self._is_as_known(record.type_name):
             layout = TensionLayout(kind, record.data, message, self._arm)
             self._layout = layout if layout.read(record.data) else self._layout
-        return self._checked(stamp, tensions)
+        return self._calibrated(tensions)
 
     def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
         try:
@@ -181,22 +178,6 @@ class TensionTopic:
         """Whether the bag defines a type as it is known here, so that it has the known layout."""
         types, known = self._reader.types_of(type_name), known_types()
         return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
-
-
-def reading_of(
-    reader: BagReader, record: Record, read: Callable[[Any, Stamp], Reading]
-) -> Reading:
-    """What ``read`` makes of the message of a ``record`` and its stamp, or why it is refused."""
-    stamp = Stamp.from_ns(record.received_ns)
-    try:
-        message = reader.decode(record)
-        stamp = stamp_of(message, record.received_ns)
-        return read(message, stamp)
-    except OctoArmError as error:
-        return Reading(stamp, None, str(error))
-    except (AttributeError, TypeError, ValueError) as error:
-        # The bag defines the type otherwise: fields are missing or of other types.
-        return Reading(stamp, None, f'{record.type_name} of another kind: {error}')
 
 
 def stampable(reading: Reading) -> Reading:

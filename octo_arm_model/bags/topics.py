@@ -6,16 +6,14 @@ from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError
+from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {
-    'backbone/path': 'nav_msgs/msg/Path',
-    'backbone/poses': 'geometry_msgs/msg/PoseArray',
-    'strains': 'octo_arm_msgs/msg/SectionStrains',
-    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    **BACKBONE_TOPICS,
     'tendon_lengths': 'sensor_msgs/msg/JointState',
     'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
 }
@@ -83,9 +81,44 @@ def pick_topic(
     ):
         if len(found) > 1 and narrower:
             found = [topic for topic in found if topic in narrower]
-    if not found:
+    only = only_one(reader, found, what)
+    if only is None:
         raise BagError(f'{reader.path}: no {what}, expected {expected}; {reader.listing}')
-    if len(found) > 1:
-        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(found)}')
-    reader.types_of(reader.topics[found[0]])
-    return found[0]
+    reader.types_of(reader.topics[only])
+    return only
+
+
+def pick_usual(
+    reader: BagReader, wanted: str | None, usual: str, types: Sequence[str], what: str
+) -> str | None:
+    """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the ``usual`` one.
+
+    None where there is no usual one.
+
+    Raises:
+        BagError: if there is no ``wanted`` one, it is of another type, or there are several usual
+            ones.
+    """
+    if wanted is not None:
+        return pick_topic(reader, wanted, types, what)
+    return only_one(reader, usual_topics(reader, usual, types), what)
+
+
+def usual_topics(reader: BagReader, usual: str, types: Sequence[str]) -> list[str]:
+    """Topics of the ``usual`` name with messages of one of ``types``."""
+    return [
+        topic
+        for topic, type_name in reader.topics.items()
+        if names(topic, usual) and type_name in types and reader.count([topic])
+    ]
+
+
+def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
+    """The only one of the ``topics`` that ``what`` may be read from; None of none.
+
+    Raises:
+        BagError: if there are several.
+    """
+    if len(topics) > 1:
+        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(topics)}')
+    return topics[0] if topics else None

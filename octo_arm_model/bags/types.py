@@ -15,6 +15,7 @@ from rosbags.typesys.store import Typestore
 from octo_arm_model.core.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
+STRING = 'std_msgs/msg/String'
 _LONGEST = 2**20  # entries of an array of fixed length
 _MOST_FIELDS, _DEEPEST = 40, 5  # of a type that are listed
 _NO_TENSIONS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')

@@ -26,7 +26,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.bags.mcap import QuickMcapWriter
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.types import known_types
+from octo_arm_model.bags.types import STRING, known_types
 from octo_arm_model.core.errors import BagError
 
 STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
@@ -191,6 +191,16 @@ class BagWriter:
             return self._writer.add_connection(
                 topic, type_name, typestore=known_types(), offered_qos_profiles=[qos]
             )
+
+    def add_text(self, topic: str, text: str, received_ns: int) -> None:
+        """A latched std_msgs/String on a topic of its own, received at a time [ns].
+
+        Raises:
+            BagError: if the bag cannot be written.
+        """
+        types = known_types()
+        data = bytes(types.serialize_cdr(types.types[STRING](data=text), STRING))
+        self.write([(self.add(topic, STRING, latched=True), received_ns, data)])
 
     def add_copy(self, reader: BagReader, source: Connection) -> Connection | None:
         """A topic as it is in another bag; None where that does not say what its type is.

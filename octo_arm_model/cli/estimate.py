@@ -21,12 +21,12 @@ from octo_arm_model.cli.options import (
     check_out,
     new_command,
     read_config_option,
+    refuse_inside,
     unwritten,
 )
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative
-from octo_arm_model.core.errors import BagError
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS
 
 if TYPE_CHECKING:
@@ -98,7 +98,10 @@ def add_command(commands: Any) -> None:
     )
     for name, row in MEASUREMENT_TOPICS.items():
         topics.add_argument(
-            _option(name), metavar='TOPIC', help=f'in place of {name} ({row.type_name})'
+            f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
+            dest=name,
+            metavar='TOPIC',
+            help=f'in place of {name} ({row.type_name})',
         )
     topics.add_argument(
         '--midlines',
@@ -139,11 +142,6 @@ def add_command(commands: Any) -> None:
     add_json(parser)
 
 
-def _option(name: str) -> str:
-    """Option for the topic of a row of `MEASUREMENT_TOPICS`."""
-    return f'--{name.rsplit("/", 1)[-1].replace("_", "-")}'
-
-
 def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.estimating.recorded import read_recorded
@@ -155,8 +153,8 @@ def _run(options: argparse.Namespace) -> int:
     check_out(options.plot, folder=False, name='--plot')
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
-    if out is not None and options.bag.resolve() in out.resolve().parents:
-        raise BagError(f'{out}: inside {options.bag}, which stays as it is')
+    if out is not None:
+        refuse_inside(out, options.bag)
     with contextlib.ExitStack() as opened:
         reader = opened.enter_context(BagReader(options.bag))
         with Bar('messages') as bar:
@@ -196,8 +194,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         finite('--clock-offset', options.clock_offset, 'a finite time [s]')
     return Sources(
         options.tensions,
-        {name: getattr(options, _option(name)[2:].replace('-', '_'))
-         for name in MEASUREMENT_TOPICS},
+        {name: getattr(options, name) for name in MEASUREMENT_TOPICS},
         options.midlines,
         read_config_option(options),
         read_estimator(options),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 
@@ -32,22 +33,26 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
         'even steps (default: tip)',
     )
     sensors = parser.add_argument_group('how exact sensors are')
-    for name, (_, metavar, text) in _OF_ARM.items():
-        group = sensors if name == '--tension-stddev' else unknown
-        group.add_argument(name, type=float, metavar=metavar, help=text)
-    for parameter in ESTIMATOR_PARAMETERS:
+    for option, (name, metavar, text) in _OF_ARM.items():
+        group = sensors if option == '--tension-stddev' else unknown
+        group.add_argument(option, dest=name, type=float, metavar=metavar, help=text)
+    for parameter in _offered():
         name = parameter.name.removeprefix(PREFIX)
-        if name in _APART:
-            continue
         group = sensors if name.startswith(_SENSORS) else unknown
         shown = 'none' if parameter.is_array else f'{parameter.default:g}'
         group.add_argument(
             f'--{name.replace("_", "-")}',
+            dest=parameter.name,
             type=parameter.kind,
             nargs='+' if parameter.is_array else None,
             metavar='S' if name == 'marker_s' else 'X',
             help=f'{parameter.description} (default: {shown})'.replace('%', '%%'),
         )
+
+
+def _offered() -> list[Parameter]:
+    """The parameters that are options of their own name."""
+    return [one for one in ESTIMATOR_PARAMETERS if one.name.removeprefix(PREFIX) not in _APART]
 
 
 def read_estimator(options: argparse.Namespace) -> dict[str, Any]:
@@ -56,14 +61,8 @@ def read_estimator(options: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ConfigError: if --contact is none.
     """
-    values: dict[str, Any] = {}
-    for parameter in ESTIMATOR_PARAMETERS:
-        name = parameter.name.removeprefix(PREFIX)
-        if name not in _APART and (given := getattr(options, name)) is not None:
-            values[parameter.name] = given
-    for option, (parameter_name, _, _) in _OF_ARM.items():
-        if (given := getattr(options, option[2:].replace('-', '_'))) is not None:
-            values[parameter_name] = given
+    names = [name for name, _, _ in _OF_ARM.values()] + [one.name for one in _offered()]
+    values = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if options.contact is not None:
         contact, *places = options.contact
         if contact not in CONTACTS:

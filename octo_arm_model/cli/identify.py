@@ -100,25 +100,27 @@ def _run(options: argparse.Namespace) -> int:
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')
-    fitted: dict[str, Identification] = {}
+    fitted: list[Identification] = []
     for model in models:
         try:
             with Bar(f'fits of {model}') as bar:
-                fitted[model] = identify(
-                    observations.shapes, recording.parameters, model, fits, alignment, bar,
-                    options.loss,
+                fitted.append(
+                    identify(
+                        observations.shapes, recording.parameters, model, fits, alignment, bar,
+                        options.loss,
+                    )
                 )  # fmt: skip
         except (ConfigError, SolveError) as error:
             if model == models[-1] and not fitted:
                 raise
             notes.append(f'{model} is not fitted: {error}')
-    best = best_of(list(fitted.values()))
-    notes += disagreements(list(fitted.values()))
+    best = best_of(fitted)
+    notes += disagreements(fitted)
     if options.pictures is not None:
         from octo_arm_model.experiment.figure_files import save_all
         from octo_arm_model.experiment.identify_figures import pictures_of
 
-        pictures = pictures_of(list(fitted.values()), observations.shapes)
+        pictures = pictures_of(fitted, observations.shapes)
         with Bar('pictures') as bar:
             save_all(pictures, options.pictures, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
@@ -141,8 +143,8 @@ def _run(options: argparse.Namespace) -> int:
     elif options.csv is not None:
         notes.append(f'{options.csv} stays empty: the data do not determine the arm')
     print(
-        json.dumps(as_dict(best, list(fitted.values()), observations, notes))
+        json.dumps(as_dict(best, fitted, observations, notes))
         if options.json
-        else summary(best, list(fitted.values()), notes)
+        else summary(best, fitted, notes)
     )
     return 0 if best.is_trustworthy else 1

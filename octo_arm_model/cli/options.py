@@ -12,7 +12,7 @@ from typing import Any
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import find_config, find_path
-from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.errors import BagError, ConfigError, TensionError
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
 
@@ -223,6 +223,16 @@ def check_out(path: Path | None, *, folder: bool, name: str = '--out') -> None:
         (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
+
+
+def refuse_inside(out: Path, bag: Path) -> None:
+    """Refuse to write ``out`` into a ``bag`` that is read.
+
+    Raises:
+        BagError: if it is inside.
+    """
+    if bag.resolve() in out.resolve().parents:
+        raise BagError(f'{out}: inside {bag}, which stays as it is')
 
 
 def read_json(text: str, option: str, example: str) -> Any:

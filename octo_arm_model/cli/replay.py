@@ -19,10 +19,10 @@ from octo_arm_model.cli.options import (
     check_out,
     new_command,
     read_config_option,
+    refuse_inside,
     unwritten,
 )
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.core.errors import BagError
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay_report import Report
@@ -106,8 +106,7 @@ def _run(options: argparse.Namespace) -> None:
     began = time.monotonic()
     check_out(options.csv, folder=True, name='--csv')
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
-        if options.bag.resolve() in options.out.resolve().parents:
-            raise BagError(f'{options.out}: inside {options.bag}, which stays as it is')
+        refuse_inside(options.out, options.bag)
         arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         topics = [topic for arm in arms for topic in arm.topics]

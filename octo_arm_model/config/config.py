@@ -157,14 +157,21 @@ class Config:
         return Solver(
             self.arm,
             self.model if model is None else model,
-            self.stations if stations is None else stations,
-            self.base,
-            material=self.law,
-            shear=self.shear,
-            loads=self.loads,
             compiled=compiled,
             budget=Budget(self.solve_budget.iterations) if budget is None else budget,
+            **self.solver_options | ({} if stations is None else {'stations': stations}),
         )
+
+    @property
+    def solver_options(self) -> dict[str, Any]:
+        """Options of every `Solver` of this arm, besides its model and budget."""
+        return {
+            'stations': self.stations,
+            'base': self.base,
+            'material': self.law,
+            'shear': self.shear,
+            'loads': self.loads,
+        }
 
 
 def load_config(path: str | Path) -> Config:

@@ -31,7 +31,7 @@ from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendon_lengths import TendonLengths, rest_by_offset
 from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
@@ -282,6 +282,14 @@ class Solver:
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
         return self._lengths.at_rest.reshape(self.arm.tension_shape)
+
+    @functools.cached_property
+    def rest_lengths_by_offset(self) -> FloatArray:
+        """Derivative of each of `rest_lengths` by the tendon's distance from the midline.
+
+        (tendons,), and not zero only of tendons that wind about it.
+        """
+        return rest_by_offset(self.arm, self.grid)
 
     @functools.cached_property
     def _lengths(self) -> TendonLengths:

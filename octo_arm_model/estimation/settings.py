@@ -129,12 +129,9 @@ class EstimatorSettings:
             ConfigError: as `ArmModel`.
         """
         return {
-            name: ArmModel(
-                config.arm, unknowns, 'exact', loads=config.loads, stations=config.stations,
-                base=config.base, material=config.law, shear=config.shear, compiled=compiled,
-            )
+            name: ArmModel(config.arm, unknowns, compiled=compiled, **config.solver_options)
             for name, unknowns in self.unknowns.items()
-        }  # fmt: skip
+        }
 
 
 def _check(given: Mapping[str, Any], arm: Arm) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
 from octo_arm_model.experiment.compare import ModelComparison
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 
@@ -17,8 +17,7 @@ MIDLINES = (
     'model', 'step', 's [m]',
     *(f'{name}_{axis} [m]' for name in ('measured', 'model', 'residual') for axis in _AXES),
 )  # fmt: skip
-STATIONS = ('model', 'step', 's [m]', *(f'{axis} [m]' for axis in _AXES),
-            'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]')  # fmt: skip
+STATIONS = ('model', 'step', *STATION_COLUMNS)
 
 
 def write_tables(
@@ -36,13 +35,11 @@ def write_tables(
     tables: dict[str, tuple[Sequence[str], Iterator[list[Any]]]] = {
         'midlines.csv': (MIDLINES, _midlines(comparisons)),
         'stations.csv': (STATIONS, _stations(comparisons)),
-        'tensions.csv': (
-            ('time [s]', *(f'{name} [N]' for name in tendons)), _tensions(comparisons[0])
-        ),
-    }  # fmt: skip
-    for name, (header, rows) in tables.items():
-        with (folder / name).open('w', encoding='utf-8', newline='') as file:
-            writer = csv.writer(file, lineterminator='\n')
+        'tensions.csv': (tension_columns(tendons), _tensions(comparisons[0])),
+    }
+    with CsvFiles() as files:
+        for name, (header, rows) in tables.items():
+            writer = files.open(folder / name)
             writer.writerow(header)
             writer.writerows(rows)
     return list(tables)

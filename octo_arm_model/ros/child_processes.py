@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 _END_TIMEOUT = 10.0  # [s] from SIGTERM to SIGKILL
 
@@ -19,6 +21,13 @@ def stop_signals() -> Callable[[], bool]:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, frame: is_over.set())
     return is_over.is_set
+
+
+def parameter_arguments(values: Mapping[str, Any]) -> list[str]:
+    """Arguments of a ROS program, after --ros-args, that set parameters to ``values``."""
+    return [
+        word for name, value in values.items() for word in ('-p', f'{name}:={json.dumps(value)}')
+    ]
 
 
 @contextlib.contextmanager

@@ -65,15 +65,7 @@ def backbone_messages(
 ) -> tuple[Path, PoseArray, SectionStrains]:
     """One solved arm as messages, all with the same header."""
     header = Header(stamp=stamp, frame_id=frame_id)
-    poses = [
-        Pose(
-            position=Point(x=x, y=y, z=z),
-            orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
-        )
-        for (x, y, z), (qx, qy, qz, qw) in zip(
-            backbone.position.tolist(), backbone.quaternion.tolist()
-        )
-    ]
+    poses = list(map(pose_message, backbone.position, backbone.quaternion))
     path = Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
     strains = SectionStrains(
         header=header,

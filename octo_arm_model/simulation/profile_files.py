@@ -13,6 +13,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 import yaml
 
+from octo_arm_model.config.csv_files import tension_columns
 from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, shown
@@ -173,6 +174,6 @@ def _scalar(node: yaml.Node) -> str:
 def write_csv(file: TextIO, times: FloatArray, tensions: FloatArray, arm: Arm) -> None:
     """Write ``times`` (n,) [s] and ``tensions`` (n, tendons) [N] as `read_profile` reads them."""
     writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(('time [s]', *(f'{name} [N]' for name in arm.tendon_names)))
+    writer.writerow(tension_columns(arm.tendon_names))
     for time, row in zip(times.tolist(), tensions.tolist(), strict=True):
         writer.writerow([repr(round(time, 9)), *map(repr, row)])

@@ -42,13 +42,9 @@ class PushedArm:
             config.arm,
             Unknowns(_ANY, point_forces=points),
             config.model,
-            loads=config.loads,
-            stations=config.stations,
-            base=config.base,
-            material=config.law,
-            shear=config.shear,
             compiled=None,
             budget=Budget(config.solve_budget.iterations),
+            **config.solver_options,
         )
         self._noise = np.random.default_rng(sensors.seed)
         self._at: Prediction | None = None

@@ -12,6 +12,14 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_layout import Layout, text_field
 from octo_arm_model.wire.cdr_templates import BatchTemplate, Template
 
+# Topics on which a backbone is published, and their types.
+BACKBONE_TOPICS: dict[str, str] = {
+    'backbone/path': 'nav_msgs/msg/Path',
+    'backbone/poses': 'geometry_msgs/msg/PoseArray',
+    'strains': 'octo_arm_msgs/msg/SectionStrains',
+    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+}
+
 
 class BackboneWriter:
     """Writes the messages of single solutions of one arm, for one thread at a time.

@@ -9,7 +9,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.wire.cdr_backbone import BackboneWriter, tendon_tensions
+from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, BackboneWriter, tendon_tensions
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import TYPE_NAME as COVARIANCE_TYPE
 from octo_arm_model.wire.cdr_covariance import CovarianceWriter
@@ -19,10 +19,7 @@ from octo_arm_model.wire.cdr_templates import Template
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
 # Topics of an estimate and their types.
 ESTIMATES: dict[str, str] = {
-    'backbone/path': 'nav_msgs/msg/Path',
-    'backbone/poses': 'geometry_msgs/msg/PoseArray',
-    'strains': 'octo_arm_msgs/msg/SectionStrains',
-    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    **BACKBONE_TOPICS,
     'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
     COVARIANCE: COVARIANCE_TYPE,
     TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',

@@ -32,7 +32,6 @@ from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as JOINT_STATE
 from octo_arm_model.wire.displacement_messages import read_displacements
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_messages import FieldMessage, TensionMessage
 
 # Pose of a frame in base_frame by its name and a stamp [ns].
 PoseOf: TypeAlias = Callable[[str, int], Pose]
@@ -58,14 +57,14 @@ class MeasuredArm:
         Raises:
             MeasurementError: if it is not known.
         """
-        frame, stamp = str(header.frame_id), header.stamp
+        frame = str(header.frame_id)
         if frame in ('', self.config.base_frame):
             return Rotation.identity(), np.zeros(3)
         if self.pose_of is None:
             raise MeasurementError(
                 f'its frame is {frame[:MAX_NAME]!r}, expected {self.config.base_frame!r}'
             )
-        pose = self.pose_of(frame, Stamp(stamp.sec, stamp.nanosec).ns)
+        pose = self.pose_of(frame, Stamp.of(header.stamp).ns)
         return Rotation.from_quat(np.array(pose.quaternion)), np.array(pose.position)
 
 
@@ -84,25 +83,14 @@ class MeasurementMessage:
     read: Callable[[Any, MeasuredArm], Measurement]
 
 
-def read_tensions(kind: TensionMessage | FieldMessage, message: Any, arm: MeasuredArm) -> Tensions:
-    """Tensions of a ``message`` of a ``kind``, calibrated.
+def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
+    """Tensions for ``readings`` of the load cells, of `Arm.tension_shape` [N], calibrated.
 
     Readings below zero stay as they are: of a slack tendon they are as probable as those above.
 
     Raises:
-        TensionError: as `TensionMessage.read`.
         MeasurementError: if a tension is not finite.
     """
-    cells, described = arm.config.load_cells, arm.config.arm
-    if isinstance(kind, FieldMessage) or cells.names:
-        readings = kind.read_named(message, described, cells.names)
-    else:
-        readings = kind.read(message, described)
-    return tensions_of(readings, arm)
-
-
-def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
-    """The same of ``readings`` of the load cells, of `Arm.tension_shape` [N]."""
     tensions = arm.config.load_cells.scale_and_offset(readings)
     return Tensions(tensions.ravel(), arm.noise.tension)
 

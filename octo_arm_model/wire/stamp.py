@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Stamp(NamedTuple):
@@ -15,6 +15,11 @@ class Stamp(NamedTuple):
     def from_ns(cls, nanoseconds: int) -> Stamp:
         """Stamp of a time [ns]."""
         return cls(*divmod(nanoseconds, 10**9))
+
+    @classmethod
+    def of(cls, time: Any) -> Stamp:
+        """Stamp of a builtin_interfaces/Time of whichever library decoded it."""
+        return cls(time.sec, time.nanosec)
 
     @property
     def ns(self) -> int:

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
+from recordings import tensions_in
 
 from octo_arm_model import Config, displacements_of, load_config
 from octo_arm_model.bags.demo import add_demo
@@ -23,7 +24,6 @@ from octo_arm_model.bags.demo_experiment import (
 )
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import stamp_of
-from octo_arm_model.bags.tensions import read_tensions
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import load_parameters, parse_parameters
@@ -50,9 +50,7 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     seen = 0
     with BagReader(tmp_path / 'bag') as reader:
-        tensions = {
-            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
-        }
+        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
         highest = max(float(np.max(row)) for row in tensions.values())
         assert highest == max(PROTOTYPE_ERRORS)
         for record in reader.messages(['/camera/midline']):
@@ -81,9 +79,7 @@ def test_a_demo_with_softer_tendons_has_what_encoders_read(
     solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
     with BagReader(tmp_path / 'bag') as reader:
         config = Config.from_parameters(PROTOTYPE)
-        tensions = {
-            one.stamp_ns: one.tensions for one in read_tensions(reader, '/tendon_tensions', config)
-        }
+        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
         read = list(reader.messages(['/tendon_displacements']))
         assert len(read) == len(tensions)
         for record in read:
@@ -112,8 +108,8 @@ def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
         )
         midlines = reader.count(['/camera/midline'])
         assert 0.85 * 390 < midlines < 390
-        assert all(not one.reason for one in read_tensions(reader, '/tendon_tensions', load_config(
-            preset_path('renda2012_prototype'))))  # fmt: skip
+        config = load_config(preset_path('renda2012_prototype'))
+        assert all(not one.reason for one in tensions_in(reader, config))
 
 
 def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
@@ -149,8 +145,7 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Pa
     with BagReader(tmp_path / 'bag') as reader:
         config = Config.from_parameters(PROTOTYPE)
         tensions = {
-            one.stamp_ns: float(np.max(one.tensions))
-            for one in read_tensions(reader, '/tendon_tensions', config)
+            one.stamp_ns: float(np.max(one.tensions)) for one in tensions_in(reader, config)
         }
         for record in reader.messages(['/camera/midline']):
             message = reader.decode(record)
@@ -180,7 +175,7 @@ def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
     solver, touched = config.solver(), 0
     with BagReader(tmp_path / 'bag') as reader:
         tensions = {one.stamp_ns: one.tensions
-                    for one in read_tensions(reader, '/tendon_tensions', config)}  # fmt: skip
+                    for one in tensions_in(reader, config)}  # fmt: skip
         tips = {one.received_ns: reader.decode(one)
                 for one in reader.messages(['/measured/tip_pose'])}  # fmt: skip
         markers = {one.received_ns: reader.decode(one)

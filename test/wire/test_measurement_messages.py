@@ -23,7 +23,7 @@ from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.wire.measurement_messages import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
-    read_tensions,
+    tensions_of,
 )
 from octo_arm_model.wire.tension_messages import JOINT_STATE, FieldMessage
 
@@ -192,14 +192,16 @@ def joint_state(names: list[str], values: list[float], field: str) -> Any:
 def test_readings_below_zero_are_measurements_as_calibrated() -> None:
     names = list(CONFIG.arm.tendon_names)
     message = joint_state(names[::-1], [0.4, -0.1, 0.02, 1.0], 'effort')
-    found = read_tensions(JOINT_STATE, message, arm(tension_scale=[2.0] * 4))
+    twice = arm(tension_scale=[2.0] * 4)
+    found = tensions_of(JOINT_STATE.read(message, CONFIG.arm), twice)
     np.testing.assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
     np.testing.assert_allclose(np.diag(found.covariance), 0.02**2)
     field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
-    assert read_tensions(field, message, arm()).value.tolist() == [1.0, 0.02, -0.1, 0.4]
+    found = tensions_of(field.read_named(message, CONFIG.arm, ()), arm())
+    assert found.value.tolist() == [1.0, 0.02, -0.1, 0.4]
     message = joint_state(names, [0.4, np.nan, 0.02, 1.0], 'effort')
     with pytest.raises(OctoArmError, match='expected finite numbers'):
-        read_tensions(JOINT_STATE, message, arm())
+        tensions_of(JOINT_STATE.read(message, CONFIG.arm), arm())
 
 
 def test_displacements_are_of_the_tendons_named(truth: Prediction) -> None:

@@ -8,11 +8,13 @@ from typing import TypeAlias
 
 import numpy as np
 
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
+from octo_arm_model.core.section.tendon_sums import transmission
 
 # From a twist (n, nodes) and tensions (tendons,) [N] to every length [m], (tendons,).
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
@@ -49,3 +51,16 @@ class TendonLengths:
         twist = np.zeros((self.sections.strains, self.weights.shape[1]))
         twist[3] = 1.0
         return self.under(twist, np.zeros(len(self.weights)))
+
+
+def rest_by_offset(arm: Arm, grid: StationGrid) -> FloatArray:
+    """Derivative of each unloaded length by the tendon's distance from the midline (tendons,).
+
+    Only of tendons that wind about it.
+    """
+    slope, outward = arm.tendon_slopes(grid.nodes), arm.tendon_outward_slopes(grid.nodes)
+    along = slope[0] * outward[0] + slope[1] * outward[1]
+    along /= np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+    passes = transmission(arm, grid.nodes, grid.node_section) > 0.0
+    by_offset: FloatArray = (passes * along) @ integration_weights(grid)
+    return by_offset

@@ -10,6 +10,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.recording.alignment import Alignment, align
@@ -90,7 +91,7 @@ class CameraCheck:
         last: Backbone | None = None
         for number, position in self._pairs:
             at = self._frames.time[number]
-            pulled = np.array([np.interp(at, self._time, one) for one in self._tensions.T])
+            pulled = interpolated(at, self._time, self._tensions)
             try:
                 shape = pulled.reshape(self._solver.arm.tension_shape)
                 last = self._solver.follow(shape, last)

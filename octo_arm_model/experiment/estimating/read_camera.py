@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.topics import MIDLINE, names
+from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.estimating.camera_check import CameraFrames
 from octo_arm_model.experiment.recording.alignment import Alignment
@@ -18,11 +18,7 @@ def camera_topic(reader: BagReader, wanted: str | None) -> str | None:
     """The ``wanted`` topic, or the one of the usual name with midlines; None if there is none."""
     if wanted is not None:
         return wanted
-    found = [
-        topic
-        for topic, kind in reader.topics.items()
-        if names(topic, MIDLINE) and kind in MIDLINES and reader.count([topic])
-    ]
+    found = usual_topics(reader, MIDLINE, MIDLINES)
     return found[0] if len(found) == 1 else None
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from octo_arm_model.config.csv_files import CsvFiles
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate
@@ -24,7 +22,7 @@ INNOVATIONS = (
 )  # fmt: skip
 
 
-class EstimateTables:
+class EstimateTables(CsvFiles):
     """Writes estimate.csv, a row for each time, and innovations.csv, a row for each number."""
 
     def __init__(self, folder: Path, models: Mapping[str, ArmModel]) -> None:
@@ -33,26 +31,19 @@ class EstimateTables:
         Raises:
             OSError: if a file cannot be written.
         """
-        self._files = contextlib.ExitStack()
+        super().__init__()
         self._hypotheses = list(models) if len(models) > 1 else []
         self._columns = _besides_contact(next(iter(models.values())).state)
-        self._estimates = self._open(folder / 'estimate.csv')
-        self._innovations = self._open(folder / 'innovations.csv')
+        self._estimates = self.open(folder / 'estimate.csv')
+        self._innovations = self.open(folder / 'innovations.csv')
         self._innovations.writerow(INNOVATIONS)
         values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in self._columns)]
-        deviations = [
-            f'{name.split(" [")[0]} stddev{name[name.find(" [") :] if " [" in name else ""}'
-            for name in values
-        ]
+        deviations = [name.replace(' [', ' stddev [') for name in values]
         self._estimates.writerow([
             'time [s]', 'stamp [ns]', 'contact', 'contact s [m]', *values, *deviations,
             'normalised square', 'numbers', 'refused',
             *(f'probability {name}' for name in self._hypotheses),
         ])  # fmt: skip
-
-    def _open(self, path: Path) -> Any:
-        file = self._files.enter_context(path.open('w', encoding='utf-8', newline=''))
-        return csv.writer(file, lineterminator='\n')
 
     def write(self, moment: Moment, one: TimedEstimate) -> None:
         """Write ``one`` estimate.
@@ -78,14 +69,6 @@ class EstimateTables:
                     time, part.name, number, float(value), float(size), part.normalised_square,
                     int(part.is_accepted),
                 ])  # fmt: skip
-
-    def __enter__(self) -> EstimateTables:
-        """Stay open."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the files."""
-        self._files.close()
 
 
 def _besides_contact(state: State) -> list[str]:

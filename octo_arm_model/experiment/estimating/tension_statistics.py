@@ -6,6 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.settings import TensionStatistics
+from octo_arm_model.experiment.recording.curves import without_spikes
 from octo_arm_model.experiment.recording.steady_windows import reading_noise
 
 _TIMES = 3.0  # standard deviations that the largest change may be
@@ -21,7 +22,7 @@ def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatist
         return TensionStatistics(0.0, 0.0)
     order = np.argsort(time, kind='stable')
     time, tensions = time[order], tensions[order]
-    middle = np.median(np.stack([tensions[:-2], tensions[1:-1], tensions[2:]]), axis=0)
+    middle = without_spikes(tensions)[1:-1]
     elapsed = np.diff(time[1:-1])
     is_later = elapsed > 0.0
     change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(elapsed[is_later, np.newaxis])

@@ -57,6 +57,10 @@ class Problem:
         measured = self.unknowns.alignment(x).to_base(self.shapes[step].points)
         return shape_residuals(self.shapes[step], measured, self.solutions.backbone(x, step))
 
+    def all_residuals(self, x: FloatArray) -> list[FloatArray]:
+        """The `residuals` of each step."""
+        return [self.residuals(x, step) for step in range(len(self.shapes))]
+
     def change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `residuals` by x, (m, 3, unknowns)."""
         points, backbone = self.shapes[step].points, self.solutions.backbone(x, step)
@@ -114,12 +118,12 @@ class Problem:
 
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss, from the residuals at ``x`` [m]."""
-        away = [self.residuals(x, step) for step in range(len(self.shapes))]
-        return robust_loss.scale_of(np.concatenate(away), _FINEST * self.length)
+        away = np.concatenate(self.all_residuals(x))
+        return robust_loss.scale_of(away, _FINEST * self.length)
 
     def _count(self, step: int) -> int:
         """Number of coordinates that are `weighed` in a ``step``."""
-        taut = len(self.solutions.taut(step)) if self.unknowns.reads_encoders else 0
+        taut = int(self.unknowns.taut[step].sum()) if self.unknowns.reads_encoders else 0
         return 3 * taut + self.shapes[step].points.size
 
     def minimise(

@@ -102,7 +102,7 @@ class _Fit:
         self._alignment = alignment
         self._every = self._unknowns(())
         every = Problem(shapes, self._every)
-        self._before = misfit_of(_residuals(every, self._every.start), every.length)
+        self._before = misfit_of(every.all_residuals(self._every.start), every.length)
 
     def _unknowns(self, without: Collection[str]) -> Unknowns:
         return Unknowns(
@@ -179,7 +179,7 @@ def _identification(
     """Results of the ``best`` fit of a ``problem``; ``for_notes`` are arguments of `notes_on`."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
-    after, cross_validation = misfit_of(_residuals(problem, x), length), None
+    after, cross_validation = misfit_of(problem.all_residuals(x), length), None
     floor, tip_stddev = None, None
     if folds:
         cross_validation = misfit_of(best.away, length)
@@ -217,10 +217,6 @@ def _identification(
             for step in range(len(problem.shapes))
         ]),
     )  # fmt: skip
-
-
-def _residuals(problem: Problem, x: FloatArray) -> list[FloatArray]:
-    return [problem.residuals(x, step) for step in range(len(problem.shapes))]
 
 
 def _needed(

@@ -8,8 +8,8 @@ import numpy as np
 
 from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
 from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
-from octo_arm_model.analysis.wound_sensitivity import rest_by_offset, wound_sensitivity
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
@@ -28,7 +28,7 @@ class Solutions:
         self._solver: Solver | None = None
         self._backbones: dict[int, Backbone] = {}
         self._wound: dict[int, Wound] = {}
-        self._changes: dict[int, Sensitivity] = {}
+        self._changes: dict[int, tuple[Sensitivity, Change | None]] = {}
         self._differences: FloatArray | None = None
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:
@@ -90,14 +90,8 @@ class Solutions:
     def _change(self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]) -> FloatArray:
         """Derivative of what ``of`` takes of a `Change`, (..., unknowns), at fixed alignment."""
         unknowns, backbone, solver = self._unknowns, self.backbone(x, step), self._solver_at(x)
-        by_displacement: FloatArray | None = None
-        if self._readings.are_lengths:
-            wound = wound_sensitivity(solver, self._wound[step])
-            change, by_displacement = wound.held, of(wound.by_displacement)
-        else:
-            if step not in self._changes:
-                self._changes[step] = solver.sensitivity(backbone)
-            change = self._changes[step]
+        change, wound = self._sensitivity(backbone, step)
+        by_displacement = None if wound is None else of(wound)
         by_tension = of(change.by_tension)
         found = by_tension @ self._tension_change(x, step)
         for number, name in enumerate(unknowns.names):
@@ -116,6 +110,17 @@ class Solutions:
             elif name == AXIAL and by_displacement is not None:
                 column -= by_displacement @ self._stretch_by_softness(backbone, solver)
         return found
+
+    def _sensitivity(self, backbone: Backbone, step: int) -> tuple[Sensitivity, Change | None]:
+        """First derivatives of the ``backbone`` of a ``step``, and those by displacements held."""
+        assert self._solver is not None
+        if step not in self._changes:
+            if self._readings.are_lengths:
+                wound = wound_sensitivity(self._solver, self._wound[step])
+                self._changes[step] = wound.held, wound.by_displacement
+            else:
+                self._changes[step] = self._solver.sensitivity(backbone), None
+        return self._changes[step]
 
     def _tendon(self, name: str, prefix: str) -> int:
         return self._unknowns.arm.tendon_names.index(name.removeprefix(prefix))
@@ -137,23 +142,16 @@ class Solutions:
         unknown = next(one for one in self._unknowns.unknowns if one.name == AXIAL)
         return backbone.tensions.ravel() * stretching_lengths(solver) / unknown.reference
 
-    def taut(self, step: int) -> IntArray:
-        """Numbers of the tendons under tension whose encoders are read in a ``step``.
-
-        What winches of slack tendons have paid out says nothing.
-        """
-        read = self._readings.tensions[step] > self._unknowns.slack
-        return np.flatnonzero(read & np.isfinite(self._readings.displacements[step]))
-
     def encoder_residuals(self, x: FloatArray, step: int) -> FloatArray:
-        """What encoders of `taut` tendons read less what they should, (taut,) [m]."""
-        solver, backbone, taut = self._solver_at(x), self.backbone(x, step), self.taut(step)
+        """What encoders of taut tendons read less what they should, (taut,) [m]."""
+        solver, backbone = self._solver_at(x), self.backbone(x, step)
         expected = displacements_of(solver, backbone).ravel() + self._unknowns.zeros(x)
-        return np.asarray((self._readings.displacements[step] - expected)[taut])
+        away = self._readings.displacements[step] - expected
+        return np.asarray(away[self._unknowns.taut[step]])
 
     def encoder_change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `encoder_residuals` by x, (taut, unknowns)."""
-        solver, backbone, taut = self._solver_at(x), self.backbone(x, step), self.taut(step)
+        solver, backbone = self._solver_at(x), self.backbone(x, step)
         tensions, compliance = backbone.tensions.ravel(), tendon_compliance(solver)
         expected = compliance[:, np.newaxis] * self._tension_change(x, step)
         expected -= self._change(x, step, lambda change: change.tendon_length)
@@ -163,10 +161,10 @@ class Solutions:
                 expected[self._tendon(name, ZERO), number] += 1.0
             elif name.startswith(OFFSET):
                 tendon = self._tendon(name, OFFSET)
-                expected[tendon, number] += stretch[tendon] * rest_by_offset(solver)[tendon]
+                expected[tendon, number] += stretch[tendon] * solver.rest_lengths_by_offset[tendon]
             elif name == AXIAL:
                 expected[:, number] += self._stretch_by_softness(backbone, solver)
-        return -expected[taut]
+        return -expected[self._unknowns.taut[step]]
 
 
 def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:

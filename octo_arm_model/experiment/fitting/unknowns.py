@@ -47,6 +47,8 @@ class Unknowns:
         start: the initial vector.
         readings: what was read of the tendons.
         slack: tension below which a tendon counts as slack [N].
+        taut: which tendons with an encoder reading are not, (steps, tendons); what winches of
+            slack tendons have paid out says nothing.
         reads_encoders: whether encoder readings are residuals of the fit.
     """
 
@@ -90,13 +92,13 @@ class Unknowns:
         self.arm, self._cells = config.arm, config.load_cells
         self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
         self._pulled = readings.tensions.max(axis=0, initial=0.0) > self.slack
-        taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
+        self.taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
         if AXIAL in fits:
-            self._check_stretch(bool(taut.any()), 'friction' in fits)
+            self._check_stretch(bool(self.taut.any()), 'friction' in fits)
         # What encoders read is weighed where nothing else shows what is fitted.
         self.reads_encoders = AXIAL in fits and not readings.are_lengths
         names = np.array(self.arm.tendon_names)
-        pulled, encoders = names[self._pulled].tolist(), names[taut.any(axis=0)].tolist()
+        pulled, encoders = names[self._pulled].tolist(), names[self.taut.any(axis=0)].tolist()
         self.unknowns = tuple(
             unknown
             for name in FITS

@@ -16,6 +16,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import Solver
 
@@ -101,9 +102,8 @@ def _residual(
     times: FloatArray, tips: FloatArray, tension_time: FloatArray, expected: FloatArray
 ) -> float:
     """Mean squared residual of ``tips`` at ``times``, without the worst frames [m^2]."""
-    columns = [np.ones(len(times))]
-    columns += [np.interp(times, tension_time, column) for column in expected.T]
-    regressors = np.stack(columns, axis=1)
+    at = interpolated(times, tension_time, expected)
+    regressors = np.column_stack([np.ones(len(times)), at])
     found = np.linalg.lstsq(regressors, tips, rcond=1e-9)[0]
     squares = np.sort(((tips - regressors @ found) ** 2).sum(axis=1))
     return float(squares[: max(1, int(_KEPT * len(squares)))].mean())

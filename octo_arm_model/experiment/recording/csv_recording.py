@@ -13,8 +13,13 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.recording.csv_table import FORCE, LENGTH, CsvTable
-from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
+from octo_arm_model.experiment.recording.csv_table import FORCE, CsvTable
+from octo_arm_model.experiment.recording.measured_points import (
+    LENGTH_UNITS,
+    Frame,
+    Measured,
+    MeasuredPoints,
+)
 from octo_arm_model.experiment.recording.measured_topics import Skip
 from octo_arm_model.wire.tension_fields import NONE
 
@@ -90,7 +95,7 @@ def csv_displacements(table: CsvTable, arm: Arm, skip: Skip) -> tuple[list[int],
     rows = np.full((len(stamps), len(names)), np.nan)
     for column, name in zip(rows.T, names):
         if table.find(name) is not None:
-            column[:] = table.numbers(name, LENGTH, 'm')
+            column[:] = table.numbers(name, LENGTH_UNITS, 'm')
     reads = np.isfinite(rows).any(axis=1)
     for stamp, read in zip(stamps, reads):
         if not read:
@@ -142,5 +147,5 @@ def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:
                 f'{table.path}: no column {name}; {table.listing}; of a picture without depth say '
                 f'--columns {name}=0'
             )
-        columns.append(table.numbers(name, LENGTH, unit) / LENGTH[unit])
+        columns.append(table.numbers(name, LENGTH_UNITS, unit) / LENGTH_UNITS[unit])
     return np.stack(columns, axis=1)

@@ -26,7 +26,6 @@ from octo_arm_model.core.limits import (
 from octo_arm_model.experiment.recording.count import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-LENGTH = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 FORCE = {'N': 1.0, 'mN': 1e-3}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')

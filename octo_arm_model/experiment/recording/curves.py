@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 
 _REPEATED = 1e-9  # of the length: points nearer together are one
 
@@ -20,7 +21,7 @@ def lengths_along(points: FloatArray) -> FloatArray:
 
 
 def without_spikes(points: FloatArray) -> FloatArray:
-    """The ``points`` (n, 3), each coordinate the median of three neighbours; the ends stay."""
+    """The ``points`` (n, columns), each number the median of three neighbours; the ends stay."""
     smooth = points.copy()
     if len(points) > 2:
         smooth[1:-1] = np.median(np.stack([points[:-2], points[1:-1], points[2:]]), axis=0)
@@ -39,7 +40,7 @@ def resample(points: FloatArray, fraction: FloatArray) -> FloatArray:
     new = np.append(True, np.diff(length) > _REPEATED * length[-1])
     at = fraction * length[-1]
     if new.sum() < 3:
-        return np.stack([np.interp(at, length, column) for column in points.T], axis=-1)
+        return interpolated(at, length, points)
     curve = Akima1DInterpolator(length[new], points[new])
     return np.asarray(curve(np.minimum(at, length[new][-1])), dtype=np.float64)
 

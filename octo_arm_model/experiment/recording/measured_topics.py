@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError, OctoArmError
+from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
@@ -21,6 +22,7 @@ TF = 'tf2_msgs/msg/TFMessage'
 MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
 _STATIC = 'tf_static'  # the name of topics whose transforms hold at all times
 
+T = TypeVar('T')
 # Called with the topic, the stamp [ns] and the reason of a message left out.
 Skip = Callable[[str, int, str], None]
 
@@ -64,7 +66,7 @@ class MeasuredTopics:
         """
         frames: dict[int, FloatArray] = {}
         is_tf = bool(self._measured.marker_frames)
-        found = self._of_tf(skip, count) if is_tf else self._of_messages(skip, count)
+        found = self._of_tf(skip, count) if is_tf else self._messages(skip, count, self._read)
         for stamp, points in found:
             if not is_tf and len(self.topics) == 1:
                 yield Frame(stamp, points)
@@ -76,35 +78,26 @@ class MeasuredTopics:
         for stamp in sorted(frames):
             yield Frame(stamp, frames[stamp])
 
-    def _messages(self, skip: Skip, count: Count) -> Iterator[tuple[Record, Any]]:
-        """Messages, decoded; ``skip`` is called with those that cannot be."""
+    def _messages(
+        self, skip: Skip, count: Count, read: Callable[[Record, Any], T]
+    ) -> Iterator[tuple[int, T]]:
+        """Stamps [ns] of messages and what ``read`` makes of each, skipped where nothing."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
             count.add()
-            try:
-                message = self._reader.decode(record)
-            except OctoArmError as error:
-                skip(record.topic, record.received_ns, str(error))
+            stamp, found, reason = self._reader.read(record, partial(read, record))
+            if found is None:
+                skip(record.topic, stamp.ns, reason)
             else:
-                yield record, message
+                yield stamp.ns, found
 
-    def _of_messages(self, skip: Skip, count: Count) -> Iterator[tuple[int, FloatArray]]:
-        """Stamps and points of messages that hold points."""
-        from octo_arm_model.bags.records import stamp_of
-
-        for record, message in self._messages(skip, count):
-            stamp, kind = stamp_of(message, record.received_ns).ns, record.type_name
-            try:
-                positions = [(p.x, p.y, p.z) for p in _POSITIONS[kind](message)]
-                points = np.array(positions, dtype=np.float64).reshape(-1, 3)
-                self._points.check_frame(str(message.header.frame_id))
-                if len(self.topics) > 1:
-                    points = self._alone(self.topics.index(record.topic), points[0])
-                yield stamp, self._points.check(points, kind in MIDLINES)
-            except OctoArmError as error:
-                skip(record.topic, stamp, str(error))
-            except (AttributeError, TypeError, ValueError) as error:
-                # The bag defines the type otherwise: fields are missing or of other types.
-                skip(record.topic, stamp, f'{kind} of another kind: {error}')
+    def _read(self, record: Record, message: Any) -> FloatArray:
+        """The points of a ``message``, checked."""
+        positions = [(p.x, p.y, p.z) for p in _POSITIONS[record.type_name](message)]
+        points = np.array(positions, dtype=np.float64).reshape(-1, 3)
+        self._points.check_frame(str(message.header.frame_id))
+        if len(self.topics) > 1:
+            points = self._alone(self.topics.index(record.topic), points[0])
+        return self._points.check(points, record.type_name in MIDLINES)
 
     def _of_tf(self, skip: Skip, count: Count) -> Iterator[tuple[int, FloatArray]]:
         """Stamps and points of each marker by chains of transforms.
@@ -114,12 +107,15 @@ class MeasuredTopics:
         from octo_arm_model.bags.records import stamp_of
 
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
-        for record, message in self._messages(skip, count):
-            is_static = record.topic.endswith(_STATIC)
-            number += len(message.transforms)
+        found = self._messages(
+            skip, count, lambda record, message: [(record, one) for one in message.transforms]
+        )
+        for _, transforms in found:
+            number += len(transforms)
             if number > MOST_TRANSFORMS:
                 raise MeasurementError(f'{topics}: more than {MOST_TRANSFORMS} transforms')
-            for one in message.transforms:
+            for record, one in transforms:
+                is_static = record.topic.endswith(_STATIC)
                 stamp = stamp_of(one, record.received_ns).ns
                 at, turn = one.transform.translation, one.transform.rotation
                 parts = np.array([at.x, at.y, at.z]), np.array([turn.x, turn.y, turn.z, turn.w])

@@ -12,6 +12,7 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.clock_offset import RANGE, clock_offset
 from octo_arm_model.experiment.recording.encoder_windows import (
@@ -201,13 +202,12 @@ def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> 
     if times is None:
         return with_displacements(window, recording)
     if not recording.is_driven:
-        columns = [np.interp(times, recording.tension_time, one) for one in recording.tensions.T]
-        window = dataclasses.replace(window, tensions=np.stack(columns, axis=1).mean(axis=0))
+        tensions = interpolated(times, recording.tension_time, recording.tensions)
+        window = dataclasses.replace(window, tensions=tensions.mean(axis=0))
     if not len(recording.displacement_time):
         return window
-    columns = [np.interp(times, recording.displacement_time, one)
-               for one in recording.displacements.T]  # fmt: skip
-    return dataclasses.replace(window, displacements=mean_of(np.stack(columns, axis=1)))
+    read = interpolated(times, recording.displacement_time, recording.displacements)
+    return dataclasses.replace(window, displacements=mean_of(read))
 
 
 def _unseen(recording: Recording) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_sho
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.bags.records import Record
     from octo_arm_model.bags.tensions import Reading
 
 
@@ -65,21 +66,21 @@ def read_tendons(
     """
     tensions = displacements = None
     if picked is not None:
-        from octo_arm_model.bags.tensions import read_tensions
+        from octo_arm_model.bags.tensions import TensionTopic
 
         assert reader is not None
         topic, field = picked
-        of_arm = read_tensions(reader, topic, config, field)
-        tensions = _of_topic(reader, topic, of_arm, config, skips, count)
+        read = TensionTopic(reader, config, field).read
+        tensions = _of_topic(reader, topic, read, config, skips, count)
     elif files.tensions is not None:
         table = read_csv(files.tensions, files.columns, count)
         tensions = Stamped(str(files.tensions), *csv_tensions(table, config, skips))
     if encoders is not None:
-        from octo_arm_model.bags.displacements import read_topic
+        from octo_arm_model.bags.displacements import DisplacementTopic
 
         assert reader is not None
-        of_arm = read_topic(reader, encoders, config.arm)
-        displacements = _of_topic(reader, encoders, of_arm, config, skips, count)
+        read = DisplacementTopic(reader, config.arm).read
+        displacements = _of_topic(reader, encoders, read, config, skips, count)
     elif files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
         found = csv_displacements(table, config.arm, skips)
@@ -93,15 +94,17 @@ def read_tendons(
 def _of_topic(
     reader: BagReader,
     topic: str,
-    readings: Iterable[Reading],
+    read: Callable[[Sequence[Record]], list[Reading]],
     config: Config,
     skips: Skips,
     count: Count,
 ) -> Stamped:
-    """The ``readings`` of a ``topic`` that were not refused."""
+    """What ``read`` makes of the messages of a ``topic`` and does not refuse."""
+    from octo_arm_model.bags.tensions import read_topic
+
     stamped, names = Stamped(topic, [], []), config.arm.tendon_names
     count.expect(reader.count([topic]))
-    for one in readings:
+    for _, one in read_topic(reader, topic, read):
         count.add()
         if one.is_refused or one.displacements == {}:
             skips(topic, one.stamp_ns, one.reason or NO_READING)

@@ -8,7 +8,8 @@ hold at all times.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
 
 _NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
@@ -31,11 +33,39 @@ class _Link:
     is_static: bool
     stamps: array[int] = field(default_factory=lambda: array('q'))
     numbers: array[float] = field(default_factory=lambda: array('d'))
+    is_ascending: bool = True  # each stamp after the one before
+
+    def add(self, stamp_ns: int, numbers: Iterable[float]) -> None:
+        """Add a transform behind the others."""
+        self.is_ascending &= not self.stamps or stamp_ns > self.stamps[-1]
+        self.stamps.append(stamp_ns)
+        self.numbers.extend(numbers)
+
+    def clear(self) -> None:
+        """Forget all."""
+        del self.stamps[:], self.numbers[:]
+        self.is_ascending = True
 
     def table(self) -> tuple[IntArray, FloatArray]:
         """Ascending stamps (n,) [ns], each once, and their numbers (n, 7)."""
-        stamps, order = np.unique(np.array(self.stamps, dtype=np.int64), return_index=True)
-        return stamps, np.array(self.numbers).reshape(-1, _NUMBERS)[order]
+        self._sort()
+        return np.array(self.stamps, np.int64), np.array(self.numbers).reshape(-1, _NUMBERS)
+
+    def forget(self, before_ns: int) -> None:
+        """Forget transforms before ``before_ns`` [ns], but the last one."""
+        self._sort()
+        gone = min(bisect_left(self.stamps, before_ns), len(self.stamps) - 1)
+        del self.stamps[:gone], self.numbers[: gone * _NUMBERS]
+
+    def _sort(self) -> None:
+        """Sort by stamps, of which each is kept once."""
+        if self.is_ascending:
+            return
+        stamps, order = np.unique(np.array(self.stamps, np.int64), return_index=True)
+        numbers = np.array(self.numbers).reshape(-1, _NUMBERS)[order]
+        self.clear()
+        self.stamps.frombytes(stamps.tobytes())
+        self.numbers.frombytes(numbers.tobytes())
 
 
 class TransformTree:
@@ -61,11 +91,10 @@ class TransformTree:
             )
         if is_static:
             link.is_static = True
-            del link.stamps[:], link.numbers[:]
+            link.clear()
         elif link.is_static:
             return
-        link.stamps.append(stamp_ns)
-        link.numbers.extend((*translation, *quaternion))
+        link.add(stamp_ns, (*translation, *quaternion))
 
     def connects(self, one: str, other: str) -> bool:
         """Whether transforms lead from one frame to the other."""
@@ -148,13 +177,8 @@ class TransformTree:
     def forget(self, before_ns: int) -> None:
         """Forget transforms before ``before_ns`` [ns], but the last one of each."""
         for link in self._links.values():
-            stamps = np.array(link.stamps, dtype=np.int64)
-            gone = int((stamps < before_ns).sum()) - int((stamps < before_ns).all())
-            if not link.is_static and gone > 0:
-                kept = np.argsort(stamps, kind='stable')[gone:]
-                numbers = np.array(link.numbers).reshape(-1, _NUMBERS)[kept]
-                link.stamps = array('q', stamps[kept].tolist())
-                link.numbers = array('d', numbers.ravel().tolist())
+            if not link.is_static:
+                link.forget(before_ns)
 
     @property
     def frames(self) -> Collection[str]:
@@ -204,9 +228,13 @@ class TransformTree:
         for stamp in stamps[outside].tolist():
             skip(stamp, f'{name} is not known at {1e-9 * stamp:.3f} s')
         at = np.clip(stamps, times[0], times[-1])
+        # A pose at one time needs the two transforms about it, and not those of the whole history.
+        first, after = np.searchsorted(times, (at.min(), at.max()), side='right')
+        near = slice(max(first - 1, 0), after + 1)
+        times, numbers = times[near], numbers[near]
         # Differences are exact as integers, and small enough as seconds.
         seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
-        shift = np.stack([np.interp(wanted, seconds, one) for one in numbers[:, :3].T], axis=1)
+        shift = interpolated(wanted, seconds, numbers[:, :3])
         if not needs_turn:
             return shift, None
         turns = Rotation.from_quat(numbers[:, 3:])

@@ -64,8 +64,7 @@ class MeasurementInputs:
             except OctoArmError as error:
                 self._refuse(found.topic, error)
                 return
-            stamp = message.header.stamp
-            self._take(found.topic, Stamp(stamp.sec, stamp.nanosec), measurement, older)
+            self._take(found.topic, Stamp.of(message.header.stamp), measurement, older)
 
         of_type = message_class(kind.type_name)
         found = LatestSubscription(self._node, of_type, topic, answer, self._work)

@@ -87,7 +87,7 @@ class SensorFrames:
             pose = Pose((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
         except OctoArmError as error:
             raise MeasurementError(f'{one.child_frame_id[:99]!r}: {in_short(error)}') from None
-        stamp = Stamp(one.header.stamp.sec, one.header.stamp.nanosec).ns
+        stamp = Stamp.of(one.header.stamp).ns
         frames = self._tree.frames
         if len(frames) >= _MOST and one.child_frame_id not in frames:
             raise MeasurementError(f'there are {_MOST} frames already, which is the most')

@@ -196,8 +196,7 @@ class ArmServer:
         except OctoArmError as error:
             self._refuse(winches.topic, error)
             return
-        stamp = Stamp(message.header.stamp.sec, message.header.stamp.nanosec)
-        self._publish_shape(winches.topic, stamp, displacements=found)
+        self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
         assert self._prepared is not None

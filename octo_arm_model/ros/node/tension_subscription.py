@@ -188,7 +188,7 @@ class TensionSubscription(LatestSubscription):
         header = getattr(message, 'header', None)
         if not isinstance(header, Header):
             return tensions, None
-        return tensions, Stamp(header.stamp.sec, header.stamp.nanosec)
+        return tensions, Stamp.of(header.stamp)
 
 
 def message_class(type_name: str) -> Any:
