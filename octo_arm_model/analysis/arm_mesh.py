@@ -71,14 +71,11 @@ class Drawing:
         """
         self._widen = widen
         self._anchorages = anchorage_stations(arm, s)
-        rings = np.linspace(0.0, s.size - 1.0, min(s.size, MOST_RINGS)).round().astype(np.int64)
-        self._rings = np.union1d(rings, self._anchorages)
+        self._rings = np.union1d(ring_stations(s.size), self._anchorages)
         ends = np.searchsorted(self._rings, self._anchorages)
         self._tendon_ends = ends[arm.tendon_section - 1]
         radius = arm.body.radius(s[self._rings])
-        angle = np.linspace(0.0, 2.0 * math.pi, sides, endpoint=False)
-        circle = np.array([np.cos(angle), np.sin(angle)])
-        self._outline = circle[:, :, np.newaxis] * radius
+        self._outline = unit_circle(sides)[:, :, np.newaxis] * radius
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
         self.triangles = tube_triangles(self._rings.size, sides)
@@ -112,6 +109,18 @@ class Drawing:
             disc_radius=self._disc_radius * width[self._anchorages],
             tendons=[path[: end + 1] for path, end in zip(paths, self._tendon_ends, strict=True)],
         )
+
+
+def ring_stations(stations: int) -> IntArray:
+    """Indices of those of so many ``stations`` that a ring is drawn at, at most `MOST_RINGS`."""
+    rings = np.linspace(0.0, stations - 1.0, min(stations, MOST_RINGS))
+    return np.unique(rings.round().astype(np.int64))
+
+
+def unit_circle(sides: int) -> FloatArray:
+    """Corners (2, sides) of the polygon that is drawn for a circle of radius 1."""
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    return np.array([np.cos(angle), np.sin(angle)])
 
 
 def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.arm_mesh import MOST_RINGS, SIDES, tube_triangles
+from octo_arm_model.analysis.arm_mesh import SIDES, ring_stations, tube_triangles, unit_circle
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
@@ -50,13 +50,10 @@ class UncertaintyDrawing:
 
     def __init__(self, arm: Arm, s: FloatArray, *, sides: int = SIDES) -> None:
         """Prepare for ``arm`` and stations ``s`` (stations,) [m]; ``sides`` as in `Drawing`."""
-        self._rings = np.unique(
-            np.linspace(0.0, s.size - 1.0, min(s.size, MOST_RINGS)).round().astype(np.int64)
-        )
+        self._rings = ring_stations(s.size)
         self._s = s
         self._radius = _RIM * arm.body.radius(s[self._rings])
-        angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-        self._circle = np.array([np.cos(angle), np.sin(angle)])
+        self._circle = unit_circle(sides)
         self.triangles = tube_triangles(self._rings.size, sides)
         self._scale = _LENGTH * arm.length / bending_force(arm, _BENT)
         self._longest, self._shaft = _LONGEST * arm.length, SHAFT * arm.length
@@ -104,7 +101,7 @@ class UncertaintyDrawing:
         values, axes = np.linalg.eigh(across @ covariance @ across.T)
         reach = scale * np.sqrt(_TWO * np.maximum(values, 0.0))
         end = start + scale * force
-        around = np.array([np.cos(_ANGLE), np.sin(_ANGLE)])
+        around = unit_circle(CORNERS)
         rim = end + (axes @ (reach[:, np.newaxis] * around)).T @ across
         cone = np.concatenate([rim, [start, end]])
         neck = end - _HEAD * (end - start)
@@ -119,7 +116,6 @@ class UncertaintyDrawing:
         return Arrow(start, end, np.concatenate([sides, [start, end]]), cone)
 
 
-_ANGLE = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
 ARROW_TRIANGLES: IntArray = tube_triangles(4, CORNERS)
 _NEXT = np.roll(np.arange(CORNERS), -1)
 CONE_TRIANGLES: IntArray = np.concatenate([

@@ -308,10 +308,11 @@ class Solver:
         tendons), are those of `winding_kernels.wind`. None where a tendon has friction or stands
         off its path, loads act, or it takes more than a few steps.
         """
-        if self._compiled is None or self._statics.is_loaded(self._wrench):
+        lengths = self._compiled.lengths if self._compiled is not None else None
+        if lengths is None or self._statics.is_loaded(self._wrench):
             return None
         results = Results((), self.grid, self._base)
-        if not self._compiled.wind(given, driven, tensions, changes, displacement, results):
+        if not lengths.wind(given, driven, tensions, changes, displacement, results):
             return None
         held = tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(held)

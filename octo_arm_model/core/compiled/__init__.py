@@ -1,1 +1,1 @@
-"""The paper's models in machine code, where numba is installed. Imports what is below it."""
+"""Models and loaded rods in machine code, where numba is installed. Imports what is below it."""

@@ -6,7 +6,6 @@ Shapes are those of NumPy to rounding.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
@@ -55,7 +54,11 @@ from octo_arm_model.core.section.tendon_lengths import TendonLengths
 
 
 class Compiled:
-    """Shapes of one arm under its tendons alone."""
+    """Shapes of one arm under its tendons alone.
+
+    Attributes:
+        lengths: of its tendons, once `measure` was called and where they keep their places.
+    """
 
     def __init__(self, statics: Statics, grid: StationGrid, base: Frame) -> None:
         """Tabulate the arm of ``statics`` on ``grid``, standing on ``base``.
@@ -68,7 +71,7 @@ class Compiled:
         self._grid: GridTables = own(grid_tables(grid, base))
         self._tables: PapersTables | ExactTables | None = None
         self._sliding: CompiledSliding | None = None
-        self._lengths: CompiledLengths | None = None
+        self.lengths: CompiledLengths | None = None
         if isinstance(statics, SlidingClosedForm) or (
             isinstance(statics, Exact) and statics.slides
         ):
@@ -99,16 +102,7 @@ class Compiled:
         """Have ``lengths`` of tendons that keep their places measured in machine code."""
         if not isinstance(lengths.sections, SheathedSections):
             tables = self._tables if isinstance(self._tables, ExactTables) else None
-            self._lengths = CompiledLengths(lengths, tables, self._grid)
-
-    def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        changes: FloatArray, displacement: FloatArray, results: Results,
-    ) -> bool:  # fmt: skip
-        """Find ``tensions`` that hold lengths, where `measure` was called; whether it did."""
-        if self._lengths is None:
-            return False
-        return self._lengths.wind(given, driven, tensions, changes, displacement, results)
+            self.lengths = CompiledLengths(lengths, tables, self._grid)
 
     @staticmethod
     def covers(statics: Statics) -> bool:

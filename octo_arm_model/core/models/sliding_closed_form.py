@@ -110,7 +110,7 @@ def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatAr
     """Derivative of the twist with each tension at the same place, (4, tendons, points).
 
     For ``local_tensions`` (tendons, 1, points) [N]; the closed form is analytic in them, see
-    `papers_derivatives`.
+    `papers_twist_changes`.
     """
     step = 1e-6 * max(float(local_tensions.max()), 1e-3 * float(closed_form.stiffness.axial.min()))
     moved = local_tensions + 1j * step * np.eye(len(local_tensions))[..., np.newaxis]

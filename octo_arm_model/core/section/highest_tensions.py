@@ -28,7 +28,7 @@ def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     return highest.reshape(arm.tension_shape)
 
 
-def bending_force(arm: Arm, part: float = 0.2) -> float:
+def bending_force(arm: Arm, part: float) -> float:
     """The force across the tip that moves it by ``part`` of the length, to first order [N]."""
     s = np.linspace(0.0, arm.length, _STATIONS)
     bending = SectionStiffness.at(arm, s).bending

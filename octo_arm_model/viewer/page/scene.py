@@ -8,7 +8,13 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.arm_mesh import Drawing, Drawn, tension_colours, tube_triangles
+from octo_arm_model.analysis.arm_mesh import (
+    Drawing,
+    Drawn,
+    tension_colours,
+    tube_triangles,
+    unit_circle,
+)
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -144,8 +150,7 @@ class ArmScene:
 
 def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    ring = np.array([np.cos(angle), np.sin(angle), 0.0 * angle])
+    ring = np.concatenate([unit_circle(_SIDES), np.zeros((1, _SIDES))])
     up = np.array([[0.0], [0.0], [0.5 * thickness]])
     rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
     return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 import subprocess
 import sys
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,15 @@ from octo_arm_model.analysis.displacement import solve_displacements
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
-from octo_arm_model.core.compiled import frame_kernels, kernel_cache, kernels, numba_build
+from octo_arm_model.core.compiled import (
+    frame_kernels,
+    kernel_cache,
+    kernel_compiler,
+    kernels,
+    numba_build,
+)
 from octo_arm_model.core.compiled.section_tables import section_tables
+from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
@@ -60,7 +68,7 @@ def both(config: Config, model: str) -> tuple[Solver, Solver]:
 def nothing_known(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
     """As if numba had not been looked for yet, now and afterwards; what is logged then."""
     caches = numba_build.find_shapes, numba_build.fault
-    monkeypatch.setattr(numba_build, '_ANNOUNCED', set())
+    monkeypatch.setattr(kernel_compiler, '_ANNOUNCED', set())
     logger = logging.getLogger('octo_arm_model')
     for name in ('handlers', 'level', 'propagate'):
         monkeypatch.setattr(logger, name, getattr(logger, name))
@@ -430,9 +438,28 @@ def test_one_version_of_every_kernel_serves_all_work(loaded_anew: dict[str, Any]
 
 
 def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
-    files = {Path(file).name for file in numba_build.sources()}
+    files = {Path(file).name for file in kernel_compiler.sources()}
     assert files >= {'kernels.py', 'tables.py', 'picard.py', 'kinematics.py', 'quaternion.py'}
-    assert files >= {'paper_balance.py', 'numba_build.py'}
+    assert files >= {'paper_balance.py', 'kernel_compiler.py'}
+
+
+def test_nothing_that_is_compiled_is_left_out_of_that() -> None:
+    sources, known = set(kernel_compiler.sources()), set()
+
+    def check(function: types.FunctionType) -> None:
+        code = function.__code__
+        if code in known:
+            return
+        known.add(code)
+        assert code.co_filename in sources, f'{code.co_name} in {code.co_filename}'
+        for name in code.co_names:
+            called = getattr(function.__globals__.get(name), 'py_func', None)
+            if called is not None:
+                check(called)
+
+    for machine in numba_build.make_all().values():
+        check(machine.py_func)
+    assert len(known) > 100
 
 
 def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
@@ -452,7 +479,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     numba = sys.modules['numba']
     monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     find_shapes.__qualname__ = 'find_shapes'
-    monkeypatch.setattr(numba_build, '_entry', lambda numba: find_shapes)
+    monkeypatch.setattr(kernel_compiler, '_entry', lambda numba, function: find_shapes)
     return tmp_path
 
 
@@ -580,7 +607,7 @@ def test_sections_with_sheaths_are_settled_at_large_bends() -> None:
     tensions = np.array([0.0, 0.0, 16.0, 16.0])
     statics = Solver(arm, 'exact')._statics
     assert isinstance(statics, Exact)
-    tables = section_tables(statics.unloaded.at_points)
+    tables = own(section_tables(statics.unloaded.at_points))
     twist = np.empty((4, tables.axial.size))
     residual, steps = numba_build.find_minima()(tables, tensions, twist)
     assert residual <= TOLERANCE and steps >= 0

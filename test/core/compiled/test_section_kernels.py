@@ -12,6 +12,7 @@ from octo_arm_model import Arm, Config, Solver
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.compiled import minimum_kernels, numba_build
 from octo_arm_model.core.compiled.section_tables import LANES, section_tables
+from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.loaded.equilibrium import evaluate
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.section.energy import SectionEnergy
@@ -43,7 +44,7 @@ def test_they_answer_any_twist_as_with_numpy(table4: Config, law: str, sheath: f
         twist[3] = random.uniform(0.8, 1.1, count)
         expected = evaluate(energy, tensions, twist)
         found = np.empty((4, count)), np.empty((4, 4, count)), np.empty((4, count))
-        numba_build.evaluate_sections()(section_tables(energy), tensions, twist, *found)
+        numba_build.evaluate_sections()(own(section_tables(energy)), tensions, twist, *found)
         for one, other in zip(found, expected, strict=True):
             scale = np.abs(other).max(axis=-1, keepdims=True)
             np.testing.assert_allclose(one, other, atol=1e-12 * scale.max())
@@ -53,7 +54,7 @@ def test_they_answer_any_twist_as_with_numpy(table4: Config, law: str, sheath: f
 def test_minima_are_in_balance_by_numpy(table4: Config, sheath: float) -> None:
     for arm in (table4.arm, HELICAL):
         energy = energy_of(arm, 'neo_hookean', sheath)
-        tables = section_tables(energy)
+        tables = own(section_tables(energy))
         random = np.random.default_rng(11)
         for _ in range(20):
             tensions = 0.5 * random.random(len(arm.tendons))
@@ -67,7 +68,7 @@ def test_minima_are_in_balance_by_numpy(table4: Config, sheath: float) -> None:
 def test_too_few_steps_are_no_answer(table4: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     """As plain Python: with one step less than it takes there is none, and with them the same."""
     energy = energy_of(table4.arm, 'neo_hookean', 0.0)
-    tables = section_tables(energy, [np.arange(5), np.arange(40, 44)])
+    tables = own(section_tables(energy, [np.arange(5), np.arange(40, 44)]))
     tensions, twist = np.ravel(FETCHING_IN_SPACE), np.empty((4, 9))
     residual, steps = minimum_kernels.find_minima(tables, tensions, twist)
     machine = np.empty((4, 9))
