@@ -275,8 +275,33 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        lengths = self._lengths.under(self._own_twist(backbone), backbone.tensions.ravel())
+        twist = self._own_twist(backbone)
+        lengths = self._lengths.under(twist, self._statics.local_tensions(backbone))
         return lengths.reshape(self.arm.tension_shape)
+
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon at every node of the grid [N], (tendons, nodes).
+
+        For a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        self._own_twist(backbone)
+        return self._statics.local_tensions(backbone)
+
+    def tension_integrals(self, backbone: Backbone) -> FloatArray:
+        """Integral of every tendon's tension over its unloaded length up to its winch [N m].
+
+        Of `Arm.tension_shape`, for a single solution of this solver. Over E A of a tendon it is
+        what this stretches by: friction leaves it less tension towards the tip.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        inside = self._lengths.integral(self.local_tensions(backbone))
+        free = np.array(self.arm.free_length or 0.0) * backbone.tensions.ravel()
+        return (inside + free).reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:

@@ -14,7 +14,7 @@ from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-# From a twist (n, nodes) and tensions (tendons,) [N] to every length [m], (tendons,).
+# From a twist (n, nodes) and tensions (tendons, nodes) [N] to every length [m], (tendons,).
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
@@ -25,7 +25,7 @@ class TendonLengths:
         sections: the cross sections at the nodes.
         weights: of the integral along each tendon, (tendons, nodes).
         under: length of every tendon [m], (tendons,), under a twist (4 or 6, nodes) and tensions
-            (tendons,) [N].
+            (tendons, nodes) [N] there.
     """
 
     def __init__(self, sections: SectionEnergy, grid: StationGrid) -> None:
@@ -38,14 +38,19 @@ class TendonLengths:
         """A `Measure`."""
         sections = self.sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
-        local_tensions = sections.local_tensions(tensions[np.newaxis])
-        stretches = sections.stretches(strain, local_tensions)[:, 0]
+        return self._integral(sections.stretches(strain, tensions[:, np.newaxis])[:, 0])
+
+    def _integral(self, stretches: FloatArray) -> FloatArray:
         lengths: FloatArray = np.einsum('jn,jn->j', stretches, self.weights)
         return lengths
+
+    def integral(self, tensions: FloatArray) -> FloatArray:
+        """Integrals of ``tensions`` (tendons, nodes) over unloaded lengths [N m], (tendons,)."""
+        return self._integral(tensions * np.sqrt(1.0 + self.sections.squared_slope[:, 0]))
 
     @functools.cached_property
     def at_rest(self) -> FloatArray:
         """Those of the unloaded arm."""
         twist = np.zeros((self.sections.strains, self.weights.shape[1]))
         twist[3] = 1.0
-        return self.under(twist, np.zeros(len(self.weights)))
+        return self.under(twist, np.zeros_like(self.weights))
