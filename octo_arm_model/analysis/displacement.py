@@ -59,12 +59,9 @@ def solve_displacements(
     wanted = np.array([displacements.get(name, np.nan) for name in arm.tendon_names])
     current = np.array([given.get(name, 0.0) for name in arm.tendon_names])
     backbone = start.backbone if isinstance(start, Wound) else start
-    problem = (
-        SlidingWinding(solver, driven, wanted, tip_wrench, backbone)
-        if arm.friction
-        else Winding(solver, driven, wanted, tip_wrench)
-    )
-    if start is None or backbone is None:
+    kind = SlidingWinding if arm.friction else Winding
+    problem = kind(solver, driven, wanted, tip_wrench, backbone)
+    if backbone is None:
         return problem.solve(current, None)
     begin = np.where(driven, backbone.tensions.ravel(), current)
     try:

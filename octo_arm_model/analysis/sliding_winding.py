@@ -9,9 +9,9 @@ of Levenberg and Marquardt, by a part of what the tendons would yield on the sla
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.analysis.winding import (
     TOLERANCE,
@@ -23,12 +23,12 @@ from octo_arm_model.analysis.winding import (
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
 
 _MOST = 100  # steps
-_DAMPING, _HEAVIEST = 1e-2, 1e9  # in parts of the slack arm's yielding: at first, and at most
-_LIGHTEST = 1e-8
-_HEAVIER, _LIGHTER = 4.0, 0.1  # change after a step that went too far, and after one that did not
+# Damping at first, at least and at most, in parts of what tendons yield on the slack arm, and its
+# change after a step that went too far and after one that did not.
+_DAMPING, _LIGHTEST, _HEAVIEST = 1e-2, 1e-8, 1e9
+_HEAVIER, _LIGHTER = 4.0, 0.1
 _MOST_EXCHANGES, _PATIENCE = 200, 3  # of slack and taut tendons; without getting fewer
 _DIFFERENCE = 1e-5  # of the largest tension, or of one that reels in this part of the length
 
@@ -36,20 +36,17 @@ _DIFFERENCE = 1e-5  # of the largest tension, or of one that reels in this part 
 class SlidingWinding(Winding):
     """`Winding` of tendons that slide from what they did before."""
 
-    def __init__(
-        self,
-        solver: Solver,
-        driven: NDArray[np.bool_],
-        wanted: FloatArray,
-        tip_wrench: ArrayLike | None,
-        history: Backbone | None,
-    ) -> None:
-        """As `Winding`; tendons slide from their tensions in ``history``, else from slack."""
-        super().__init__(solver, driven, wanted, tip_wrench)
-        self._history = history
+    @functools.cached_property
+    def _slack_changes(self) -> FloatArray:
+        """Derivative of all displacements by all tensions of the slack arm [m/N]."""
+        solver = self._solver
         slack = solver.solve(np.zeros(solver.arm.tension_shape))
-        self._slack_changes = displacements_by_tension(solver, solver.sensitivity(slack))
-        self._yields = np.diag(self._slack_changes)
+        return displacements_by_tension(solver, solver.sensitivity(slack))
+
+    @functools.cached_property
+    def _yields(self) -> FloatArray:
+        """Likewise of each by its own tension, (tendons,)."""
+        return np.diag(self._slack_changes)
 
     def follow(self, tensions: FloatArray, start: Wound) -> Wound:
         """What holds the wanted displacements, from another solution; see `Winding.follow`."""
@@ -107,7 +104,7 @@ class SlidingWinding(Winding):
         for _ in range(_MOST_EXCHANGES):
             found[:] = 0.0
             some = np.flatnonzero(taut)
-            found[some] = np.linalg.solve(matrix[np.ix_(some, some)], wanted[some])
+            found[some] = np.linalg.lstsq(matrix[np.ix_(some, some)], wanted[some], rcond=None)[0]
             lacking = wanted - matrix @ found > self._rounding
             wrong_way = np.flatnonzero(np.where(taut, found < 0.0, lacking))
             if not wrong_way.size:

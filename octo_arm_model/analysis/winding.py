@@ -98,8 +98,13 @@ class Winding:
         driven: NDArray[np.bool_],
         wanted: FloatArray,
         tip_wrench: ArrayLike | None,
+        history: Backbone | None = None,
     ) -> None:
-        """Prepare; ``wanted`` (tendons,) [m] counts where a tendon is ``driven``."""
+        """Prepare; ``wanted`` (tendons,) [m] counts where a tendon is ``driven``.
+
+        Tendons with friction slide from their tensions in ``history``, else from slack.
+        """
+        self._history = history
         self._solver, self._driven, self._wanted = solver, driven, wanted
         self._tip_wrench = tip_wrench
         self._length = solver.arm.length
