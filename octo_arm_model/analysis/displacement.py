@@ -8,7 +8,8 @@ for its length l in the arm and f between base and winch: what the arm gives way
 tendon stretches over its whole length. l is the derivative of the arm's minimal energy E(T) by the
 tension, and E is concave: the tensions that hold given D maximise a concave function over T >= 0.
 Where the multiplier would be negative the tendon is slack, and the maximum is unique where the
-equilibrium is. `winding` has the method that finds it.
+equilibrium is. `winding` has the method that finds it. Tendons with friction stretch by what it
+leaves of T, and have no such maximum: see `sliding_winding`.
 """
 
 from __future__ import annotations
@@ -18,18 +19,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.winding import Winding, Wound, tendon_compliance
+from octo_arm_model.analysis.sliding_winding import SlidingWinding
+from octo_arm_model.analysis.winding import Winding, Wound, displacements_of
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import (
-    ConfigError,
-    ContinuationError,
-    SolveError,
-    TensionError,
-    shown,
-)
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+
+__all__ = ['check_displacements', 'displacements_of', 'solve_displacements']
 
 
 def solve_displacements(
@@ -46,26 +43,26 @@ def solve_displacements(
         displacements: length reeled in, by tendon name [m], zero for the taut unloaded arm;
             negative for length paid out.
         tensions: tension by tendon name [N]; zero for those named in neither.
-        start: solution to begin from; one of this function takes a few solves, not tens.
+        start: solution to begin from; one of this function takes a few solves, not tens. Tendons
+            with friction slide from their tensions there, without one from slack.
         tip_wrench: as of `Solver.solve`.
 
     Raises:
         TensionError: if a tendon is unknown, named in both, or a value is impossible.
-        ConfigError: if tendons have friction, for which displacements are not known.
         ConvergenceError: if no tensions were found that hold these lengths.
         OctoArmError: as `Solver.solve`.
     """
     arm = solver.arm
     given = dict(tensions or {})
-    _check_friction(arm)
     check_displacements(arm, displacements, given)
     driven = np.array([name in displacements for name in arm.tendon_names])
     wanted = np.array([displacements.get(name, np.nan) for name in arm.tendon_names])
     current = np.array([given.get(name, 0.0) for name in arm.tendon_names])
-    problem = Winding(solver, driven, wanted, tip_wrench)
-    if start is None:
-        return problem.solve(current, None)
     backbone = start.backbone if isinstance(start, Wound) else start
+    kind = SlidingWinding if arm.friction else Winding
+    problem = kind(solver, driven, wanted, tip_wrench, backbone)
+    if backbone is None:
+        return problem.solve(current, None)
     begin = np.where(driven, backbone.tensions.ravel(), current)
     try:
         if isinstance(start, Wound):
@@ -75,22 +72,6 @@ def solve_displacements(
         raise  # Its budget is spent.
     except SolveError:
         return problem.solve(current, None)
-
-
-def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
-    """Length that the winch of each tendon has reeled in [m], of `Arm.tension_shape`.
-
-    For a single solution of ``solver``; of a slack tendon the least that makes it taut.
-
-    Raises:
-        ConfigError: if ``backbone`` is that of a batch or of another solver, or tendons both
-            stretch and have friction.
-    """
-    if solver.arm.axial_stiffness:
-        _check_friction(solver.arm)
-    shortened = solver.rest_lengths - solver.tendon_lengths(backbone)
-    stretched = tendon_compliance(solver) * backbone.tensions.ravel()
-    return shortened + stretched.reshape(shortened.shape)
 
 
 def check_displacements(
@@ -110,12 +91,3 @@ def check_displacements(
             raise TensionError(f'tendon {name} has both a displacement and a tension')
         if not np.isfinite(value):
             raise TensionError(f'displacement of {name} is {value!r} m, expected a finite number')
-
-
-def _check_friction(arm: Arm) -> None:
-    if arm.friction:
-        # Without an energy nothing is maximised, and they stretch by what friction leaves.
-        raise ConfigError(
-            'displacements of tendons are for those without friction; tendons.friction is '
-            f'{shown(list(arm.friction))}'
-        )

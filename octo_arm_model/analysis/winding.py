@@ -16,6 +16,7 @@ from scipy.optimize import nnls
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
 
 # Displacements are met to this part of the length of the arm, and tensions to this of the largest.
@@ -53,9 +54,39 @@ def tendon_compliance(solver: Solver) -> FloatArray:
     return solver.arm.tendon_compliance(solver.rest_lengths.ravel())
 
 
-def stretching_lengths(solver: Solver) -> FloatArray:
-    """Unloaded length of each tendon from its anchorage to its winch [m], (tendons,)."""
-    return solver.arm.stretching_lengths(solver.rest_lengths.ravel())
+def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
+    """Length that the winch of each tendon has reeled in [m], of `Arm.tension_shape`.
+
+    For a single solution of ``solver``; of a slack tendon the least that makes it taut.
+
+    Raises:
+        ConfigError: if ``backbone`` is that of a batch or of another solver.
+    """
+    shortened = solver.rest_lengths - solver.tendon_lengths(backbone)
+    if not solver.arm.axial_stiffness:
+        return shortened
+    stretched = solver.arm.stretched(solver.tension_integrals(backbone).ravel())
+    return shortened + stretched.reshape(shortened.shape)
+
+
+def displacements_by_tension(solver: Solver, sensitivity: Sensitivity) -> FloatArray:
+    """Derivative of all displacements by all tensions at the base [m/N], (tendons, tendons)."""
+    return displacement_change(solver, sensitivity.by_tension, np.eye(solver.rest_lengths.size))
+
+
+def displacement_change(
+    solver: Solver, change: Change, at_base: FloatArray | float = 0.0
+) -> FloatArray:
+    """Change of all displacements [m], (tendons, quantities), with a ``change`` of the shape.
+
+    And with one of the tensions ``at_base`` (tendons, quantities) [N]; that of unloaded lengths
+    comes besides.
+    """
+    arm, rest = solver.arm, solver.rest_lengths.reshape(-1, 1)
+    mean = at_base if change.tendon_tension is None else change.tendon_tension
+    free = arm.stretching_lengths(rest.ravel())[:, np.newaxis] - rest
+    integrals = np.broadcast_to(rest * mean + free * at_base, change.tendon_length.shape)
+    return arm.stretched(integrals.T).T - change.tendon_length
 
 
 class Winding:
@@ -67,8 +98,13 @@ class Winding:
         driven: NDArray[np.bool_],
         wanted: FloatArray,
         tip_wrench: ArrayLike | None,
+        history: Backbone | None = None,
     ) -> None:
-        """Prepare; ``wanted`` (tendons,) [m] counts where a tendon is ``driven``."""
+        """Prepare; ``wanted`` (tendons,) [m] counts where a tendon is ``driven``.
+
+        Tendons with friction slide from their tensions in ``history``, else from slack.
+        """
+        self._history = history
         self._solver, self._driven, self._wanted = solver, driven, wanted
         self._tip_wrench = tip_wrench
         self._length = solver.arm.length
@@ -97,19 +133,19 @@ class Winding:
         for iteration in range(MAX_ITERATIONS):
             before, left = left, self._left(tensions, displacement)
             if changes is None or (left > _SLOW * before and not fresh and left > self._met):
-                changes, fresh = self._changes(backbone), True
+                changes, fresh = self._changes(backbone, displacement), True
             else:
                 fresh = False
             step = self._step(tensions, displacement, changes)
             if left <= self._met:
                 is_fine = np.abs(step).max() <= TOLERANCE * max(float(tensions.max()), 1e-300)
-                if is_fine or left <= _ROUNDING * self._length or left >= before:
+                if is_fine or left <= self._rounding or left >= before:
                     return self._wound(backbone, displacement, changes)
             part = 1.0
             while True:
                 if part < 1.0 and not fresh:
                     # Derivatives of another solution may point the wrong way.
-                    changes, fresh, part = self._changes(backbone), True, 1.0
+                    changes, fresh, part = self._changes(backbone, displacement), True, 1.0
                     step = self._step(tensions, displacement, changes)
                 new = np.maximum(0.0, tensions + part * step)
                 moved = new - tensions
@@ -145,6 +181,10 @@ class Winding:
         tensions, changes, displacement = tensions.copy(), changes.copy(), displacement.copy()
         backbone = self._solver.wind(given, self._driven, tensions, changes, displacement)
         return None if backbone is None else self._wound(backbone, displacement, changes)
+
+    @property
+    def _rounding(self) -> float:
+        return _ROUNDING * self._length
 
     @property
     def _met(self) -> float:
@@ -185,10 +225,9 @@ class Winding:
         driven = self._driven
         return float((displacement - self._wanted)[driven] @ moved[driven])
 
-    def _changes(self, backbone: Backbone) -> FloatArray:
+    def _changes(self, backbone: Backbone, displacement: FloatArray) -> FloatArray:
         """Derivative of all displacements by all tensions [m/N], (tendons, tendons)."""
-        lengths = self._solver.sensitivity(backbone).by_tension.tendon_length
-        return np.diag(self._compliance) - lengths
+        return displacements_by_tension(self._solver, self._solver.sensitivity(backbone))
 
     def _wound(self, backbone: Backbone, displacement: FloatArray, changes: FloatArray) -> Wound:
         names = np.array(self._solver.arm.tendon_names)
@@ -208,5 +247,4 @@ class Winding:
         solver = self._solver
         given = tensions.reshape(solver.arm.tension_shape)
         backbone = solver.solve(given, self._tip_wrench, start)
-        shortened = (solver.rest_lengths - solver.tendon_lengths(backbone)).ravel()
-        return backbone, shortened + self._compliance * tensions
+        return backbone, displacements_of(solver, backbone).ravel()

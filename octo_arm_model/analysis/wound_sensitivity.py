@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
+from octo_arm_model.analysis.winding import Wound, displacement_change, displacements_by_tension
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
 
@@ -46,25 +47,23 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
     tensions = wound.backbone.tensions.ravel()
     taut = np.flatnonzero(wound.driven & (tensions > 0.0))
     by_tension = found.by_tension
-    compliance = tendon_compliance(solver)
-    changes = np.diag(compliance) - by_tension.tendon_length
+    changes = displacements_by_tension(solver, found)
     tension = np.zeros((tensions.size, tensions.size))
     tension[np.ix_(taut, taut)] = np.linalg.inv(changes[np.ix_(taut, taut)])
 
     def held(change: Change | None, rest: FloatArray | float = 0.0) -> Change | None:
-        """``change`` with displacements held, where the unloaded lengths change by ``rest``."""
+        """``change`` with displacements held, which the unloaded lengths change by ``rest``."""
         if change is None:
             return None
-        return _plus(change, by_tension, tension @ (change.tendon_length - rest))
+        reeled_in = displacement_change(solver, change) + rest
+        return _plus(change, by_tension, -tension @ reeled_in)
 
-    given = held(by_tension)
-    assert given is not None
-    for array in (given.pose, given.strain, given.tendon_length):
-        array[..., taut] = 0.0  # they follow from the displacements
+    given = _plus(by_tension, by_tension, -tension @ changes)
+    for array in (given.pose, given.strain, given.tendon_length, given.tendon_tension):
+        if array is not None:
+            array[..., taut] = 0.0  # they follow from the displacements
     young = held(found.by_youngs_modulus)
     assert young is not None
-    # A tendon that stretches does so over its unloaded length too.
-    stretch = 1.0 + tensions * compliance / stretching_lengths(solver)
     return WoundSensitivity(
         by_displacement=_times(by_tension, tension),
         tension=tension,
@@ -73,20 +72,43 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             young,
             held(found.by_tip_wrench),
             held(found.by_poisson_ratio),
-            held(found.by_offset, np.diag(stretch * solver.rest_lengths_by_offset)),
+            held(found.by_offset, np.diag(unloaded_by_offset(solver, wound.backbone))),
             held(found.by_sheath_stiffness),
+            held(found.by_friction),
         ),
     )
 
 
 def _times(change: Change, tension: FloatArray) -> Change:
-    return Change(change.pose @ tension, change.strain @ tension, change.tendon_length @ tension)
+    slid = change.tendon_tension
+    return Change(
+        change.pose @ tension,
+        change.strain @ tension,
+        change.tendon_length @ tension,
+        None if slid is None else slid @ tension,
+    )
 
 
 def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
     more = _times(by_tension, tension)
+    slid = change.tendon_tension
+    if slid is not None and more.tendon_tension is not None:
+        slid = slid + more.tendon_tension
     return Change(
         change.pose + more.pose,
         change.strain + more.strain,
         change.tendon_length + more.tendon_length,
+        slid,
     )
+
+
+def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:
+    """Derivative of displacements with tendons' distances from the midline (tendons,).
+
+    By their unloaded lengths alone, and what these stretch by; only of tendons that wind about
+    the midline.
+    """
+    weights = solver.offset_weights
+    integrals = np.einsum('jn,jn->j', solver.local_tensions(backbone), weights)
+    by_offset: FloatArray = weights.sum(axis=1) + solver.arm.stretched(integrals)
+    return by_offset

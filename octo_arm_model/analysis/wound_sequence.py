@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -82,8 +83,8 @@ class WoundSequence:
         last = self._last
         if not isinstance(last, Wound):
             return self._memory.recall(last, time_ns, seconds)
-        # What is driven by length has no friction, and nothing to forget.
-        return last if self._memory.recall(last.backbone, time_ns, seconds) else None
+        backbone = self._memory.recall(last.backbone, time_ns, seconds)
+        return backbone and dataclasses.replace(last, backbone=backbone)
 
     def _answer(self, solver: Solver, config: Config, tip_wrench: FloatArray | None) -> Answer:
         arm, uncertainty = config.arm, config.uncertainty

@@ -99,7 +99,7 @@ class Answers:
                 reading.tensions, reading.displacements,
             )  # fmt: skip
         except OctoArmError as error:
-            # Of displacements the model may have nothing to say at all, as with friction.
+            # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
         writer, stamp = self._writer, reading.stamp
         messages = [

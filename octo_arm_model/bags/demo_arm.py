@@ -43,7 +43,14 @@ class TrueArm:
         self.solver = self.config.solver()
 
     def reeled_in(self, pulls: FloatArray) -> FloatArray:
-        """Lengths that the winches of all tendons have reeled in, (pulls, tendons) [m]."""
+        """Lengths that the winches of all tendons have reeled in, (pulls, tendons) [m].
+
+        Under one pull after another [N].
+        """
+        if self.config.arm.friction:
+            # They depend on the pulls before.
+            shapes = self.shapes(pulls, np.zeros((pulls.size, 3)))
+            return np.array([displacements_of(self.solver, shape).ravel() for shape in shapes])
         levels = np.linspace(0.0, pulls.max(), _LEVELS)
         known = [
             displacements_of(self.solver, self.solver.solve(self._tensions(level))).ravel()

@@ -12,24 +12,17 @@ from octo_arm_model.core.solver import Solver
 
 def as_dict(backbone: Backbone, solver: Solver) -> dict[str, object]:
     """Shape as plain lists in SI units, ready for JSON."""
-    wound = _reeled_in(backbone, solver)
+    wound = displacements_of(solver, backbone)
     arrays = ('s', 'section', 'position', 'quaternion', 'tau', 'xi', 'k', 'q')
     return {
         'model': backbone.model,
         **{name: getattr(backbone, name).tolist() for name in arrays},
         'tension': backbone.tensions.tolist(),
         'tendon_length': solver.tendon_lengths(backbone).tolist(),
-        'displacement': None if wound is None else wound.tolist(),
+        'displacement': wound.tolist(),
         'residual': float(backbone.residual),
         'iterations': int(backbone.iterations),
     }
-
-
-def _reeled_in(backbone: Backbone, solver: Solver) -> FloatArray | None:
-    """What the winches have reeled in [m]; None of tendons that both stretch and rub."""
-    if solver.arm.friction and solver.arm.axial_stiffness:
-        return None
-    return displacements_of(solver, backbone)
 
 
 def summary(backbone: Backbone, solver: Solver) -> str:
@@ -37,16 +30,13 @@ def summary(backbone: Backbone, solver: Solver) -> str:
     distance = float(np.linalg.norm(backbone.tip - backbone.position[0]))
     is_end = np.append(np.diff(backbone.section) != 0, True)
     rows = np.flatnonzero(is_end | (np.arange(is_end.size) == 0))
-    wound = _reeled_in(backbone, solver)
-    reeled_in = [] if wound is None else wound.ravel().tolist()
+    reeled_in = displacements_of(solver, backbone).ravel().tolist()
     lines = [
         f'model     {backbone.model}, {backbone.s.size} stations, residual '
         f'{float(backbone.residual):.1e} after {int(backbone.iterations)} iterations',
         f'tip       {millimetres(backbone.tip)} mm, {distance * 1e3:.2f} mm from the base',
         'tensions  ' + ' '.join(f'{tension:.4g}' for tension in backbone.tensions.ravel()) + ' N',
-        'wound in  '
-        + (' '.join(f'{1e3 * length:.2f}' for length in reeled_in) or 'unknown')
-        + ' mm',
+        'wound in  ' + ' '.join(f'{1e3 * length:.2f}' for length in reeled_in) + ' mm',
         '',
         'section     s [mm]        x        y        z [mm]'
         '    tau       xi        k [1/m]   q [%]',

@@ -31,7 +31,7 @@ from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_lengths import TendonLengths, rest_by_offset
+from octo_arm_model.core.section.tendon_lengths import TendonLengths, offset_weights
 from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
@@ -275,8 +275,33 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        lengths = self._lengths.under(self._own_twist(backbone), backbone.tensions.ravel())
+        twist = self._own_twist(backbone)
+        lengths = self._lengths.under(twist, self._statics.local_tensions(backbone))
         return lengths.reshape(self.arm.tension_shape)
+
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon at every node of the grid [N], (tendons, nodes).
+
+        For a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        self._own_twist(backbone)
+        return self._statics.local_tensions(backbone)
+
+    def tension_integrals(self, backbone: Backbone) -> FloatArray:
+        """Integral of every tendon's tension over its unloaded length up to its winch [N m].
+
+        Of `Arm.tension_shape`, for a single solution of this solver. Over E A of a tendon it is
+        what this stretches by: friction leaves it less tension towards the tip.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        inside = self._lengths.integral(self.local_tensions(backbone))
+        free = np.array(self.arm.free_length or 0.0) * backbone.tensions.ravel()
+        return (inside + free).reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:
@@ -284,12 +309,9 @@ class Solver:
         return self._lengths.at_rest.reshape(self.arm.tension_shape)
 
     @functools.cached_property
-    def rest_lengths_by_offset(self) -> FloatArray:
-        """Derivative of each of `rest_lengths` by the tendon's distance from the midline.
-
-        (tendons,), and not zero only of tendons that wind about it.
-        """
-        return rest_by_offset(self.arm, self.grid)
+    def offset_weights(self) -> FloatArray:
+        """See `tendon_lengths.offset_weights`."""
+        return offset_weights(self.arm, self.grid)
 
     @functools.cached_property
     def _lengths(self) -> TendonLengths:

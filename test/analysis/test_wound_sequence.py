@@ -11,7 +11,7 @@ import pytest
 
 from octo_arm_model import Config, Solver, solve_displacements
 from octo_arm_model.analysis.wound_sequence import WoundSequence
-from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
 
@@ -97,17 +97,37 @@ def test_displacements_and_tensions_drive_together_until_all_are_let_go(
     np.testing.assert_allclose(found.position, solver.solve(LOW).position, atol=1e-9)
 
 
-def test_what_is_refused_leaves_what_is_known(prototype: Config, rubbing: Config) -> None:
-    solver, follow, _ = following(prototype)
+def test_what_is_refused_leaves_what_is_known(prototype: Config) -> None:
+    _, follow, _ = following(prototype)
     first = follow(0, tensions=HIGH)
     with pytest.raises(TensionError, match='unknown tendon elbow'):
         follow(1, displacements={'elbow': 0.01})
     np.testing.assert_allclose(follow(2, displacements={}).position, first.position, atol=1e-12)
-    solver, follow, _ = following(rubbing)
-    pulled = follow(0, tensions=HIGH)
-    with pytest.raises(ConfigError, match='displacements of tendons are for those without'):
-        follow(1, displacements={prototype.arm.tendon_names[0]: 0.01})
-    released = follow(2, tensions=LOW)
-    np.testing.assert_allclose(
-        released.position, solver.follow(LOW, pulled).position, rtol=0.0, atol=1e-12
+
+
+def test_lengths_have_a_history_that_a_gap_ends(rubbing: Config) -> None:
+    stretching = dataclasses.replace(
+        rubbing, arm=dataclasses.replace(rubbing.arm, axial_stiffness=(300.0,))
     )
+    name = rubbing.arm.tendon_names[0]
+    for gap, remembers in ((SECOND, True), (3 * SECOND, False)):
+        solver, follow, memory = following(stretching, 2.0)
+        follow(0, displacements={name: 0.01})
+        found = follow(gap, displacements={name: 0.006})
+        fresh = solve_displacements(solver, {name: 0.006}).backbone
+        pulled = solve_displacements(solver, {name: 0.01})
+        released = solve_displacements(solver, {name: 0.006}, start=pulled).backbone
+        expected = released if remembers else fresh
+        np.testing.assert_allclose(found.tensions, expected.tensions, rtol=1e-7, atol=1e-9)
+        assert memory.forgotten == (not remembers)
+        # Let out by length the tendon holds far less.
+        assert released.tensions[0, 0] < 0.9 * fresh.tensions[0, 0]
+
+
+def test_tensions_go_on_from_what_lengths_left(rubbing: Config) -> None:
+    solver, follow, _ = following(rubbing)
+    name = rubbing.arm.tendon_names[0]
+    held = follow(0, displacements={name: 0.01})
+    found = follow(1, tensions=LOW, displacements={})
+    expected = solver.follow(LOW, held)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9)

@@ -141,9 +141,13 @@ class Arm:
 
         ``lengths`` are as those of `stretching_lengths`.
         """
-        whole = self.stretching_lengths(lengths)
-        stiffness = np.array(self.axial_stiffness or np.zeros(lengths.size))
-        return np.divide(whole, stiffness, out=np.zeros_like(whole), where=stiffness > 0.0)
+        return self.stretched(self.stretching_lengths(lengths))
+
+    def stretched(self, tension_integrals: FloatArray) -> FloatArray:
+        """By how much tendons stretch [m], (..., tendons), of integrals of their tension [N m]."""
+        stiffness = np.array(self.axial_stiffness or np.zeros(tension_integrals.shape[-1]))
+        found = np.zeros_like(tension_integrals)
+        return np.divide(tension_integrals, stiffness, out=found, where=stiffness > 0.0)
 
     @functools.cached_property
     def tension_shape(self) -> tuple[int, ...]:

@@ -132,6 +132,7 @@ def _levenberg_marquardt(
         heavier = max(_HEAVY * damping, _LIGHT)
         try:
             step = newton_step(problem, problem.linearised(state, damping), state)
+            new = problem.state(condition, problem.moved(state.shape, step))
         except ConvergenceError:
             damping = heavier
             continue
@@ -139,7 +140,6 @@ def _levenberg_marquardt(
         if not down > 0.0:
             damping = heavier
             continue
-        new = problem.state(condition, problem.moved(state.shape, step))
         left = problem.work(new, step)
         if not left > -0.5 * down:  # nor NaN
             damping = heavier

@@ -17,7 +17,7 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.friction import Friction, Sliding
+from octo_arm_model.core.loaded.friction import Friction
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
@@ -119,7 +119,8 @@ class Equilibrium:
         if self.friction is None:
             gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         else:
-            sliding = self._slide(self.friction, condition, twist)
+            tensions = condition.tensions[np.newaxis]
+            sliding = self.friction.slide_along(twist[:, np.newaxis], tensions, condition.before)
             gradient, hessian, scale = evaluate_local(self.energy, sliding.tensions, twist)
         rotation = orientation.part(slice(0, count)).matrix()
         tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
@@ -137,11 +138,6 @@ class Equilibrium:
             condition, shape, rotation, tangent, moment, force, imbalance,
             hessian, residual, sliding,
         )  # fmt: skip
-
-    @staticmethod
-    def _slide(friction: Friction, condition: Condition, twist: FloatArray) -> Sliding:
-        turning = friction.turning(twist[:, np.newaxis])
-        return friction.slide(condition.tensions[np.newaxis], condition.before, turning)
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""

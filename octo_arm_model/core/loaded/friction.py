@@ -21,21 +21,21 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.strain_measures import to_scaled
 from octo_arm_model.core.section.tendon_tangents import (
     Tangents,
     curvature,
-    direction_by_twist,
     kink_angle,
     tangents,
 )
 
-_STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
 _NONE = 1e-30  # coefficient of friction that is none
+# Angles by which tendons in sheaths turn are right to this [rad], after at most so many steps.
+_PLACED, _MOST_PLACED = 1e-13, 50
 SAME = 1e-8  # part by which tensions of one tendon may differ by rounding
 
 
@@ -81,36 +81,35 @@ class Friction:
 
     Attributes:
         coefficient: mu of every tendon [-], (tendons,).
+        mu: likewise, but none is zero, (tendons, 1, 1).
         points: how many points there are.
+        energy: of the cross sections at the points.
+        collocation: the points.
+        names: of the tendons.
     """
 
     def __init__(self, arm: Arm, energy: SectionEnergy, collocation: Collocation) -> None:
-        """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``.
-
-        Raises:
-            ConfigError: if tendons dig into the body as well, which changes how they turn.
-        """
-        if arm.sheath_stiffness:
-            raise ConfigError(
-                'tendons.friction and tendons.sheath_stiffness do not go together: how tendons '
-                'turn is known of those that keep their places'
-            )
+        """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``."""
         self.coefficient, self.points = np.array(arm.friction), collocation.s.size
-        self._names = arm.tendon_names
+        self.names, self._gives_way = arm.tendon_names, bool(arm.sheath_stiffness)
         # That of the smallest number is as none, and can be divided by.
-        self._mu = np.maximum(self.coefficient, _NONE)[:, np.newaxis, np.newaxis]
-        self._energy, self._collocation = energy, collocation
+        self.mu = np.maximum(self.coefficient, _NONE)[:, np.newaxis, np.newaxis]
+        self.energy, self.collocation = energy, collocation
         rule = collocation.rule
         self._ends = rule.interpolate(np.array([0.0, 1.0]))
         self._differentiate = rule.differentiation
 
-    def turning(self, twist: FloatArray) -> Turning:
-        """How tendons turn under ``twist`` (4 or 6, batch, points)."""
-        found = tangents(self._energy, twist)
-        slope, kinks = self._slope(found.unit)
+    def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
+        """How tendons turn under ``twist`` (4 or 6, batch, points).
+
+        Their ``local_tensions`` (tendons, batch, points) [N] count where sheaths give way.
+        """
+        placed = self.energy.placed(to_scaled(self.energy.law, twist), local_tensions)
+        found = tangents(placed, twist)
+        slope, kinks = self.slope(found.unit)
         bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
-        rate = _length(bent)
-        angle = self._angle(rate, kink_angle(*kinks))
+        rate = length_of(bent)
+        angle = self.integrate(rate, kink_angle(*kinks))
         return Turning(angle, rate, bent, kinks, found)
 
     def slide(self, tensions: FloatArray, before: FloatArray | None, turning: Turning) -> Sliding:
@@ -120,12 +119,34 @@ class Friction:
         """
         return Sliding(*self.tensions(tensions, before, turning.angle), turning)
 
+    def slide_along(
+        self, twist: FloatArray, tensions: FloatArray, before: FloatArray | None
+    ) -> Sliding:
+        """As `slide`, of arms of ``twist`` (4 or 6, batch, points).
+
+        Where sheaths give way tendons turn as their tensions have it, which is iterated.
+
+        Raises:
+            ConvergenceError: if that finds no end.
+        """
+        local_tensions, left = self.energy.local_tensions(tensions), 0.0
+        turning = self.turning(twist, local_tensions)
+        for _ in range(_MOST_PLACED):
+            sliding = self.slide(tensions, before, turning)
+            if not self._gives_way:
+                return sliding
+            angle, turning = turning.angle, self.turning(twist, sliding.tensions)
+            left = float(np.abs(turning.angle - angle).max(initial=0.0))
+            if not left > _PLACED:  # nor NaN, where a section cannot be
+                return sliding._replace(turning=turning)
+        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
+
     def tensions(
         self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Tensions at the points, and which way tendons slip, for angles they turn by."""
-        at_base = self._energy.local_tensions(tensions)
-        kept = np.exp(-self._mu * angle)
+        at_base = self.energy.local_tensions(tensions)
+        kept = np.exp(-self.mu * angle)
         low = at_base * kept
         if before is None:
             return low, np.full(low.shape, -1.0)
@@ -140,7 +161,7 @@ class Friction:
 
         Exact for a curvature in proportion to the tension of a tendon that is drawn in.
         """
-        return np.log1p(self._mu * turning.angle) / self._mu
+        return np.log1p(self.mu * turning.angle) / self.mu
 
     def next_angle(self, angle: FloatArray, slip: FloatArray, turning: Turning) -> FloatArray:
         """Nearer angles than ``angle``, with which tendons slip and turn.
@@ -151,98 +172,26 @@ class Friction:
         """
         left = turning.angle - angle
         # The integrating factor, where a tendon slips as at its base.
-        grows = np.exp(self._mu * slip[..., :1] * angle)
-        moved = self._collocation.integrate_from_base(slip * turning.rate * left / grows)
-        return np.asarray(np.maximum(turning.angle + self._mu * grows * moved, 0.0))
+        grows = np.exp(self.mu * slip[..., :1] * angle)
+        moved = self.collocation.integrate_from_base(slip * turning.rate * left / grows)
+        return np.asarray(np.maximum(turning.angle + self.mu * grows * moved, 0.0))
 
-    def angle_by_twist(
-        self, turning: Turning, twist: FloatArray, change: FloatArray
-    ) -> FloatArray:
-        """Change of the angles (tendons, columns, points) with one ``twist`` (n, points).
-
-        ``change`` is (n, columns, points).
-        """
-        twist = twist[:, np.newaxis]
-        unit = turning.tangents.unit
-        bent = cross(change[:3, np.newaxis], unit)
-        return self.angle_by_direction(
-            turning, twist, direction_by_twist(self._energy, twist, change), bent
-        )
-
-    def angle_by_direction(
-        self, turning: Turning, twist: FloatArray, change: FloatArray, bent: FloatArray | float
-    ) -> FloatArray:
-        """Change of the angles with that of the tendons' directions u and curvatures ``bent``."""
-        moved = turning.tangents.turned(change)
-        slope, kinks = self._slope(moved)
-        bends = np.stack(curvature(*twist[:3], *moved, *slope)) + bent
-        along = np.einsum('i...,i...->...', turning.curvature, bends)
-        size = np.broadcast_to(turning.rate, along.shape)
-        rate = np.divide(along, size, out=np.zeros_like(along), where=size > 0.0)
-        half = np.minimum(0.5 * _length(turning.kinks), 1.0)
-        jump = np.einsum('i...,i...->...', turning.kinks, kinks)
-        scale = 2.0 * half * np.sqrt(1.0 - half * half)
-        jump = np.divide(jump, scale, out=np.zeros_like(jump), where=scale > 0.0)
-        return self._angle(rate, jump)
-
-    def by_base_tension(self, sliding: Sliding) -> FloatArray:
-        """Change of each tendon's tension with that at its base, (tendons, points) [-].
-
-        Of one arm whose shape stays as it is.
-        """
-        ones = self._energy.local_tensions(np.ones((1, self.coefficient.size)))
-        kept = ones * np.exp(sliding.slip * self._mu * sliding.turning.angle)
-        return np.asarray(kept[:, 0])
-
-    def by_coefficient(self, sliding: Sliding) -> FloatArray:
-        """Change of each tendon's tension with its mu, likewise [N]."""
-        return np.asarray((sliding.slip * sliding.turning.angle * sliding.tensions)[:, 0])
-
-    def by_angle(self, sliding: Sliding, angle: FloatArray) -> FloatArray:
-        """Change of the tensions with one of the angle (tendons, columns, points) [N]."""
-        return np.asarray(sliding.slip * self._mu * sliding.tensions * angle)
-
-    def require_derivatives(self, tensions: FloatArray, sliding: Sliding) -> None:
-        """Refuse derivatives where there are none.
-
-        Raises:
-            SolveError: if a tendon under tension sticks anywhere, or is so straight that turning
-                it either way makes it lose tension.
-        """
-        pulled = (sliding.tensions[:, 0] > 0.0) & (self.coefficient[:, np.newaxis] > 0.0)
-        slip = np.where(pulled, sliding.slip[:, 0], -1.0)
-        for what, bad in (
-            ('sticks', slip == 0.0),
-            ('slips both ways', pulled & (slip != slip[:, :1])),
-            ('is straight', pulled & (sliding.turning.rate[:, 0] <= self._straight)),
-        ):
-            if bad.any():
-                tendon, point = np.unravel_index(int(np.argmax(bad)), bad.shape)
-                raise SolveError(
-                    f'no derivatives: with friction, {self._names[tendon]} of '
-                    f'{tensions[tendon]:.4g} N {what} at s = {self._collocation.s[point]:.4g} m, '
-                    'expected one that slides and turns all along'
-                )
-
-    @property
-    def _straight(self) -> float:
-        return _STRAIGHT / self._collocation.length
-
-    def _slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative by s of vectors in the axes of cross sections, and jumps between elements."""
-        own = self._collocation
+        own = self.collocation
         by_element = own.by_element(unit)
         slope = (by_element @ self._differentiate.T) / own.step[:, np.newaxis]
         ends = by_element @ self._ends.T
         return slope.reshape(unit.shape), ends[..., 1:, 0] - ends[..., :-1, 1]
 
-    def _angle(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
+    def integrate(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
         """Integral from the base of ``rate`` (..., points), and all ``kinks`` passed."""
-        own = self._collocation
+        own = self.collocation
         angle = own.integrate_from_base(rate)
         own.by_element(angle)[..., 1:, :] += np.add.accumulate(kinks, axis=-1)[..., np.newaxis]
         return angle
 
 
-def _length(vectors: FloatArray) -> FloatArray:
+def length_of(vectors: FloatArray) -> FloatArray:
+    """Lengths (...) of ``vectors`` (3, ...)."""
     return np.asarray(np.sqrt(np.einsum('i...,i...->...', vectors, vectors)))

@@ -64,9 +64,10 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
                 return Iterate(state, iteration, strayed, None)
         try:
             step = newton_step(problem, system, state)
+            # Of wild shapes tendons in sheaths have no places.
+            new = problem.state(condition, problem.moved(state.shape, step))
         except ConvergenceError:
             return Iterate(state, iteration, strayed, None)
-        new = problem.state(condition, problem.moved(state.shape, step))
         # Not where NaN.
         if not new.residual <= (progress if iteration else UPHILL) * state.residual:
             return Iterate(state, iteration + 1, strayed, None)

@@ -169,6 +169,12 @@ class LoadedRod:
         """What values at the points of an ``other`` rod are at the points of this one."""
         return other._own.readout(self._own.s, self._own.s)
 
+    def mean_along_tendons(self, values: FloatArray) -> FloatArray:
+        """Averages of ``values`` (tendons, columns, points) over the tendons' unloaded lengths."""
+        lengths = self.parameters.rest_stretches * self._own.weights
+        total: FloatArray = np.einsum('jn,jcn->jc', lengths, values)
+        return total / lengths.sum(axis=1, keepdims=True)
+
     def _dead_resultants(self, loads: Loads) -> tuple[FloatArray, FloatArray]:
         force, moment = dead_resultants(self._arm, self._own, loads)
         force = force + np.array(loads.tip_force)[:, np.newaxis]

@@ -54,7 +54,7 @@ def balance(
     for iteration in range(1, MOST + 1):
         local_tensions, slip = friction.tensions(tensions, before, angle)
         twist = sections(local_tensions)
-        turning = friction.turning(twist)
+        turning = friction.turning(twist, local_tensions)
         if iteration == 1:
             angle = friction.first_angle(turning)
             continue

@@ -12,7 +12,7 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.loaded.friction import Friction, Sliding
+from octo_arm_model.core.loaded.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.linearised import Response, System
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.fixed_point import fixed_point
@@ -29,7 +29,8 @@ def newton_step(problem: Equilibrium, system: System, state: State) -> Response:
     Raises:
         ConvergenceError: if the change of tensions is not found.
     """
-    return respond(problem, system, state, state.imbalance[:, np.newaxis], tolerance=_ROUGH)
+    columns = state.imbalance[:, np.newaxis]
+    return respond(problem, system, state, columns, tolerance=_ROUGH)[0]
 
 
 def respond(
@@ -39,51 +40,52 @@ def respond(
     imbalance: FloatArray,
     direct: FloatArray | None = None,
     tolerance: float = _EXACT,
-) -> Response:
+) -> tuple[Response, FloatArray | None]:
     """Response of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
 
     ``system`` is that of tensions that stay. With friction they change with the shape, and by
     ``direct`` (tendons, columns, points) besides [N]; ``tolerance`` is in parts of each change.
+
+    Returns:
+        The response, and with friction the change of the tensions at the points, as ``direct``.
 
     Raises:
         ConvergenceError: if the change of tensions is not found.
     """
     sliding = state.sliding
     if sliding is None:
-        return system.solve(imbalance)
+        return system.solve(imbalance), None
     friction, energy, twist = problem.friction, problem.energy, state.shape.twist
     assert friction is not None
     strain = to_scaled(energy.law, twist[:, np.newaxis])
     along = energy.lengthening(strain, sliding.tensions)[1]
     along = unscale_gradient(energy, twist[:, np.newaxis], along)[:, :, 0]
+    changes = FrictionChanges(friction, sliding, twist)
 
     def pulled(change: FloatArray) -> FloatArray:
         return -np.einsum('ijn,jcn->icn', along, change)
 
-    held = system.solve(imbalance).twist
-    moved = _by_twist(friction, sliding, twist, held)
+    moved = changes.by_twist(system.solve(imbalance).twist)
     change = tension_changes(
-        friction, sliding, twist,
+        changes,
         lambda change: system.solve(pulled(change)).twist,
         moved if direct is None else moved + direct,
         tolerance,
-    )  # fmt: skip
-    return system.solve(imbalance + pulled(change))
+    )
+    return system.solve(imbalance + pulled(change)), change
 
 
 def tension_changes(
-    friction: Friction,
-    sliding: Sliding,
-    twist: FloatArray,
+    changes: FrictionChanges,
     respond: Callable[[FloatArray], FloatArray],
     direct: FloatArray,
     tolerance: float = _EXACT,
 ) -> FloatArray:
     """Small changes of the tensions at the points [N], (tendons, columns, points).
 
-    Of the one arm ``sliding`` with ``twist`` (n, points). ``direct`` is how they change while the
-    shape does not, and ``respond`` gives the change (n, columns, points) of the twist with that of
-    the tensions; ``tolerance`` is in parts of each change.
+    ``direct`` is how they change while the shape does not, and ``respond`` gives the change
+    (n, columns, points) of the twist with that of the tensions; ``tolerance`` is in parts of each
+    change.
 
     Raises:
         ConvergenceError: if they are not found.
@@ -94,16 +96,9 @@ def tension_changes(
 
     def step(rows: FloatArray) -> FloatArray:
         change = rows.reshape(columns, count, points).swapaxes(0, 1)
-        moved = _by_twist(friction, sliding, twist, respond(change))
+        moved = changes.by_twist(respond(change)) + changes.by_tension(change)
         return (direct / scale + moved).swapaxes(0, 1).reshape(columns, -1)
 
     start = (direct / scale).swapaxes(0, 1).reshape(columns, -1)
     found, _ = fixed_point(step, start, tolerance, _MOST, "the change of the tendons' tensions")
     return found.reshape(columns, count, points).swapaxes(0, 1) * scale
-
-
-def _by_twist(
-    friction: Friction, sliding: Sliding, twist: FloatArray, change: FloatArray
-) -> FloatArray:
-    """Change of the tensions with a ``change`` (n, columns, points) of the ``twist``."""
-    return friction.by_angle(sliding, friction.angle_by_twist(sliding.turning, twist, change))

@@ -156,12 +156,13 @@ class Exact:
         energy = rod.equilibrium.energy
         strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
         check_fibres(energy, strain)
-        energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
-        twist, position, quaternion = rod.read_out(state)
-        tendons = None
+        local_tensions, tendons = energy.local_tensions(tensions[np.newaxis]), None
         if state.sliding is not None:
-            along = state.sliding.tensions[:, 0]
+            local_tensions = state.sliding.tensions
+            along = local_tensions[:, 0]
             tendons = TendonTensions(along, rod.stations.interpolate(along))
+        energy.check_tendons(strain, local_tensions)
+        twist, position, quaternion = rod.read_out(state)
         return Solution(
             twist, state.residual, spending.iterations, state.shape, (position, quaternion),
             tendons,
@@ -196,6 +197,12 @@ class Exact:
         except ConvergenceError:
             return known, unloaded  # Too few points, perhaps.
         return wanted, fine.from_coarser(coarse, state.shape)
+
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon at every node, see `Statics`."""
+        if self.slides:
+            return self.rods.at_nodes(backbone)
+        return self.sections.local_tensions(backbone.tensions.reshape(1, -1))[:, 0]
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone``, by all there is."""

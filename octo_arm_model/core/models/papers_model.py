@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded import UnloadedStatics
@@ -52,11 +51,6 @@ class PapersModel(UnloadedStatics):
         Raises:
             ConfigError: if they do not cover the arm.
         """
-        if setup.arm.sheath_stiffness:
-            raise ConfigError(
-                "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
-                'in their places'
-            )
         super().__init__(setup)
         grid = setup.grid
         self.equations = equations(setup.arm, grid.nodes, grid.node_section)

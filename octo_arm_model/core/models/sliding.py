@@ -6,10 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import Sections, balance
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
+from octo_arm_model.core.section.strain_measures import to_scaled
 
 # Elements that the panels of a rod are cut into, the next where strains are not resolved.
 CUTS: tuple[int, ...] = (1, 2, 4, 8)
@@ -37,6 +40,17 @@ class Rods:
             return before
         return self.rod(level).read_from(self.rod(given)).interpolate(before)
 
+    def at_nodes(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon of a single ``backbone`` at every node [N], (tendons, nodes).
+
+        Raises:
+            ConfigError: if its history was forgotten.
+        """
+        along = backbone.point_tensions
+        if along is None:
+            raise ConfigError('the backbone has no tensions along its tendons')
+        return self.rod(self.level_of(along)).nodes.interpolate(along)
+
     def slide(
         self,
         sections: Callable[[LoadedRod], Sections],
@@ -63,6 +77,10 @@ class Rods:
             if level + 1 == len(CUTS) or rod.resolves_twist(twist, sliding):
                 break
             level += 1
+        energy = rod.equilibrium.energy
+        strain = to_scaled(energy.law, twist)
+        energy.check_tendons(strain, sliding.tensions)
+        energy.check_stable(strain, sliding.tensions)
         iterations = np.full(len(tensions), steps)
         at_nodes = rod.nodes.interpolate(sliding.tensions)
         along = TendonTensions(sliding.tensions, at_nodes[..., rod.station_node])

@@ -9,6 +9,7 @@ import numpy as np
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_response import tension_changes
 from octo_arm_model.core.models.closed_form import ClosedForm
@@ -29,11 +30,7 @@ class SlidingClosedForm(UnloadedStatics):
     """
 
     def __init__(self, setup: Setup) -> None:
-        """Tabulate the arm.
-
-        Raises:
-            ConfigError: if tendons dig into the body as well.
-        """
+        """Tabulate the arm; raises as `UnloadedStatics`."""
         super().__init__(setup)
         arm, grid, base, *_ = setup
         self._rod = functools.lru_cache(
@@ -63,6 +60,10 @@ class SlidingClosedForm(UnloadedStatics):
         own = rod.equilibrium.collocation
         return ClosedForm(self._setup.arm, own.s, own.section)
 
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """See `Statics`."""
+        return self.rods.at_nodes(backbone)
+
     def tip_by(self, backbone: Backbone) -> TipBy:
         """Derivatives of the tip of ``backbone``, see `Statics`."""
         return self.sensitivity(backbone).tip_by
@@ -82,27 +83,27 @@ class SlidingClosedForm(UnloadedStatics):
         tensions = backbone.tensions.ravel()
         closed_form = self._closed_form(rod)
         rows = closed_form.local_twist(before[:, np.newaxis])
-        turning, twist = friction.turning(rows), rows[:, 0]
-        sliding = friction.slide(tensions[np.newaxis], before, turning)
-        friction.require_derivatives(tensions, sliding)
+        sliding = friction.slide_along(rows, tensions[np.newaxis], before)
+        own_changes = FrictionChanges(friction, sliding, rows[:, 0])
+        own_changes.require_derivatives(tensions)
         along = _by_tensions(closed_form, sliding.tensions)
         # Scaling E is scaling all tensions the other way.
         count = tensions.size
         direct = np.zeros((count, 2 * count + 1, along.shape[-1]))
         own = np.arange(count)
-        direct[own, own] = friction.by_base_tension(sliding)
+        direct[own, own] = own_changes.by_base_tension()
         direct[:, count] = -sliding.tensions[:, 0]
-        direct[own, count + 1 + own] = friction.by_coefficient(sliding)
+        direct[own, count + 1 + own] = own_changes.by_coefficient()
         change = tension_changes(
-            friction, sliding, twist,
-            lambda change: np.einsum('ijn,jcn->icn', along, change), direct,
-        )  # fmt: skip
+            own_changes, lambda change: np.einsum('ijn,jcn->icn', along, change), direct
+        )
         at_nodes = _by_tensions(self._at_nodes, rod.nodes.interpolate(sliding.tensions))
         changes = np.einsum('ijn,jcn->icn', at_nodes, rod.nodes.interpolate(change))
         at_node, frames = self._twist_and_frames(backbone)
         tension, young, mu = from_twist_changes(
-            self.sections, self._setup.grid, at_node, frames, changes, [count, 1]
-        )
+            self.sections, self._setup.grid, at_node, frames, changes, [count, 1],
+            rod.mean_along_tendons(change),
+        )  # fmt: skip
         return Sensitivity(tension, young, by_friction=mu)
 
 

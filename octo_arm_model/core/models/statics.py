@@ -97,6 +97,9 @@ class Statics(Protocol):
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
 
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon of a single solution at every node [N], (tendons, nodes)."""
+
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this model."""
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -34,7 +35,16 @@ class UnloadedStatics(abc.ABC):
     strains = 4
 
     def __init__(self, setup: Setup) -> None:
-        """Keep the ``setup``."""
+        """Keep the ``setup``.
+
+        Raises:
+            ConfigError: if tendons dig into the body.
+        """
+        if setup.arm.sheath_stiffness:
+            raise ConfigError(
+                "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
+                'in their places'
+            )
         self._setup = setup
 
     @functools.cached_property
@@ -64,6 +74,10 @@ class UnloadedStatics(abc.ABC):
     @abc.abstractmethod
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         """Solve for ``tensions`` (..., tendons) [N], with ``before`` as of `solve`."""
+
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon at every node, see `Statics`."""
+        return self.sections.local_tensions(backbone.tensions.reshape(1, -1))[:, 0]
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Never called, as no loads are taken."""

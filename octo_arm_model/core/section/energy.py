@@ -156,6 +156,10 @@ class SectionEnergy:
         """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
         return None
 
+    def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
+        """These cross sections with tendons where they stand."""
+        return self
+
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
         """Derivative of the stretches by the tension there at a given strain [1/N]."""
         return 0.0

@@ -16,12 +16,15 @@ class ParameterDerivatives:
     Attributes:
         outwards: directions along n and b that offsets of tendons increase in, and their slopes,
             each (tendons, 1, nodes), zero beyond the anchorage.
+        rest_stretches: length of each tendon of the unloaded arm by that of the midline,
+            (tendons, nodes), zero beyond the anchorage.
         torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (nodes,).
     """
 
     def __init__(self, energy: SectionEnergy, arm: Arm) -> None:
         """Tabulate the directions of increasing offset of the tendons of ``arm``."""
         self._energy = energy
+        self.rest_stretches = (energy.active * np.sqrt(1.0 + energy.squared_slope))[:, 0]
         self.torsion_by_poisson = -energy.stiffness.torsion / (1.0 + energy.poisson)
         x, y, dx, dy = (
             np.ascontiguousarray(table[:, np.newaxis]) * energy.active

@@ -117,6 +117,10 @@ class SheathedSections(SectionEnergy):
         compliance = self.sheath_compliance * np.stack(inverse)
         return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
 
+    def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
+        """As `SectionEnergy.placed`; raises as `condensed`."""
+        return self._placed(strain, local_tensions).sections
+
     def _placed(self, strain: FloatArray, local_tensions: FloatArray) -> _Placed:
         """Offsets of the tendons by Newton's method; raises as `condensed`."""
         t, n, b, stretch = strain[:4]
@@ -169,7 +173,7 @@ class SheathedSections(SectionEnergy):
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
-        moved = self._placed(strain, local_tensions).sections
+        moved = self.placed(strain, local_tensions)
         return SectionEnergy.stretches(moved, strain, local_tensions)
 
     def lengthening(
@@ -196,7 +200,7 @@ class SheathedSections(SectionEnergy):
         off_path = self.sheath_compliance * local_tensions * curvature
         if not np.any(np.hypot(self.x, self.y) + off_path > self.farthest):
             return
-        moved = self._placed(strain, local_tensions).sections
+        moved = self.placed(strain, local_tensions)
         outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)
         self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
 

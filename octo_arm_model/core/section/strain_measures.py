@@ -68,6 +68,20 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
     return unscaled
 
 
+def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:
+    """Change of the scaled strain with a ``change`` (n, columns, nodes) of one ``twist``.
+
+    ``twist`` is (n, 1, nodes).
+    """
+    if not energy.law.widens:
+        return change
+    width, slope, _ = energy.widening(twist[3])
+    scaled = change.copy()
+    scaled[:3] *= width
+    scaled[:3] += slope * twist[:3] * change[3]
+    return scaled
+
+
 def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
     """Refuse scaled ``strain`` that compresses a fibre to nearly no length.
 

@@ -16,7 +16,7 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 from octo_arm_model.core.section.tendon_sums import transmission
 
-# From a twist (n, nodes) and tensions (tendons,) [N] to every length [m], (tendons,).
+# From a twist (n, nodes) and tensions (tendons, nodes) [N] to every length [m], (tendons,).
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
@@ -27,7 +27,7 @@ class TendonLengths:
         sections: the cross sections at the nodes.
         weights: of the integral along each tendon, (tendons, nodes).
         under: length of every tendon [m], (tendons,), under a twist (4 or 6, nodes) and tensions
-            (tendons,) [N].
+            (tendons, nodes) [N] there.
     """
 
     def __init__(self, sections: SectionEnergy, grid: StationGrid) -> None:
@@ -40,27 +40,32 @@ class TendonLengths:
         """A `Measure`."""
         sections = self.sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
-        local_tensions = sections.local_tensions(tensions[np.newaxis])
-        stretches = sections.stretches(strain, local_tensions)[:, 0]
+        return self._integral(sections.stretches(strain, tensions[:, np.newaxis])[:, 0])
+
+    def _integral(self, stretches: FloatArray) -> FloatArray:
         lengths: FloatArray = np.einsum('jn,jn->j', stretches, self.weights)
         return lengths
+
+    def integral(self, tensions: FloatArray) -> FloatArray:
+        """Integrals of ``tensions`` (tendons, nodes) over unloaded lengths [N m], (tendons,)."""
+        return self._integral(tensions * np.sqrt(1.0 + self.sections.squared_slope[:, 0]))
 
     @functools.cached_property
     def at_rest(self) -> FloatArray:
         """Those of the unloaded arm."""
         twist = np.zeros((self.sections.strains, self.weights.shape[1]))
         twist[3] = 1.0
-        return self.under(twist, np.zeros(len(self.weights)))
+        return self.under(twist, np.zeros_like(self.weights))
 
 
-def rest_by_offset(arm: Arm, grid: StationGrid) -> FloatArray:
-    """Derivative of each unloaded length by the tendon's distance from the midline (tendons,).
+def offset_weights(arm: Arm, grid: StationGrid) -> FloatArray:
+    """Weights of integrals (tendons, nodes) that are d(unloaded length)/d(distance from midline).
 
-    Only of tendons that wind about it.
+    Zero of tendons that do not wind about it.
     """
     slope, outward = arm.tendon_slopes(grid.nodes), arm.tendon_outward_slopes(grid.nodes)
     along = slope[0] * outward[0] + slope[1] * outward[1]
     along /= np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
     passes = transmission(arm, grid.nodes, grid.node_section) > 0.0
-    by_offset: FloatArray = (passes * along) @ integration_weights(grid)
-    return by_offset
+    weights: FloatArray = passes * along * integration_weights(grid)
+    return weights

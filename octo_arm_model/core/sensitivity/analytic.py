@@ -14,6 +14,7 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.friction import Sliding
+from octo_arm_model.core.loaded.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_response import respond
@@ -59,10 +60,11 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     count, tendons = len(twist), tensions.size
     left = Imbalance(energy, parameters, twist, local_tensions)
     strain, by_sheath = left.strain, left.by_sheath_stiffness
-    more = by_sheath.shape[1]
+    sheaths = by_sheath.shape[1]
+    more = sheaths
     if state.sliding is not None:
         # What tendons pull with changes along them, and their friction adds columns.
-        more, direct = tendons, _direct(rod, state, state.sliding, strain)
+        more, direct = sheaths + tendons, _direct(rod, state, state.sliding, sheaths)
     columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
     if state.sliding is None:
         columns[:count, :tendons] = left.by_tension
@@ -70,60 +72,68 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     columns[:count, tendons + 6, np.newaxis] = left.by_youngs_modulus
     columns[:count, tendons + 7, np.newaxis] = left.by_poisson_ratio
     columns[:count, tendons + 8 : 2 * tendons + 8] = left.by_offset
-    columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + by_sheath.shape[1]] = by_sheath
-    response = respond(problem, problem.linearised(state), state, columns[:count], direct)
+    columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + sheaths] = by_sheath
+    response, slid = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = read_out(rod, state, response)
     weights = problem.collocation.weights
     length = lengths_along(left.length_by_twist * weights, response.twist)
     # What changes the length of a tendon at a given twist.
-    at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission**2
-    tendon = np.arange(tendons)
-    length[tendon, tendon] += at_place[:, 0] @ weights
+    at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission
+    at_place = at_place[:, 0] * weights
+    tendon, mean = np.arange(tendons), None
+    if slid is None:
+        length[tendon, tendon] += np.einsum('jn,jn->j', at_place, energy.transmission[:, 0])
+    else:
+        length += np.einsum('jn,jcn->jc', at_place, slid)
+        mean = rod.mean_along_tendons(slid)
     own = parameters.length_by_offset(strain, local_tensions) @ weights
     length[tendon, tendons + 8 + tendon] += own
-    if by_sheath.size:
+    if sheaths:
         own = parameters.length_by_sheath(strain, local_tensions) @ weights
         length[tendon, 2 * tendons + 8 + tendon] += own
-    tension, wrench, young, poisson, offset, rest = _split(
-        pose, strains, length, [tendons, 6, 1, 1, tendons]
+    tension, wrench, young, poisson, offset, sheath, friction = _split(
+        pose, strains, length, [tendons, 6, 1, 1, tendons, sheaths], mean
     )
     return Sensitivity(
         tension, young, wrench, poisson, offset,
-        rest if by_sheath.size else None,
-        rest if state.sliding is not None else None,
+        sheath if sheaths else None,
+        None if slid is None else friction,
     )  # fmt: skip
 
 
 def _split(
-    pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int]
-) -> list[Change]:
+    pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int],
+    mean: FloatArray | None = None,
+) -> list[Change]:  # fmt: skip
     """Changes of so many columns each, and of the rest."""
     parts, first = [], 0
     for count in (*counts, pose.shape[-1] - sum(counts)):
         own = slice(first, first + count)
-        parts.append(Change(pose[..., own], strains[..., own], length[..., own]))
+        rest = None if mean is None else mean[:, own]
+        parts.append(Change(pose[..., own], strains[..., own], length[..., own], rest))
         first += count
     return parts
 
 
-def _direct(rod: LoadedRod, state: State, sliding: Sliding, strain: FloatArray) -> FloatArray:
+def _direct(rod: LoadedRod, state: State, sliding: Sliding, sheaths: int) -> FloatArray:
     """Change of tensions along tendons with friction while the shape stays, as `derivatives`.
+
+    Of tendons in so many ``sheaths`` that give way, all or none.
 
     Raises:
         SolveError: if there is none.
     """
     friction, tendons = rod.equilibrium.friction, len(sliding.tensions)
     assert friction is not None
-    tensions, twist = state.condition.tensions, state.shape.twist[:, np.newaxis]
-    friction.require_derivatives(tensions, sliding)
-    # Directions of tendons of which each moves by itself.
-    outwards = rod.parameters.direction_by_offset(strain)
-    angle = friction.angle_by_direction(sliding.turning, twist, outwards, 0.0)
-    direct = np.zeros((tendons, 3 * tendons + 8, twist.shape[2]))
-    own = np.arange(tendons)
-    direct[own, own] = friction.by_base_tension(sliding)
-    direct[own, tendons + 8 + own] = friction.by_angle(sliding, angle)[:, 0]
-    direct[own, 2 * tendons + 8 + own] = friction.by_coefficient(sliding)
+    changes = FrictionChanges(friction, sliding, state.shape.twist)
+    changes.require_derivatives(state.condition.tensions)
+    direct = np.zeros((tendons, 3 * tendons + 8 + sheaths, friction.points))
+    own, first = np.arange(tendons), 2 * tendons + 8
+    direct[own, own] = changes.by_base_tension()
+    # Of paths and sheaths of which each moves its tendon alone.
+    direct[own, tendons + 8 + own] = changes.by_offset(rod.parameters)
+    direct[own[:sheaths], first + own[:sheaths]] = changes.by_sheath_stiffness()
+    direct[own, first + sheaths + own] = changes.by_coefficient()
     return direct
 
 
@@ -178,16 +188,18 @@ def from_twist_changes(
     frames: Quaternions,
     changes: FloatArray,
     counts: Sequence[int],
+    mean: FloatArray | None = None,
 ) -> list[Change]:
     """Changes of so many columns each, and of the rest, from those of the twist at the nodes.
 
-    ``changes`` is (4, columns, nodes) and ``twist``, of the linear law, (4, nodes).
+    ``changes`` is (4, columns, nodes) and ``twist``, of the linear law, (4, nodes); ``mean`` are
+    those `Change.tendon_tension`.
     """
     pose, strains = _integrate(twist, frames, grid, changes)
     # The paper's models keep tendons in their places, whatever the tensions.
     by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = lengths_along(by_twist * integration_weights(grid), changes)
-    return _split(pose, strains, length, counts)
+    return _split(pose, strains, length, counts, mean)
 
 
 def tip_from_twist_changes(

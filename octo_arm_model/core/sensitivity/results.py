@@ -26,11 +26,14 @@ class Change:
             (stations, 6, quantities).
         strain: change of tau, xi, k [1/m] and q [-], (stations, 4, quantities).
         tendon_length: change of the length of every tendon [m], (tendons, quantities).
+        tendon_tension: change of the tension of every tendon on average over its unloaded length
+            [N], likewise; None without friction, where that is the change at the base.
     """
 
     pose: FloatArray
     strain: FloatArray
     tendon_length: FloatArray
+    tendon_tension: FloatArray | None = None
 
     @property
     def tip(self) -> FloatArray:

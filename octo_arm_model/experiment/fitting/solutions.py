@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
-from octo_arm_model.analysis.winding import Wound, stretching_lengths, tendon_compliance
-from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding import Wound, tendon_compliance
+from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
@@ -140,7 +140,7 @@ class Solutions:
     def _stretch_by_softness(self, backbone: Backbone, solver: Solver) -> FloatArray:
         """Derivative of each tendon's stretch by the component of x for it, (tendons,) [m]."""
         unknown = next(one for one in self._unknowns.unknowns if one.name == AXIAL)
-        return backbone.tensions.ravel() * stretching_lengths(solver) / unknown.reference
+        return solver.tension_integrals(backbone).ravel() / unknown.reference
 
     def encoder_residuals(self, x: FloatArray, step: int) -> FloatArray:
         """What encoders of taut tendons read less what they should, (taut,) [m]."""
@@ -152,16 +152,15 @@ class Solutions:
     def encoder_change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `encoder_residuals` by x, (taut, unknowns)."""
         solver, backbone = self._solver_at(x), self.backbone(x, step)
-        tensions, compliance = backbone.tensions.ravel(), tendon_compliance(solver)
+        compliance, unloaded = tendon_compliance(solver), unloaded_by_offset(solver, backbone)
         expected = compliance[:, np.newaxis] * self._tension_change(x, step)
         expected -= self._change(x, step, lambda change: change.tendon_length)
-        stretch = 1.0 + tensions * compliance / stretching_lengths(solver)
         for number, name in enumerate(self._unknowns.names):
             if name.startswith(ZERO):
                 expected[self._tendon(name, ZERO), number] += 1.0
             elif name.startswith(OFFSET):
                 tendon = self._tendon(name, OFFSET)
-                expected[tendon, number] += stretch[tendon] * solver.rest_lengths_by_offset[tendon]
+                expected[tendon, number] += unloaded[tendon]
             elif name == AXIAL:
                 expected[:, number] += self._stretch_by_softness(backbone, solver)
         return -expected[self._unknowns.taut[step]]

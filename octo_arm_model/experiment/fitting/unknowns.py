@@ -93,6 +93,10 @@ class Unknowns:
         self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
         self._pulled = readings.tensions.max(axis=0, initial=0.0) > self.slack
         self.taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
+        if 'friction' in fits and readings.are_lengths:
+            raise ConfigError(
+                'friction is fitted to tensions that were read, and this recording has lengths'
+            )
         if AXIAL in fits:
             self._check_stretch(bool(self.taut.any()), 'friction' in fits)
         # What encoders read is weighed where nothing else shows what is fitted.
@@ -124,8 +128,8 @@ class Unknowns:
             )
         if slides or self.arm.friction:
             raise ConfigError(
-                f'{AXIAL} is fitted to tendons without friction: what others stretch by is not '
-                'known'
+                f'{AXIAL} is fitted to tendons without friction: how encoder readings change '
+                'with it is not known of others'
             )
 
     def value(self, x: FloatArray, name: str, default: float) -> float:

@@ -35,7 +35,6 @@ from octo_arm_model import (
     TipPosition,
     find_tensions,
 )
-from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models import sliding
 
@@ -414,34 +413,12 @@ def test_friction_is_one_number_or_one_for_each_tendon(friction: tuple[float, ..
         helical(friction)
 
 
-@pytest.mark.parametrize('model', MODELS)
-def test_tendons_that_dig_in_have_none(model: str) -> None:
-    arm = dataclasses.replace(uniform(), sheath_stiffness=(2e5,))
-    with pytest.raises(ConfigError, match=r'friction and tendons\.sheath_stiffness do not go'):
-        Solver(arm, model)
-
-
 def test_each_tendon_may_have_its_own() -> None:
     arm = helical((0.0, 0.3, 0.0, 0.0, 0.0, 0.0))
     tensions = Solver(arm, 'exact').solve(HELICAL).tendon_tensions[5]
     lost = HELICAL.ravel() - tensions
     assert lost[1] > 1e-4
     np.testing.assert_allclose(np.delete(lost, 1), 0.0, atol=1e-12)
-
-
-def test_displacements_are_for_tendons_without_friction() -> None:
-    solver = Solver(uniform(), 'exact')
-    elastic = Solver(dataclasses.replace(uniform(), axial_stiffness=(500.0,)), 'exact')
-    for ask in (
-        lambda: solve_displacements(solver, {'tendon_1_1': 0.01}),
-        lambda: displacements_of(elastic, elastic.solve([[1.0]])),
-    ):
-        with pytest.raises(ConfigError, match=r'without friction; tendons\.friction is \[0\.3\]'):
-            ask()
-    # What does not stretch is reeled in by as much as its path gets shorter.
-    backbone = solver.solve([[1.0]])
-    shorter = solver.rest_lengths - solver.tendon_lengths(backbone)
-    np.testing.assert_allclose(displacements_of(solver, backbone), shorter, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('model', MODELS)

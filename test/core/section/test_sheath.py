@@ -307,12 +307,6 @@ def test_the_papers_models_refuse_sheaths(table4: Config, model: str) -> None:
         Solver(with_sheath(table4.arm, 1e5), model)
 
 
-def test_friction_in_sheaths_that_give_way_is_refused() -> None:
-    rough = dataclasses.replace(HELICAL, friction=(0.1,))
-    with pytest.raises(ConfigError, match=r'friction and tendons\.sheath_stiffness do not go'):
-        Solver(rough, 'exact')
-
-
 def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
     arm = Arm(RUBBER, Body(0.27, 0.015, 0.0074), (Section(0.27, 0.005, 0.0025),))
     soft = Solver(with_sheath(arm, 0.5 * SHEAR_MODULUS), 'exact')

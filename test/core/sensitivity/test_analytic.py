@@ -167,6 +167,11 @@ def outcome(solver: Solver, backbone: Backbone, at: Backbone) -> FloatArray:
     return np.array([*parts, *np.ravel(solver.tendon_lengths(backbone))])
 
 
+def arrays_of(change: Change) -> tuple[FloatArray, ...]:
+    """What it has of tendons without friction."""
+    return change.pose, change.strain, change.tendon_length
+
+
 def given(change: Change) -> FloatArray:
     """The same derivatives from `Change`."""
     parts = []
@@ -208,7 +213,7 @@ def test_by_tension(solved: Solved) -> None:
         tensions[pulled] = x
         return solver.solve(tensions.reshape(shape), start=solved.backbone)
 
-    part = Change(*(columns[..., pulled] for columns in vars(change).values()))
+    part = Change(*(columns[..., pulled] for columns in arrays_of(change)))
     at = flat[pulled]
     assert_derivative(solved, part, lambda x: solved.solver, at, 0.02 * at, solve)
 
@@ -256,8 +261,8 @@ def test_by_stiffness_and_poissons_ratio(solved: Solved) -> None:
     change = Change(*(
         np.concatenate(columns, axis=-1)
         for columns in zip(
-            vars(solved.sensitivity.by_youngs_modulus).values(),
-            vars(solved.sensitivity.by_poisson_ratio).values(),
+            arrays_of(solved.sensitivity.by_youngs_modulus),
+            arrays_of(solved.sensitivity.by_poisson_ratio),
         )
     ))  # fmt: skip
     assert change.pose.shape[-1] == 2

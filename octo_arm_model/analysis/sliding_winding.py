@@ -1,0 +1,148 @@
+"""The tensions that hold tendons with friction at prescribed displacements.
+
+Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or the
+other way round, slips next to its base alone: its displacement changes by the square of what its
+tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
+of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from octo_arm_model.analysis.winding import (
+    TOLERANCE,
+    Winding,
+    Wound,
+    displacements_by_tension,
+    displacements_of,
+)
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+
+_MOST = 100  # steps
+# Damping at first, at least and at most, in parts of what tendons yield on the slack arm, and its
+# change after a step that went too far and after one that did not.
+_DAMPING, _LIGHTEST, _HEAVIEST = 1e-2, 1e-8, 1e9
+_HEAVIER, _LIGHTER = 4.0, 0.1
+_MOST_EXCHANGES, _PATIENCE = 200, 3  # of slack and taut tendons; without getting fewer
+_DIFFERENCE = 1e-5  # of the largest tension, or of one that reels in this part of the length
+
+
+class SlidingWinding(Winding):
+    """`Winding` of tendons that slide from what they did before."""
+
+    @functools.cached_property
+    def _slack_changes(self) -> FloatArray:
+        """Derivative of all displacements by all tensions of the slack arm [m/N]."""
+        solver = self._solver
+        slack = solver.solve(np.zeros(solver.arm.tension_shape))
+        return displacements_by_tension(solver, solver.sensitivity(slack))
+
+    @functools.cached_property
+    def _yields(self) -> FloatArray:
+        """Likewise of each by its own tension, (tendons,)."""
+        return np.diag(self._slack_changes)
+
+    def follow(self, tensions: FloatArray, start: Wound) -> Wound:
+        """What holds the wanted displacements, from another solution; see `Winding.follow`."""
+        return self.solve(tensions, start.backbone)
+
+    def solve(
+        self, tensions: FloatArray, start: Backbone | None, changes: FloatArray | None = None
+    ) -> Wound:
+        """What holds the wanted displacements, from ``tensions`` (tendons,) [N]."""
+        backbone, displacement = self._solve(tensions, start)
+        damping, before, slopes = _DAMPING, np.inf, changes
+        for _ in range(_MOST):
+            left = self._left(tensions, displacement)
+            if slopes is None:
+                slopes = self._changes(backbone, displacement)
+            damped = slopes + damping * np.diag(self._yields)
+            step = self._step(tensions, displacement, damped)
+            if left <= self._met:
+                is_fine = np.abs(step).max() <= TOLERANCE * tensions.max()
+                if is_fine or left <= self._rounding or left >= 0.5 * before:
+                    return self._wound(backbone, displacement, damped)
+            new = np.maximum(0.0, tensions + step)
+            try:
+                found, reached = self._solve(new, backbone)
+                # Where the arm sticks nothing changes, up to where it slips.
+                is_nearer = self._merit(new, reached) <= self._merit(tensions, displacement)
+            except SolveError:
+                is_nearer = False
+            if is_nearer:
+                before, damping, slopes = left, max(damping * _LIGHTER, _LIGHTEST), None
+                backbone, displacement, tensions = found, reached, new
+                continue
+            if left <= self._met:
+                return self._wound(backbone, displacement, damped)
+            damping *= _HEAVIER
+            if damping > _HEAVIEST:
+                break
+        raise self._error(left, _MOST)
+
+    def _step(
+        self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
+    ) -> FloatArray:
+        """Newton's step of all tensions, of which some get slack and others taut.
+
+        It solves a linear complementarity problem, by block principal pivoting (Kostreva 1978),
+        with the rule of the last index (Murty 1974) where that goes round in circles.
+        """
+        driven = np.flatnonzero(self._driven)
+        matrix = changes[np.ix_(driven, driven)]
+        wrong = (self._wanted - displacement)[driven]
+        wanted = wrong + matrix @ tensions[driven]
+        taut = (tensions[driven] > 0.0) | (wrong > self._rounding)
+        fewest, patience = driven.size + 1, _PATIENCE
+        found = np.zeros(driven.size)
+        for _ in range(_MOST_EXCHANGES):
+            found[:] = 0.0
+            some = np.flatnonzero(taut)
+            found[some] = np.linalg.lstsq(matrix[np.ix_(some, some)], wanted[some], rcond=None)[0]
+            lacking = wanted - matrix @ found > self._rounding
+            wrong_way = np.flatnonzero(np.where(taut, found < 0.0, lacking))
+            if not wrong_way.size:
+                break
+            patience = _PATIENCE if wrong_way.size < fewest else patience - 1
+            fewest = min(fewest, wrong_way.size)
+            taut[wrong_way if patience > 0 else wrong_way[-1]] ^= True
+        step = np.zeros_like(tensions)
+        step[driven] = np.maximum(found, 0.0) - tensions[driven]
+        return step
+
+    def _merit(self, tensions: FloatArray, displacement: FloatArray) -> float:
+        """How far displacements, or the slackness of tendons, are from what is wanted."""
+        yields = self._yields
+        wrong = np.minimum(yields * tensions, displacement - self._wanted)[self._driven]
+        return float(wrong @ (wrong / yields[self._driven]))
+
+    def _changes(self, backbone: Backbone, displacement: FloatArray) -> FloatArray:
+        """Differences of all displacements by the free tensions [m/N], in the way these go."""
+        tensions = backbone.tensions.ravel()
+        changes = self._slack_changes.copy()
+        usual = self._length / self._yields.max()
+        size = _DIFFERENCE * max(float(tensions.max()), _DIFFERENCE * usual)
+        for k in np.flatnonzero(self._free(tensions, displacement)):
+            moved = tensions.copy()
+            is_let_out = displacement[k] > self._wanted[k] and tensions[k] > size
+            moved[k] += -size if is_let_out else size
+            reached = self._solve(moved, backbone)[1]
+            changes[:, k] = (reached - displacement) / (moved[k] - tensions[k])
+        return changes
+
+    def _solve(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:
+        """As `Winding`, from what tendons did before."""
+        if self._history is None:
+            return super()._solve(tensions, start)
+        solver = self._solver
+        before = self._history.point_tensions
+        last = dataclasses.replace(start or self._history, point_tensions=before)
+        given = tensions.reshape(solver.arm.tension_shape)
+        backbone = solver.follow(given, last, self._tip_wrench)
+        return backbone, displacements_of(solver, backbone).ravel()

@@ -1,0 +1,227 @@
+"""Tendons with friction that are driven by length: closed forms, round trips, memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from differences import jacobian
+from helical_arm import helical_arm
+from hypothesis import assume, given, settings
+from strategies import fractions, loaded_arms
+
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    Loads,
+    Material,
+    Section,
+    SolveError,
+    Solver,
+    Wound,
+    displacements_of,
+    solve_displacements,
+    wound_sensitivity,
+)
+from octo_arm_model.core.hints import FloatArray
+
+PULL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
+# Without a part that is free of friction the tension at the base itself stretches nothing.
+HELICAL = helical_arm(
+    friction=(0.1, 0.2, 0.3, 0.1, 0.0, 0.2), axial_stiffness=(100.0,), free_length=(0.05,)
+)
+LOADS = [
+    pytest.param(Loads(), id='free'),
+    pytest.param(Loads(gravity=(0.0, 0.0, -9.81)), id='under gravity'),
+]
+
+
+def reeled_in(solver: Solver, backbone: Backbone) -> dict[str, float]:
+    """Displacement of every tendon [m], by name."""
+    whole = displacements_of(solver, backbone).ravel().tolist()
+    return dict(zip(solver.arm.tendon_names, whole, strict=True))
+
+
+def test_a_tendon_stretches_by_its_tension_at_every_station() -> None:
+    young, radius, length, offset, mu, pull = 1e5, 0.01, 0.4, 0.006, 0.3, 3.0
+    stretching, free = 200.0, 0.5
+    arm = Arm(
+        Material(young, 0.5), Body(length, radius, radius),
+        (Section(length, offset, offset, angles=(0.0,)),), friction=(mu,),
+        axial_stiffness=(stretching,), free_length=(free,),
+    )  # fmt: skip
+    solver = Solver(arm, 'exact', material='linear')
+    backbone = solver.solve([[pull]])
+    # T = 1 / (1 / T_0 + rate s), and the arm bends by T y / (E J) and is compressed by T / (E A).
+    area, rate = math.pi * radius**2, mu * offset / (young * math.pi * radius**4 / 4)
+    integral = math.log1p(rate * pull * length) / rate
+    shorter = integral * (offset**2 / (young * area * radius**2 / 4) + 1.0 / (young * area))
+    expected = shorter + (integral + pull * free) / stretching
+    assert displacements_of(solver, backbone).item() == pytest.approx(expected, rel=1e-8)
+    wound = solve_displacements(solver, {'tendon_1_1': expected})
+    assert wound.backbone.tensions.item() == pytest.approx(pull, rel=1e-7)
+
+
+@pytest.mark.parametrize('loads', LOADS)
+@pytest.mark.parametrize('changes', [{}, {'axial_stiffness': ()}, {'sheath_stiffness': (5e5,)}])
+def test_tensions_and_displacements_are_each_others_inverse(
+    loads: Loads, changes: dict[str, tuple[float, ...]]
+) -> None:
+    solver = Solver(dataclasses.replace(HELICAL, **changes), 'exact', 11, loads=loads)
+    pulled = solver.solve(PULL)
+    wound = solve_displacements(solver, reeled_in(solver, pulled))
+    np.testing.assert_allclose(wound.backbone.tensions, PULL, rtol=0.0, atol=1e-9 * PULL.max())
+    np.testing.assert_allclose(
+        wound.displacement, displacements_of(solver, pulled), rtol=0.0, atol=1e-9 * 0.4
+    )
+    np.testing.assert_allclose(wound.backbone.position, pulled.position, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('loads', LOADS)
+def test_they_are_along_a_history_too(loads: Loads) -> None:
+    solver = Solver(HELICAL, 'exact', 11, loads=loads)
+    pulled, wound = solver.solve(PULL), solve_displacements(solver, {}, by_name(solver, PULL))
+    # Let out, a little more, drawn in again, and some of them more than others.
+    for part in (0.9, 0.899, 0.5, 0.5005, np.linspace(0.6, 1.1, 6).reshape(2, 3)):
+        pulled = solver.follow(part * PULL, pulled)
+        wound = solve_displacements(solver, reeled_in(solver, pulled), start=wound)
+        np.testing.assert_allclose(
+            wound.backbone.tensions, part * PULL, rtol=0.0, atol=1e-7 * PULL.max()
+        )
+        np.testing.assert_allclose(wound.backbone.position, pulled.position, atol=1e-8)
+    # Without the history the same lengths need other tensions.
+    fresh = solve_displacements(solver, reeled_in(solver, pulled))
+    assert np.abs(fresh.backbone.tensions - pulled.tensions).max() > 1e-3
+
+
+def by_name(solver: Solver, tensions: FloatArray) -> dict[str, float]:
+    return dict(zip(solver.arm.tendon_names, tensions.ravel().tolist(), strict=True))
+
+
+@settings(max_examples=10, deadline=None)
+@given(loaded_arms(2), fractions(0.01, 0.4), fractions(0.2, 0.9))
+def test_any_stretching_arm_follows_its_lengths(
+    case: tuple[Arm, np.ndarray], friction: float, part: float
+) -> None:
+    arm, tensions = case
+    stiffness = 20.0 * float(np.max(tensions)) + 1.0
+    arm = dataclasses.replace(arm, friction=(friction,), axial_stiffness=(stiffness,))
+    solver = Solver(arm, 'exact', 41, material='linear')
+    try:
+        pulled = solver.solve(tensions)
+        released = solver.follow(part * tensions, pulled)
+    except SolveError:
+        assume(False)
+    wound = solve_displacements(solver, {}, by_name(solver, tensions))
+    for each in (pulled, released):
+        wound = solve_displacements(solver, reeled_in(solver, each), start=wound)
+        scale = max(float(np.max(tensions)), 1e-6)
+        np.testing.assert_allclose(wound.backbone.tensions, each.tensions, atol=1e-6 * scale)
+
+
+def test_a_tendon_that_is_paid_out_is_slack(table4: Config) -> None:
+    arm = dataclasses.replace(table4.arm, friction=(0.1,), axial_stiffness=(200.0,))
+    solver = Solver(arm, 'exact', 41)
+    tensions = np.zeros((3, 4))
+    tensions[2, 1], tensions[0, 2] = 3.0, 0.2
+    lengths = reeled_in(solver, solver.solve(tensions))
+    lengths['tendon_3_3'] -= 0.002
+    lengths['tendon_1_1'] -= 0.001
+    wound = solve_displacements(solver, lengths)
+    np.testing.assert_allclose(wound.backbone.tensions, tensions, rtol=0.0, atol=1e-8)
+    assert {'tendon_3_3', 'tendon_1_1'} <= set(wound.slack)
+
+
+def test_lengths_and_tensions_are_held_together() -> None:
+    solver = Solver(HELICAL, 'exact', 11)
+    pulled = solver.solve(PULL)
+    whole = reeled_in(solver, pulled)
+    lengths = {name: whole[name] for name in ('tendon_1_1', 'tendon_2_3')}
+    given = {name: pull for name, pull in by_name(solver, PULL).items() if name not in lengths}
+    wound = solve_displacements(solver, lengths, given)
+    np.testing.assert_allclose(wound.backbone.tensions, PULL, rtol=0.0, atol=2e-9)
+    # More tension on another tendon, with these winches held.
+    given['tendon_1_2'] += 0.2
+    more = solve_displacements(solver, lengths, given, start=wound)
+    assert more.backbone.tensions[0, 1] == given['tendon_1_2']
+    found = reeled_in(solver, more.backbone)
+    for name, length in lengths.items():
+        assert found[name] == pytest.approx(length, abs=1e-9 * 0.4)
+
+
+def test_tendons_that_hardly_stretch_are_nearly_those_that_do_not() -> None:
+    plain = Solver(dataclasses.replace(HELICAL, axial_stiffness=()), 'exact', 41)
+    lengths = reeled_in(plain, plain.solve(PULL))
+    wounds: list[Wound] = []
+    for stiffness in (1e6, 1e8):
+        stiff = dataclasses.replace(HELICAL, axial_stiffness=(stiffness,))
+        wounds.append(solve_displacements(Solver(stiff, 'exact', 41), lengths))
+    off = [np.abs(wound.backbone.tensions - PULL).max() for wound in wounds]
+    assert off[1] < 0.02 * off[0] < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('loads', LOADS)
+def test_derivatives_with_displacements_held_are_those_of_differences(loads: Loads) -> None:
+    arm = dataclasses.replace(HELICAL, sheath_stiffness=(5e5,), free_length=(0.1,))
+    solver = Solver(arm, 'exact', 11, loads=loads)
+    whole = reeled_in(solver, solver.solve(PULL))
+    first = whole.pop('tendon_1_1')
+    wound = solve_displacements(solver, whole, {'tendon_1_1': PULL[0, 0]})
+    found = wound_sensitivity(solver, wound)
+    assert found.held.by_friction is not None and found.held.by_sheath_stiffness is not None
+    # Reeled in by what a change of the tensions reels in.
+    way = np.array([0.0, 0.1, -0.05, 0.2, 0.1, -0.1])
+
+    def pulled(x: FloatArray) -> FloatArray:
+        backbone = solver.solve(PULL + x * way.reshape(2, 3))
+        return np.array([*backbone.tip, *displacements_of(solver, backbone).ravel()])
+
+    tip, reeled = np.split(jacobian(pulled, np.zeros(1), 0.01)[:, 0], [3])
+    got = found.by_displacement.tip[:3] @ reeled
+    np.testing.assert_allclose(got, tip, rtol=0.0, atol=1e-6 * np.abs(tip).max())
+    assert not found.by_displacement.tip[:, 0].any()
+    assert not found.held.by_tension.tip[:, 1:].any() and first > 0.0
+
+    # With lengths held, everything else at once.
+    def tip_of(x: FloatArray) -> FloatArray:
+        part = 1.0 + x.item()
+        young = part * float(arm.material.youngs_modulus)
+        moved = dataclasses.replace(
+            arm,
+            friction=tuple(part * np.array(arm.friction)),
+            sheath_stiffness=tuple(part * np.array(arm.sheath_stiffness)),
+            material=dataclasses.replace(arm.material, youngs_modulus=young),
+        )
+        own = Solver(moved, 'exact', 11, loads=loads)
+        given = {'tendon_1_1': part * PULL[0, 0]}
+        return solve_displacements(own, whole, given, start=wound_at_once(wound)).backbone.tip
+
+    got = (
+        found.held.by_youngs_modulus.tip[:3, 0]
+        + found.held.by_friction.tip[:3] @ arm.friction
+        + found.held.by_sheath_stiffness.tip[:3] @ arm.sheath_stiffness
+        + found.held.by_tension.tip[:3, 0] * PULL[0, 0]
+    )
+    expected = jacobian(tip_of, np.zeros(1), 0.01)[:, 0]
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
+
+
+def wound_at_once(wound: Wound) -> Wound:
+    """The ``wound`` arm without its history."""
+    backbone = dataclasses.replace(wound.backbone, point_tensions=None)
+    return dataclasses.replace(wound, backbone=backbone)
+
+
+def test_where_a_tendon_sticks_derivatives_are_refused() -> None:
+    solver = Solver(HELICAL, 'exact', 11)
+    wound = solve_displacements(solver, {}, by_name(solver, PULL))
+    less = {name: 0.98 * length for name, length in reeled_in(solver, wound.backbone).items()}
+    released = solve_displacements(solver, less, start=wound)
+    with pytest.raises(SolveError, match='no derivatives: with friction'):
+        wound_sensitivity(solver, released)
