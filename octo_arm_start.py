@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+from functools import partial
 
 
 def _run(module: str, interrupted: int) -> int:
@@ -19,46 +20,13 @@ def _run(module: str, interrupted: int) -> int:
     return status
 
 
-def command_line() -> int:
-    """Run ``octo-arm``."""
-    return _run('octo_arm_model.cli.main', 130)
-
-
-def demo() -> int:
-    """Run ``octo_arm_demo``."""
-    return _run('octo_arm_model.apps.demo', 0)
-
-
-def estimator() -> int:
-    """Run ``octo_arm_estimator``."""
-    return _run('octo_arm_model.ros.estimator.main', 0)
-
-
-def lifecycle_estimator() -> int:
-    """Run ``octo_arm_lifecycle_estimator``."""
-    return _run('octo_arm_model.ros.estimator.lifecycle', 0)
-
-
-def lifecycle_node() -> int:
-    """Run ``octo_arm_lifecycle_node``."""
-    return _run('octo_arm_model.ros.node.lifecycle', 0)
-
-
-def node() -> int:
-    """Run ``octo_arm_node``."""
-    return _run('octo_arm_model.ros.node.main', 0)
-
-
-def octopus() -> int:
-    """Run ``octo_arm_octopus``."""
-    return _run('octo_arm_model.apps.octopus', 0)
-
-
-def simulator() -> int:
-    """Run ``octo_arm_sim``."""
-    return _run('octo_arm_model.ros.simulator_node', 0)
-
-
-def viewer() -> int:
-    """Run ``octo_arm_viewer``."""
-    return _run('octo_arm_model.viewer.main', 0)
+command_line = partial(_run, 'octo_arm_model.cli.main', 130)
+# To the others Ctrl-C is the usual end.
+demo = partial(_run, 'octo_arm_model.apps.demo', 0)
+estimator = partial(_run, 'octo_arm_model.ros.estimator.main', 0)
+lifecycle_estimator = partial(_run, 'octo_arm_model.ros.estimator.lifecycle', 0)
+lifecycle_node = partial(_run, 'octo_arm_model.ros.node.lifecycle', 0)
+node = partial(_run, 'octo_arm_model.ros.node.main', 0)
+octopus = partial(_run, 'octo_arm_model.apps.octopus', 0)
+simulator = partial(_run, 'octo_arm_model.ros.simulator_node', 0)
+viewer = partial(_run, 'octo_arm_model.viewer.main', 0)

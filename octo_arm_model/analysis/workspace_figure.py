@@ -28,7 +28,6 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
         OSError: if the file cannot be written.
     """
     # Imported here: matplotlib is optional.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     arm = solver.solve(np.zeros(solver.arm.tension_shape))
@@ -36,7 +35,6 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     skin = 1e3 * body.draw(arm.position, arm.quaternion, arm.q).vertices[body.triangles]
     limits = _limits(workspace, skin)
     figure = Figure(figsize=(11.0, 10.0), layout='constrained')
-    FigureCanvasAgg(figure)
     reached, refused = len(workspace.tip), workspace.refused
     figure.suptitle(
         f'Tips for {reached} of {reached + refused} sets of tensions, {refused} refused '

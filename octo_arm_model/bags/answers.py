@@ -20,14 +20,7 @@ from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
 LENGTHS = 'tendon_lengths'
 ESTIMATES = 'tendon_tension_estimates'
-_ARRAYS = (
-    'position',
-    'quaternion',
-    'tau',
-    'xi',
-    'k',
-    'q',
-)  # that depend on tensions
+_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # that depend on tensions
 _TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
 _TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
 
@@ -160,9 +153,8 @@ class Answers:
                 for number in range(0, len(part), _TRIED_STEP):
                     alone = self._solver.solve(part[number])
                     for name in _ARRAYS:
-                        if not np.array_equal(
-                            getattr(alone, name), getattr(together, name)[number]
-                        ):
+                        one, other = getattr(alone, name), getattr(together, name)[number]
+                        if not np.array_equal(one, other):
                             return False
         except SolveError:
             return False

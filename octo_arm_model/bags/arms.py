@@ -58,19 +58,13 @@ def find_arms(
     """
     if topics:
         picked = dict(_pick(reader, topic) for topic in topics)
-        found = list(picked)
     else:
-        rows = {
-            **{name: kind.type_name for name, kind in TENSION_TOPICS.items()},
-            TOPIC: TYPE_NAME,
-        }
-        found = sorted(
-            topic for name, kind in rows.items() for topic in usual_topics(reader, name, (kind,))
-        )
-        picked = dict.fromkeys(found, '') or dict([pick_tensions(reader, None)])
-        found = list(picked)
+        found = usual_topics(reader, TOPIC, (TYPE_NAME,))
+        for usual, kind in TENSION_TOPICS.items():
+            found += usual_topics(reader, usual, (kind.type_name,))
+        picked = dict.fromkeys(sorted(found), '') or dict([pick_tensions(reader, None)])
     by_prefix: dict[str, list[str]] = {}
-    for topic in dict.fromkeys(found):
+    for topic in picked:
         by_prefix.setdefault(_prefix(topic), []).append(topic)
     arms = []
     for prefix, own in by_prefix.items():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.bags.demo_arm import TrueArm, points_of
+from octo_arm_model.bags.demo_arm import TrueArm
 from octo_arm_model.bags.demo_experiment import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
@@ -20,6 +20,7 @@ from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 
@@ -82,7 +83,7 @@ def add_demo(
 def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
     """Midlines in the camera's frame, base first, (shapes, points, 3) [m]."""
     at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
-    points = np.array([points_of(shape, at) for shape in shapes])
+    points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
     rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
     # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
     return (points - CAMERA_POSITION) @ rotation
@@ -105,6 +106,6 @@ def _add_measured(
             turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
             messages.add_tip_pose(time, shape.tip + error[:3], turned.as_quat(), stddev)
         if experiment.markers:
-            points = points_of(shape, np.array(experiment.markers))
+            points = interpolated(np.array(experiment.markers), shape.s, shape.position)
             noise = experiment.marker_noise * rng.standard_normal(points.shape)
             messages.add_markers(time, points + noise)

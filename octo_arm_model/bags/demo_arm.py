@@ -12,7 +12,6 @@ from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.bags.demo_experiment import Experiment
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.backbone import Backbone
 
 _LEVELS = 41  # tensions that encoders are computed at, between which they are interpolated
@@ -78,8 +77,3 @@ class TrueArm:
         tensions = np.zeros(len(arm.tendons))
         tensions[0] = pull
         return tensions.reshape(arm.tension_shape)
-
-
-def points_of(shape: Backbone, s: FloatArray) -> FloatArray:
-    """Points of a ``shape`` at ``s`` (n,) [m], (n, 3) [m]."""
-    return interpolated(s, shape.s, shape.position)

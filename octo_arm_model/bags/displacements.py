@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import Reading, stampable
-from octo_arm_model.bags.topics import names, pick_usual
+from octo_arm_model.bags.topics import names
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME, read_displacements
 
@@ -28,15 +28,6 @@ class DisplacementTopic:
         read = functools.partial(read_displacements, arm=self._arm)
         stamp, displacements, reason = self._reader.read(record, read)
         return Reading(stamp, None, reason, displacements)
-
-
-def pick_displacements(reader: BagReader, wanted: str | None) -> str | None:
-    """Topic of displacements: ``wanted``, or that with the usual name; None where there is none.
-
-    Raises:
-        BagError: if there is no ``wanted`` one, it is of another type, or there are several.
-    """
-    return pick_usual(reader, wanted, TOPIC, (TYPE_NAME,), 'displacements')
 
 
 def holds_displacements(topic: str, type_name: str) -> bool:

@@ -197,10 +197,10 @@ class BagReader:
             ) from error
 
     def read(self, record: Record, read: Callable[[Any], T]) -> tuple[Stamp, T | None, str]:
-        """Stamp of a ``record``, what ``read`` makes of its message, and why nothing.
+        """Stamp of a ``record``, what ``read`` makes of its message, and why it makes nothing.
 
-        A message that ``read`` refuses by an OctoArmError, or that has other fields than it takes,
-        is None with the reason; the reason of all others is ''.
+        A message that cannot be decoded, that ``read`` refuses by an OctoArmError, or that has
+        other fields than it takes, is None with the reason; the reason of all others is ''.
         """
         stamp = Stamp.from_ns(record.received_ns)
         try:

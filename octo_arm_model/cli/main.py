@@ -60,9 +60,7 @@ exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong
 def build_parser() -> argparse.ArgumentParser:
     """Parser of all commands."""
     parser = make_parser(
-        _PROG,
-        'Shape of a tendon-driven soft arm from the tensions of its tendons.',
-        _EPILOG,
+        _PROG, 'Shape of a tendon-driven soft arm from the tensions of its tendons.', _EPILOG
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in _COMMANDS:

@@ -54,12 +54,7 @@ _NO_ROS = (
 def add_command(commands: Any) -> None:
     """Add the command to the subparsers ``commands``."""
     parser = new_command(
-        commands,
-        'play',
-        _run,
-        'pull tendons along a profile of commands',
-        _DESCRIPTION,
-        _EPILOG,
+        commands, 'play', _run, 'pull tendons along a profile of commands', _DESCRIPTION, _EPILOG
     )
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'

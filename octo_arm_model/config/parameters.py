@@ -7,12 +7,7 @@ from __future__ import annotations
 
 from octo_arm_model.config.loads import LOAD_PARAMETERS
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
-from octo_arm_model.core.limits import (
-    MAX_INTERVALS,
-    MAX_SECTIONS,
-    MAX_STATIONS,
-    MAX_TENDONS,
-)
+from octo_arm_model.core.limits import MAX_INTERVALS, MAX_SECTIONS, MAX_STATIONS, MAX_TENDONS
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS

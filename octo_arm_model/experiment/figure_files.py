@@ -39,9 +39,6 @@ def save(figure: Any, path: Path) -> None:
     Raises:
         OSError: if it cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
     figure.savefig(path, dpi=120, bbox_inches='tight', pad_inches=0.1)
 
 

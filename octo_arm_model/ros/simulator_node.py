@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
@@ -235,21 +235,18 @@ class SimulatorNode(CheckedNode):
         lately = {name: self._counts[name] - self._reported[name] for name in self._counts}
         self._reported = dict(self._counts)
         source = 'profile' if self._is_playing else 'commands'
-        name = self.get_fully_qualified_name()
-        status = DiagnosticStatus(name=f'{name.lstrip("/")}: simulator', hardware_id=name)
-        status.message = f'following {source}'
-        if lately['refused']:
-            status.level = DiagnosticStatus.WARN
-            status.message = f'{lately["refused"]} refused: {self._reason}'
-        values = {
+        name, refused = self.get_fully_qualified_name(), lately['refused']
+        problem = f'{refused} refused: {self._reason}' if refused else ''
+        level, title = DiagnosticStatus.WARN, f'{name.lstrip("/")}: simulator'
+        status = diagnostics.make_status(title, level, problem, f'following {source}', {
             'source': source,
             'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
             'refused': self._counts['refused'],
             'last refusal': self._reason,
             'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
             'readings lost': self._counts['lost'],
-        }
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        })  # fmt: skip
+        status.hardware_id = name
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

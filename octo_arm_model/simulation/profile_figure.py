@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from octo_arm_model.core.arm.arm import Arm
@@ -24,7 +23,6 @@ def draw_profile(
     """
     sections = np.unique(arm.tendon_section[tensions.any(axis=0)]).tolist() or [1]
     figure = Figure(figsize=(9.0, 1.2 + 2.2 * len(sections)), layout='constrained')
-    FigureCanvasAgg(figure)
     figure.suptitle(title)
     panels = figure.subplots(len(sections), 1, sharex=True, squeeze=False)[:, 0]
     for section, axes in zip(sections, panels, strict=True):

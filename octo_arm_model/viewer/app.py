@@ -99,7 +99,7 @@ class Viewer:
                 self._page = Page(self._server, self._client, config, self._todo.put)
         except OctoArmError as error:
             self._clear()
-            self._server.gui.add_html(numbers.refused(error))
+            self._server.gui.add_html(numbers.failed(error))
             return False
         return has_shape
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,11 +15,7 @@ from checkout import ROOT
 import octo_arm_start
 from octo_arm_model.config.presets import preset_path
 
-PROGRAMS = [
-    name
-    for name, value in vars(octo_arm_start).items()
-    if inspect.isfunction(value) and not name.startswith('_')
-]
+PROGRAMS = [name for name, value in vars(octo_arm_start).items() if isinstance(value, partial)]
 PARAMETERS = str(preset_path('renda2012_prototype'))
 OF_ROS = {
     'node': ['--ros-args', '--params-file', PARAMETERS],

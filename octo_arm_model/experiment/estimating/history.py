@@ -11,11 +11,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import Contact, contact_of
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate
-from octo_arm_model.experiment.estimating.touches import (
-    Touch,
-    find_touches,
-    is_touched,
-)
+from octo_arm_model.experiment.estimating.touches import Touch, find_touches, is_touched
 
 _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 

@@ -139,9 +139,8 @@ class Problem:
         """
         chosen = range(len(self.shapes)) if steps is None else steps
         for step in chosen:
-            self.solutions.backbone(
-                x, step
-            )  # Without a solution here it is an error, not a rejected trial.
+            # Without a solution here it is an error, not a rejected trial.
+            self.solutions.backbone(x, step)
 
         def fun(x: FloatArray) -> FloatArray:
             try:

@@ -103,11 +103,8 @@ def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
         )
         for step in steps
     ]
-    notes = remarks(
-        [shape.tension for shape in problem.shapes], bends,
-        ways,
-        noise_of(problem.shapes) / 3.0**0.5, problem.length,
-    )  # fmt: skip
+    tensions = [shape.tension for shape in problem.shapes]
+    notes = remarks(tensions, bends, ways, noise_of(problem.shapes) / 3.0**0.5, problem.length)
     if UNLOADING in ways and notes:
         notes.append(
             'intervals take this difference for scatter from load to load, so they are wider than '

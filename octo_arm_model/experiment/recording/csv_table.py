@@ -17,12 +17,7 @@ import numpy as np
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
 from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import (
-    MAX_CSV_BYTES,
-    MAX_CSV_COLUMNS,
-    MAX_CSV_ROWS,
-    MAX_YAML_BYTES,
-)
+from octo_arm_model.core.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS, MAX_YAML_BYTES
 from octo_arm_model.experiment.recording.count import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}

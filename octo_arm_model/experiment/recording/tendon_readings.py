@@ -18,6 +18,7 @@ from octo_arm_model.experiment.recording.csv_recording import (
 )
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_short
+from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
@@ -33,13 +34,13 @@ def pick_topics(
     Raises:
         BagError: if there is neither, or a topic is missing.
     """
-    from octo_arm_model.bags.displacements import pick_displacements
     from octo_arm_model.bags.tensions import pick_tensions
+    from octo_arm_model.bags.topics import pick_usual
 
     tensions, displacements = topics
     encoders = None
     if files.displacements is None:
-        encoders = pick_displacements(reader, displacements)
+        encoders = pick_usual(reader, displacements, TOPIC, (TYPE_NAME,), 'displacements')
     if files.tensions is not None:
         return None, encoders
     try:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
-from nav_msgs.msg import Path
-from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
@@ -21,8 +19,9 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.frames import make_broadcaster
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
+from octo_arm_model.ros.node.tension_subscription import message_class
 from octo_arm_model.ros.qos import create_publisher
-from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
 from octo_arm_model.wire.cdr_tension_profiles import TOPIC as PROFILES_TOPIC
 from octo_arm_model.wire.cdr_tension_profiles import TensionProfilesWriter
@@ -35,13 +34,6 @@ LATCHED_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-ESTIMATES_TOPIC = 'tendon_tension_estimates'
-_TOPICS = (
-    (Path, 'backbone/path'),
-    (PoseArray, 'backbone/poses'),
-    (SectionStrains, 'strains'),
-    (PoseWithCovarianceStamped, 'tip_pose'),
-)
 
 
 class BackbonePublishers:
@@ -50,9 +42,12 @@ class BackbonePublishers:
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
         self._node = node
-        self._publishers = [self._open(kind, topic, OUTPUT_QOS) for kind, topic in _TOPICS]
+        self._publishers = [
+            self._open(message_class(kind), topic, OUTPUT_QOS)
+            for topic, kind in BACKBONE_TOPICS.items()
+        ]
         self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
-        self._estimates = self._open(TendonTensions, ESTIMATES_TOPIC, OUTPUT_QOS)
+        self._estimates = self._open(TendonTensions, 'tendon_tension_estimates', OUTPUT_QOS)
         self._profiles = self._open(PointCloud2, PROFILES_TOPIC, OUTPUT_QOS)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)

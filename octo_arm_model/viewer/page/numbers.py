@@ -25,13 +25,9 @@ _PROBLEM = 'color:#b4410e;min-height:1.5em'
 
 def waiting(topic: str) -> str:
     """Text until the description of an arm arrives."""
-    text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{_safe(topic)}</code> …'
+    safe = html.escape(topic)
+    text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{safe}</code> …'
     return _STYLE.format(f'<span class="octo-arm-state">{text}</span>')
-
-
-def refused(problem: object) -> str:
-    """Text for an invalid description of an arm."""
-    return _STYLE.format(_warning(str(problem)))
 
 
 def live(client: ArmClient) -> str:
@@ -119,7 +115,7 @@ def found(answer: Inverse) -> str:
 
 
 def failed(problem: object) -> str:
-    """An error of a command, a comparison or a search."""
+    """An error of a command, a comparison, a search or the description of an arm."""
     return _STYLE.format(_warning(str(problem)))
 
 
@@ -141,8 +137,4 @@ def _length(error: float) -> str:
 
 def _warning(text: str) -> str:
     # Of constant height, so that the page does not move.
-    return f'<div class="octo-arm-problem" style="{_PROBLEM}">{_safe(text)}</div>'
-
-
-def _safe(text: str) -> str:
-    return html.escape(text)
+    return f'<div class="octo-arm-problem" style="{_PROBLEM}">{html.escape(text)}</div>'

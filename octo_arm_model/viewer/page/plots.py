@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import viser
 from viser import uplot
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.client.client import PublishedStrains
 
 _LABELS = (
     ('torsion τ [1/m]', 'tau', 1.0),
@@ -18,30 +18,6 @@ _LABELS = (
 _NODE, _OTHER = '#c8553d', '#4f7cac'
 # Smallest range of an axis, in which rounding errors are a flat curve.
 _LEAST = 1.0
-
-
-class Curves(Protocol):
-    """Strains that can be plotted, such as those of a `Backbone`; each (stations,)."""
-
-    @property
-    def s(self) -> FloatArray:
-        """Arc coordinate [m]."""
-
-    @property
-    def tau(self) -> FloatArray:
-        """Torsion [1/m]."""
-
-    @property
-    def xi(self) -> FloatArray:
-        """Curvature about n [1/m]."""
-
-    @property
-    def k(self) -> FloatArray:
-        """Curvature about b [1/m]."""
-
-    @property
-    def q(self) -> FloatArray:
-        """Longitudinal strain [-]."""
 
 
 class StrainPlots:
@@ -84,7 +60,7 @@ class StrainPlots:
             for label, _, _ in _LABELS
         ]
 
-    def show(self, node: Curves, other: Curves | None) -> None:
+    def show(self, node: PublishedStrains, other: Backbone | None) -> None:
         """Plot the strains of the node, and those of another model if given."""
         for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
             # Without another model its curve coincides with that of the node, which hides it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -18,6 +18,7 @@ from octo_arm_model.analysis.arm_mesh import (
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.viewer.page.view import FIELD, View, across, tangent_of
 
@@ -30,22 +31,6 @@ _SIDES = 24
 _THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
 _BODY_OPACITY = 0.45  # so that tendons inside are visible
 GHOST_OPACITY = 0.16
-
-
-class ShapeLike(Protocol):
-    """Arrays needed to draw an arm, such as those of a `Backbone`."""
-
-    @property
-    def position(self) -> FloatArray:
-        """Positions (stations, 3) [m]."""
-
-    @property
-    def quaternion(self) -> FloatArray:
-        """Orientations x, y, z, w, (stations, 4)."""
-
-    @property
-    def q(self) -> FloatArray:
-        """Longitudinal strain (stations,) [-]."""
 
 
 class LiveShape(NamedTuple):
@@ -87,7 +72,7 @@ class ArmScene:
         self._discs: viser.MeshHandle | None = None
         self._tendons: viser.LineSegmentsHandle | None = None
 
-    def show(self, shape: ShapeLike, pull: FloatArray) -> None:
+    def show(self, shape: Backbone | LiveShape, pull: FloatArray) -> None:
         """Draw ``shape``; ``pull`` (tendons,) is each tension over its limit, 0 to 1."""
         drawn = self._drawing.draw(shape.position, shape.quaternion, shape.q)
         self._show_body(drawn.vertices.astype(np.float32))
