@@ -30,7 +30,7 @@ from octo_arm_model.estimation.measurements import (
     noise_root,
     residuals,
 )
-from octo_arm_model.estimation.posterior_mean import shift_to_mean
+from octo_arm_model.estimation.posterior_mean import agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 
 # Where the next step is shorter than this part of a standard deviation there is none.
@@ -92,7 +92,7 @@ def fit(
         known = renewed(known, measurements, at, stddev_of(Belief(at.x, after)))
     known = known._replace(jacobian=jacobian)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
-    posterior = _Posterior(prior, noise, at.model, to_mode)
+    posterior = _Posterior(prior, noise, at.model, 0.0 if to_mode else min(1.0, known.agreement))
     step = posterior.step(local, local.x)
     for _ in range(_MOST):
         wanted = posterior.mean(local, step)
@@ -177,15 +177,22 @@ class _Step(NamedTuple):
 def _fit(step: _Step, at: Prediction, known: Curvature) -> Fit:
     """The `Fit` ``at`` a state from which a ``step`` leads nowhere."""
     by = step.by
+    known = known.agreeing(agreement(by, step.innovation, known.second))
     return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)
 
 
 class _Posterior:
     """What is known of a state after measurements."""
 
-    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, to_mode: bool) -> None:
-        """Of a ``prior`` and measurements of the root ``noise`` of their covariance."""
-        self._prior, self._noise, self._model, self._to_mode = prior, noise, model, to_mode
+    def __init__(
+        self, prior: Belief, noise: FloatArray, model: ArmModel, agreement: float
+    ) -> None:
+        """Of a ``prior`` and measurements of the root ``noise`` of their covariance.
+
+        See `Curvature` for their ``agreement``; 0 leads to the most probable state.
+        """
+        self._prior, self._noise, self._model = prior, noise, model
+        self._agreement = agreement
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """Sum of squares of the change of the state and of the noise, in standard deviations."""
@@ -214,8 +221,7 @@ class _Posterior:
         white = solve_lower(by.innovation_root, innovation)
         square = float(white @ white)
         wanted = prior.mean + by.gain @ innovation
-        if not self._to_mode:
-            wanted += shift_to_mean(by, local.second)
+        wanted += self._agreement * shift_to_mean(by, local.second)
         # That was the step of Gauss and Newton, who leave out how measurements bend.
         multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
         count = x.size
@@ -229,9 +235,7 @@ class _Posterior:
             change = solve_lower(by.root, new - x)
             square += normalised_square(new - wanted, by.root)
         size = math.sqrt(float(change @ change) / count)
-        cost = self.square(x, left)
-        if not self._to_mode:
-            cost += log_determinant(by.innovation_root)
+        cost = self.square(x, left) + self._agreement * log_determinant(by.innovation_root)
         return _Step(x, new, size, by, innovation, square, cost)
 
 

@@ -12,7 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Gain
+from octo_arm_model.estimation.belief import Gain, solve_lower
+
+_MOST = 5.0  # agreement that counts
 
 
 def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
@@ -27,3 +29,19 @@ def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     """Gradient of ln(det S) / 2 by the state, (n,), at a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
+
+
+def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> float:
+    """How far an ``innovation`` (m,) was as large as expected where that matters, 1 on average.
+
+    The mode is drawn by w' (dS / 2) w with w = S^-1 innovation, the mean by that less its expected
+    value grad(ln det S) / 2. The quotient of both, along the shift that the latter makes.
+    """
+    white = solve_lower(by.innovation_root, innovation)
+    multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
+    drawn = np.tensordot(multiplier, second, axes=1) @ (by.gain @ innovation)
+    expected = by.root.T @ gradient(by.gain, second)
+    square = float(expected @ expected)
+    if not square:
+        return 1.0
+    return float(np.clip(expected @ (by.root.T @ drawn) / square, 0.0, _MOST))
