@@ -31,8 +31,8 @@ class Curvature(NamedTuple):
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
         turn: how many components have had their turn.
-        agreement: see `posterior_mean`, of the updates so far.
-        updates: how many these are, at most `_LATELY`.
+        agreement: mean of `posterior_mean.agreement`, 1 of what is not known yet.
+        updates: that it is the mean of, the first included that was not known; at most `_LATELY`.
     """
 
     second: FloatArray
@@ -40,6 +40,11 @@ class Curvature(NamedTuple):
     turn: int = 0
     agreement: float = 1.0
     updates: int = 1
+
+    @property
+    def weight(self) -> float:
+        """Weight of the shift from mode to mean; innovations larger than told do not add to it."""
+        return min(max(0.0, self.agreement), 1.0)
 
     def agreeing(self, now: float) -> Curvature:
         """The same after an update whose agreement was that ``now``."""

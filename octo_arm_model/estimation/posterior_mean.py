@@ -5,6 +5,11 @@ thin where the measurements depend strongly on the state, so that its densest po
 side of its mean: to the same side at every step. A filter that remembers would sum that up. The
 distance follows from the determinant of the covariance of the innovation, S = J P J' + R, which
 the mode leaves out (Laplace's approximation; Tierney and Kadane 1986): -P+ grad(ln det S) / 2.
+
+The innovation w draws the mode by w' S^-1 (dS / 2) S^-1 w, whose expected value is that gradient.
+Where what happens is less than its prior allows, as of tendons that hold still, innovations are
+smaller at every step and the mode is hardly drawn: the whole shift would sum up to the other side.
+How they compare is their agreement, and the shift is weighted with the mean of it.
 """
 
 from __future__ import annotations
@@ -14,7 +19,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Gain, solve_lower
 
-_MOST = 5.0  # agreement that counts
+_LARGEST = 5.0  # agreement that counts
 
 
 def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
@@ -32,10 +37,9 @@ def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> float:
-    """How far an ``innovation`` (m,) was as large as expected where that matters, 1 on average.
+    """How much an ``innovation`` (m,) draws the mode, in parts of what is expected of it.
 
-    The mode is drawn by w' (dS / 2) w with w = S^-1 innovation, the mean by that less its expected
-    value grad(ln det S) / 2. The quotient of both, along the shift that the latter makes.
+    Along the shift, within [-5, 5]; 1 on average where prior and noise are as told.
     """
     white = solve_lower(by.innovation_root, innovation)
     multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
@@ -44,4 +48,5 @@ def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> float:
     square = float(expected @ expected)
     if not square:
         return 1.0
-    return float(np.clip(expected @ (by.root.T @ drawn) / square, 0.0, _MOST))
+    found = float(expected @ (by.root.T @ drawn)) / square
+    return min(max(found, -_LARGEST), _LARGEST)
