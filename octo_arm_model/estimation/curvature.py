@@ -21,6 +21,7 @@ _STEP = 0.1  # standard deviations, of differences of the Jacobian
 _FAR = 0.3  # change of the Jacobian, in parts of it, after which nothing learnt is kept
 _OFF = 0.5  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
 _SMALL = 0.01  # likewise of the Jacobian, that need not be foretold
+_LATELY = 200  # updates over which their agreement is averaged
 
 
 class Curvature(NamedTuple):
@@ -30,11 +31,26 @@ class Curvature(NamedTuple):
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
         turn: how many components have had their turn.
+        agreement: mean of `posterior_mean.agreement`, 1 of what is not known yet.
+        updates: that it is the mean of, the first included that was not known; at most `_LATELY`.
     """
 
     second: FloatArray
     jacobian: FloatArray
-    turn: int
+    turn: int = 0
+    agreement: float = 1.0
+    updates: int = 1
+
+    @property
+    def weight(self) -> float:
+        """Weight of the shift from mode to mean; innovations larger than told do not add to it."""
+        return min(max(0.0, self.agreement), 1.0)
+
+    def agreeing(self, now: float) -> Curvature:
+        """The same after an update whose agreement was that ``now``."""
+        count = min(self.updates + 1, _LATELY)
+        mean = self.agreement + (now - self.agreement) / count
+        return self._replace(agreement=mean, updates=count)
 
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""
@@ -62,7 +78,7 @@ class Curvature(NamedTuple):
         across = left[:, :, np.newaxis] * along
         both = (left @ change)[:, np.newaxis, np.newaxis] * (along[:, np.newaxis] * along)
         second = self.second + across + across.transpose(0, 2, 1) - both
-        return Curvature(second, jacobian, self.turn)
+        return self._replace(second=second, jacobian=jacobian)
 
 
 def stddev_of(belief: Belief) -> FloatArray:
@@ -101,4 +117,4 @@ def turned(
     by_component = (jacobian - known.jacobian) / (moved[component] - at.x[component])
     second = known.second.copy()
     second[:, component] = second[:, :, component] = by_component
-    return Curvature(second, known.jacobian, known.turn + 1)
+    return known._replace(second=second, turn=known.turn + 1)

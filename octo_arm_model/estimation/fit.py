@@ -30,7 +30,7 @@ from octo_arm_model.estimation.measurements import (
     noise_root,
     residuals,
 )
-from octo_arm_model.estimation.posterior_mean import shift_to_mean
+from octo_arm_model.estimation.posterior_mean import agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 
 # Where the next step is shorter than this part of a standard deviation there is none.
@@ -43,6 +43,7 @@ _MOST_OF_MODEL = 20  # steps within a local model
 _LAST = 0.3  # step within it that is the last
 _SHORTEST = 0.02  # part of such a step
 _WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
+_RISE = 1.0  # of what should be least, from the start to the end
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
 
 
@@ -88,12 +89,14 @@ def fit(
     turns = known is not None and known.is_near(jacobian, stddev)
     if known is None or not turns:
         after = gain(prior.root, jacobian, noise).root
-        known = Curvature(np.zeros((*jacobian.shape, at.x.size)), jacobian, 0)
+        known = known or Curvature(np.zeros((*jacobian.shape, at.x.size)), jacobian)
+        known = known._replace(jacobian=jacobian)
         known = renewed(known, measurements, at, stddev_of(Belief(at.x, after)))
     known = known._replace(jacobian=jacobian)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
-    posterior = _Posterior(prior, noise, at.model, to_mode)
+    posterior = _Posterior(prior, noise, at.model, 0.0 if to_mode else known.weight)
     step = posterior.step(local, local.x)
+    first = step.cost
     for _ in range(_MOST):
         wanted = posterior.mean(local, step)
         most = _WORSE * posterior.square(local.x, local.left) + wanted.size
@@ -112,7 +115,7 @@ def fit(
             # The derivatives are known well enough: what is predicted is all that is new.
             moved = Local(x, left, local.about(x)[1], local.second)
             step = posterior.step(moved, x)
-            if step.size <= TOLERANCE:
+            if step.size <= TOLERANCE and step.cost <= first + _RISE:
                 return _fit(step, new, known)
             if step.size <= _PROGRESS * size:
                 local, size = moved, step.size
@@ -127,7 +130,7 @@ def fit(
             known, turns = learn(known, measurements, at, after), False
         local = Local(x, left, jacobian, known.second)
         step = posterior.step(local, x)
-        if step.size <= TOLERANCE:
+        if step.size <= TOLERANCE and step.cost <= first + _RISE:
             return _fit(step, at, known)
         if step.size > _GROWTH * size:
             break
@@ -177,15 +180,19 @@ class _Step(NamedTuple):
 def _fit(step: _Step, at: Prediction, known: Curvature) -> Fit:
     """The `Fit` ``at`` a state from which a ``step`` leads nowhere."""
     by = step.by
+    known = known.agreeing(agreement(by, step.innovation, known.second))
     return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)
 
 
 class _Posterior:
     """What is known of a state after measurements."""
 
-    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, to_mode: bool) -> None:
-        """Of a ``prior`` and measurements of the root ``noise`` of their covariance."""
-        self._prior, self._noise, self._model, self._to_mode = prior, noise, model, to_mode
+    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, weight: float) -> None:
+        """Of a ``prior`` and measurements of the root ``noise`` of their covariance.
+
+        ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
+        """
+        self._prior, self._noise, self._model, self._weight = prior, noise, model, weight
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """Sum of squares of the change of the state and of the noise, in standard deviations."""
@@ -214,8 +221,7 @@ class _Posterior:
         white = solve_lower(by.innovation_root, innovation)
         square = float(white @ white)
         wanted = prior.mean + by.gain @ innovation
-        if not self._to_mode:
-            wanted += shift_to_mean(by, local.second)
+        wanted += self._weight * shift_to_mean(by, local.second)
         # That was the step of Gauss and Newton, who leave out how measurements bend.
         multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
         count = x.size
@@ -229,9 +235,7 @@ class _Posterior:
             change = solve_lower(by.root, new - x)
             square += normalised_square(new - wanted, by.root)
         size = math.sqrt(float(change @ change) / count)
-        cost = self.square(x, left)
-        if not self._to_mode:
-            cost += log_determinant(by.innovation_root)
+        cost = self.square(x, left) + self._weight * log_determinant(by.innovation_root)
         return _Step(x, new, size, by, innovation, square, cost)
 
 

@@ -5,6 +5,11 @@ thin where the measurements depend strongly on the state, so that its densest po
 side of its mean: to the same side at every step. A filter that remembers would sum that up. The
 distance follows from the determinant of the covariance of the innovation, S = J P J' + R, which
 the mode leaves out (Laplace's approximation; Tierney and Kadane 1986): -P+ grad(ln det S) / 2.
+
+The innovation w draws the mode by w' S^-1 (dS / 2) S^-1 w, whose expected value is that gradient.
+Where what happens is less than its prior allows, as of tendons that hold still, innovations are
+smaller at every step and the mode is hardly drawn: the whole shift would sum up to the other side.
+How they compare is their agreement, and the shift is weighted with the mean of it.
 """
 
 from __future__ import annotations
@@ -12,7 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Gain
+from octo_arm_model.estimation.belief import Gain, solve_lower
+
+_LARGEST = 5.0  # agreement that counts
 
 
 def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
@@ -27,3 +34,19 @@ def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     """Gradient of ln(det S) / 2 by the state, (n,), at a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
+
+
+def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> float:
+    """How much an ``innovation`` (m,) draws the mode, in parts of what is expected of it.
+
+    Along the shift, within [-5, 5]; 1 on average where prior and noise are as told.
+    """
+    white = solve_lower(by.innovation_root, innovation)
+    multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
+    drawn = np.tensordot(multiplier, second, axes=1) @ (by.gain @ innovation)
+    expected = by.root.T @ gradient(by.gain, second)
+    square = float(expected @ expected)
+    if not square:
+        return 1.0
+    found = float(expected @ (by.root.T @ drawn)) / square
+    return min(max(found, -_LARGEST), _LARGEST)

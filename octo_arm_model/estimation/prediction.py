@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, ScaledLoads
 from octo_arm_model.core.arm.profile import Constant, Linear
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
@@ -21,7 +21,6 @@ from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.estimation.scaled_loads import ScaledLoads
 from octo_arm_model.estimation.unknowns import State, Unknowns
 
 # A step of the estimator that leads where the arm is followed for longer is too long.
@@ -88,9 +87,8 @@ class ArmModel:
         if self._scales_dead:
             scaled.append(dead)
             dead = Loads()
-        self._scaled = ScaledLoads(arm, scaled) if scaled else None
-        if self._scaled is not None:
-            dead = dataclasses.replace(dead, others=(*dead.others, self._scaled))
+        self._scaled = ScaledLoads(scaled) if scaled else None
+        dead = dataclasses.replace(dead, scaled=self._scaled)
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
         self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())

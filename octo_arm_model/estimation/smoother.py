@@ -24,6 +24,7 @@ from octo_arm_model.estimation.belief import (
     normalised_square,
     solve_lower,
 )
+from octo_arm_model.estimation.curvature import Curvature
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
 from octo_arm_model.estimation.fit import TOLERANCE, nearest_possible
@@ -185,7 +186,7 @@ def _forward(
 ) -> tuple[list[Belief], float]:
     """The filter with measurements linearised about ``points``, and ln(det A) but a constant.
 
-    ``gradients`` are those of its half, see `_gradient`.
+    ``gradients`` are those of its half, see `_gradient`; every step of it has its weight.
     """
     beliefs: list[Belief] = []
     volume = 0.0
@@ -201,24 +202,35 @@ def _forward(
             left = residuals(accepted, at) + jacobian @ (at.x - belief.mean)
             shift = by.root @ (by.root.T @ gradient)
             belief = Belief(belief.mean + by.gain @ left - shift, by.root)
-            volume += log_determinant(by.innovation_root)
+            known = _curvature(step)
+            volume += (known.weight if known else 1.0) * log_determinant(by.innovation_root)
         beliefs.append(belief)
     return beliefs, volume
 
 
 def _gradient(step: Step, at: Prediction, belief: Belief) -> FloatArray:
-    """Gradient of ln(det A) / 2 by the state at one time, (n,).
+    """Gradient of ln(det A) / 2 by the state at one time, (n,), with its weight.
 
     A is the information on the whole course, and ``belief`` what it says of that time.
     """
-    others = [one for one in step.updated.accepted if not one.is_linear]
-    if not others:
+    others, known = _others(step), _curvature(step)
+    if known is None:
         return np.zeros(at.x.size)
-    second = step.updated.curvatures[kinds_of(others)].second
     root = noise_root(others)
     white = solve_lower(root, jacobians(others, at))
     own = solve_lower(root, white @ belief.root @ belief.root.T, is_transposed=True)
-    return gradient_of(own.T, second)
+    return known.weight * gradient_of(own.T, known.second)
+
+
+def _curvature(step: Step) -> Curvature | None:
+    """Of what was measured and not linear, if anything was."""
+    others = _others(step)
+    return step.updated.curvatures[kinds_of(others)] if others else None
+
+
+def _others(step: Step) -> list[Measurement]:
+    """What was accepted and is not linear."""
+    return [one for one in step.updated.accepted if not one.is_linear]
 
 
 def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) -> list[Belief]:

@@ -13,8 +13,8 @@ from scipy.stats import chi2
 from octo_arm_model.estimation.belief import Belief, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.measurements import TipPosition
-from octo_arm_model.estimation.posterior_mean import shift_to_mean
+from octo_arm_model.estimation.measurements import Tensions, TipPosition
+from octo_arm_model.estimation.posterior_mean import agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
@@ -43,11 +43,45 @@ def test_the_shift_is_the_gradient_of_the_determinant() -> None:
     jacobian = tip.jacobian(at)
     by = gain(prior.root, jacobian, tip.noise_root)
     expected = -by.root @ by.root.T @ gradient
-    unknown = Curvature(np.zeros((3, x.size, x.size)), jacobian, 0)
+    unknown = Curvature(np.zeros((3, x.size, x.size)), jacobian)
     found = shift_to_mean(by, renewed(unknown, [tip], at, stddev_of(prior)).second)
     posterior = Belief(x, by.root)
     size = np.linalg.norm(posterior.whitened(expected))
     assert np.linalg.norm(posterior.whitened(found - expected)) < 0.02 * size
+
+
+def test_innovations_agree_on_average_with_what_is_expected() -> None:
+    model = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)), loads=WEIGHT)
+    x = np.concatenate([TENSIONS, [0.004, -0.006, 0.008]])
+    at = Prediction(model, x, None)
+    tip = TipPosition(at.solved.tip, 1e-3)
+    prior = Belief(x, np.diag([2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3]))
+    by = gain(prior.root, tip.jacobian(at), tip.noise_root)
+    unknown = Curvature(np.zeros((3, x.size, x.size)), tip.jacobian(at))
+    second = renewed(unknown, [tip], at, stddev_of(prior)).second
+    # Points at the square root of 3 along each axis have the covariance of the innovation.
+    points = np.sqrt(3.0) * by.innovation_root.T
+    assert np.mean([agreement(by, one, second) for one in points]) == pytest.approx(1.0)
+    # Of innovations of half the size, a quarter.
+    smaller = [agreement(by, 0.5 * one, second) for one in points]
+    assert np.mean(smaller) == pytest.approx(0.25)
+
+
+def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:
+    # Their prior lets tensions change by ten times what load cells err by, between two readings.
+    unknowns = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(0.01, 1.0))
+    model, rng = rubber(unknowns), np.random.default_rng(1)
+    force = np.array([0.0, 0.004, 0.006])
+    x = np.concatenate([np.ones(4), force])
+    tip, own = Prediction(model, x, None).solved.tip, Filter(model)
+    for step in range(120):
+        measured = [
+            Tensions(1.0 + 0.01 * rng.normal(size=4), 0.01),
+            TipPosition(tip + 5e-4 * rng.normal(size=3), 5e-4),
+        ]
+        found = own.add(0.01 * step, measured)
+    # The error of the mean, whose covariance is hardly less than that of the last step.
+    assert square(found, Prediction(model, x, None), model.state.tip_force) < chi2.ppf(0.999, 3)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ base_frame. A `Load` of another kind states its resultants and their derivatives
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -161,6 +162,7 @@ class Loads:
         points: loads on cross sections.
         distributed: loads along the arm.
         others: loads of other kinds, see `Load`.
+        scaled: further dead loads, whose magnitudes change from one solution to the next.
 
     Raises:
         ArmDefinitionError: if a value is not finite or outside its range.
@@ -173,6 +175,7 @@ class Loads:
     points: tuple[PointLoad, ...] = ()
     distributed: tuple[DistributedLoad, ...] = ()
     others: tuple[Load, ...] = ()
+    scaled: ScaledLoads | None = None
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -191,7 +194,8 @@ class Loads:
     def any(self) -> bool:
         """Whether any load may differ from zero."""
         vectors = (self.gravity, self.tip_force, self.tip_moment)
-        return bool(np.any(vectors) or self.points or self.distributed or self.others)
+        more = self.points, self.distributed, self.others, self.scaled
+        return bool(np.any(vectors) or any(more))
 
     @property
     def tip_wrench(self) -> FloatArray:
@@ -215,7 +219,7 @@ class Loads:
         found = [load.s for load in self.points]
         for load in self.distributed:
             found += [load.s[0], load.s[-1]]
-        for other in self.others:
+        for other in self._more:
             found += other.breaks
         return tuple(found)
 
@@ -223,4 +227,25 @@ class Loads:
     def knots(self) -> tuple[float, ...]:
         """Other arc coordinates at which a load is not smooth [m]."""
         found = [s for load in self.distributed for s in load.s[1:-1]]
-        return (*found, *(s for other in self.others for s in other.knots))
+        return (*found, *(s for other in self._more for s in other.knots))
+
+    @property
+    def _more(self) -> tuple[Load | Loads, ...]:
+        """What has breaks and knots of its own."""
+        return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
+
+
+class ScaledLoads:
+    """Dead loads in given proportions, each times its magnitude.
+
+    The magnitudes belong to whoever made this and its solver, and are set before every solve.
+
+    Attributes:
+        loads: of magnitude one each; dead ones without a wrench on the tip.
+        magnitudes: of each of ``loads``, (k,), zero at first.
+    """
+
+    def __init__(self, loads: Sequence[Loads]) -> None:
+        """Of ``loads``."""
+        self.loads = tuple(loads)
+        self.magnitudes = np.zeros(len(self.loads))

@@ -12,7 +12,7 @@ from octo_arm_model.core.compiled.numba_build import (
     newton,
     read_rod,
 )
-from octo_arm_model.core.compiled.rod_tables import parameter_tables, rod_tables
+from octo_arm_model.core.compiled.rod_tables import RodTables, parameter_tables, rod_tables
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
@@ -36,12 +36,21 @@ class CompiledRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
+        self._known_tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
+        self._loads = rod.equilibrium.loads
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._newton, self._read_out = newton(), read_rod()
         self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
         self._find_turn, self._find_minima = find_turn(), find_minima()
         self._minimum = rod.minimum  # which says why there is none
+
+    @property
+    def _tables(self) -> RodTables:
+        """The rod, under loads as large as they are now."""
+        if self._loads.scaled is not None:
+            dead = self._loads.dead
+            self._known_tables.force[:], self._known_tables.moment[:] = dead.force, dead.moment
+        return self._known_tables
 
     def frames(self, angular: FloatArray) -> Quaternions:
         """`Frames` of the rod."""

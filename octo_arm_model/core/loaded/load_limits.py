@@ -102,6 +102,9 @@ def tip_wrench_of(given: ArrayLike) -> FloatArray:
 
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
     """The largest norm of ``vectors`` (..., 3); infinite where a number is none."""
+    if np.ndim(vectors) == 1:  # one, as of one arm: the common case, and NumPy is slow with it
+        norm = math.hypot(*vectors)
+        return math.inf if math.isnan(norm) else norm
     with np.errstate(over='ignore', invalid='ignore'):
         norms = np.linalg.norm(vectors, axis=-1)
     return float(np.nan_to_num(norms, nan=np.inf, posinf=np.inf).max(initial=0.0))

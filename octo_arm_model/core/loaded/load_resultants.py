@@ -58,7 +58,7 @@ class LoadTable:
     Dead loads are tabulated once. The moment m of a force n follows m' = n x u'.
 
     Attributes:
-        dead: resultants of all loads that are fixed in base_frame, but the wrench on the tip.
+        scaled: dead loads whose magnitudes change, if there are any.
         others: loads of other kinds.
         is_empty: whether there is nothing.
         has_moments: whether a point load has a moment, or a load of another kind may have one.
@@ -74,18 +74,29 @@ class LoadTable:
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
         """
-        self.dead, self.others = dead_resultants(arm, collocation, loads), loads.others
-        self.has_moments = any(any(point.moment) for point in loads.points) or bool(self.others)
-        self.is_empty = not (
-            self.dead.force.any() or any(point.s > 0.0 for point in loads.points) or self.others
-        )
-
+        self._fixed, self.others = dead_resultants(arm, collocation, loads), loads.others
+        self.scaled = loads.scaled
+        scaled = self.scaled.loads if self.scaled is not None else ()
+        self._parts = [dead_resultants(arm, collocation, one) for one in scaled]
+        points = [point for one in (loads, *scaled) for point in one.points]
+        self.has_moments = any(any(point.moment) for point in points) or bool(self.others)
+        is_felt = any(point.s > 0.0 for point in points) or self._fixed.force.any()
+        self.is_empty = not (is_felt or self.others or self.scaled)
         straight = np.zeros((3, collocation.s.size))
         rod = RodPoints(collocation, frames(straight, collocation, base))
         self.straight = self.resultants(rod)
         self.without_tangent = next(
             (type(load).__name__ for load in self.others if load.tangents(rod) is None), ''
         )
+
+    @property
+    def dead(self) -> Resultants:
+        """Of all loads that are fixed in base_frame, but the wrench on the tip."""
+        force, moment = self._fixed
+        if self.scaled is not None:
+            for magnitude, part in zip(self.scaled.magnitudes, self._parts, strict=True):
+                force, moment = force + magnitude * part.force, moment + magnitude * part.moment
+        return Resultants(force, moment)
 
     def resultants(self, rod: DeformedRod) -> Resultants:
         """Resultants of all loads on ``rod`` but the wrench on its tip."""

@@ -105,6 +105,8 @@ def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray
 
 def noise_root(measurements: Sequence[Measurement]) -> FloatArray:
     """Root of the covariance of all ``measurements`` together."""
+    if len(measurements) == 1:
+        return measurements[0].noise_root
     return np.asarray(block_diag(*(one.noise_root for one in measurements)))
 
 

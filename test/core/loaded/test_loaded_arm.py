@@ -38,6 +38,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
+from octo_arm_model.core.arm.loads import ScaledLoads
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded import continuation
@@ -320,6 +321,35 @@ def test_a_distributed_load_of_its_weight_is_gravity() -> None:
     )
     found = Solver(arm, 'exact', 81, loads=Loads(distributed=ramps)).solve(tensions)
     np.testing.assert_allclose(found.tip, expected.tip, atol=1e-8)
+
+
+@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
+def test_scaled_loads_are_loads_of_their_magnitude(compiled: bool | None) -> None:
+    point = PointLoad(0.15, (0.0, 0.01, 0.005), (1e-4, 0.0, 2e-4))
+    along = DistributedLoad((0.05, 0.25), ((0.0, 0.05, 0.0), (0.0, 0.0, -0.1)))
+    arm = with_density(HELICAL)
+    unit = Loads(points=(point,)), Loads(distributed=(along,))
+    scaled, weight = ScaledLoads(unit), Loads(gravity=GRAVITY, fluid_density=1000.0)
+    loads = dataclasses.replace(weight, scaled=scaled)
+    solver = Solver(arm, 'exact', 21, loads=loads, compiled=compiled)
+    for first, second in ((0.7, -1.2), (-0.3, 0.4)):
+        scaled.magnitudes[:] = first, second
+        turned = (first * np.array(point.force), first * np.array(point.moment))
+        same = dataclasses.replace(
+            weight,
+            points=(PointLoad(point.s, *(tuple(part.tolist()) for part in turned)),),
+            distributed=(
+                DistributedLoad(along.s, tuple(map(tuple, second * np.array(along.force)))),
+            ),
+        )
+        alone = Solver(arm, 'exact', 21, loads=same)
+        found, expected = solver.solve(HELICAL_TENSIONS), alone.solve(HELICAL_TENSIONS)
+        assert_same(found, expected, 1e-9)
+        changes = [
+            one.sensitivity_to_loads(shape, unit).pose
+            for one, shape in ((solver, found), (alone, expected))
+        ]
+        np.testing.assert_allclose(*changes, atol=1e-6 * np.abs(changes[1]).max())
 
 
 @pytest.mark.parametrize('law', LAWS)
