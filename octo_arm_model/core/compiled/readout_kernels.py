@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.products import add_products, add_runs
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.hints import ComplexArray, FloatArray
@@ -17,13 +17,7 @@ def read_rod(
     """Fill in twist (4, nodes), position (stations, 3) and orientation, as `LoadedRod`."""
     s = tables.weights.size
     at_nodes[:] = 0.0
-    done = 0
-    for element, first, count in tables.node_runs:
-        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
-        for k in range(4):
-            row = twist[k, element * s : element * s + s]
-            add_products(row, matrix, at_nodes[k, first : first + count])
-        done += s * count
+    add_runs(tables.node_runs, tables.to_nodes, s, twist, at_nodes)
     rate, total = np.empty((7, s)), np.zeros(7)
     total[:3] = tables.position
     total[3], total[4], total[5], total[6] = (
