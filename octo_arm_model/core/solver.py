@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.batch_solver import BatchSolver
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
     ConvergenceError,
-    SolveError,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
@@ -25,14 +24,13 @@ from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendon_lengths import TendonLengths, offset_weights
-from octo_arm_model.core.section.tendon_sums import check_tensions, transmission
+from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
@@ -87,10 +85,10 @@ class Solver:
         if material not in LAWS:
             raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
-        self._base = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
+        frame = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
-        setup = Setup(arm, self.grid, self._base, LAWS[material], shear, loads, budget)
+        setup = Setup(arm, self.grid, frame, LAWS[material], shear, loads, budget)
         self._statics: Statics = STATICS[model](setup)
         self.law = self._statics.law
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -99,12 +97,12 @@ class Solver:
                 f'and {material}'
             )
         self._check_loads(loads.any)
-        self._batch = setup.batch
         self._wrench = loads.tip_wrench
         self._limits = LoadLimits(SectionStiffness.at(arm, self.grid.nodes))
         self._compiled: Compiled | None = None
         if Compiled.covers(self._statics) and (is_available() if compiled is None else compiled):
-            self._compiled = Compiled(self._statics, self.grid, self._base)
+            self._compiled = Compiled(self._statics, self.grid, setup.base)
+        self._batches = BatchSolver(model, self._statics, setup, self._compiled)
 
     @property
     def is_compiled(self) -> bool:
@@ -150,47 +148,15 @@ class Solver:
         """As `solve`; tendons with friction slide from tensions ``before``."""
         checked = check_tensions(self.arm, tensions)
         self._limits.check_tensions(checked)
-        lead = checked.shape[: -len(self.arm.tension_shape)]
         wrench = self._wrench
         if tip_wrench is not None:
             wrench = wrench + self.check_tip_wrench(tip_wrench)
+            lead = checked.shape[: -len(self.arm.tension_shape)]
             lead = np.broadcast_shapes(lead, wrench.shape[:-1])
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
-        checked = checked.copy()
-        wrenches = np.broadcast_to(wrench, (*lead, 6)) if lead else wrench
         if start is not None:
             self._own_twist(start)
-
-        batch = math.prod(lead)
-        flat = checked.reshape(batch, len(self.arm.tendons))
-        flat_wrenches = wrenches.reshape(batch, 6)
-        # One arm goes without the axis of a batch, which NumPy is much quicker with.
-        read_out = self._compiled.read_out if self._compiled is not None else None
-        results = Results(lead and (batch,), self.grid, self._base, read_out)
-        if self._compiled is not None and not self._statics.is_loaded(wrench):
-            # NumPy solves the few that the kernels do not converge for, or reports them.
-            parts = [slice(arm, arm + 1) for arm in self._compiled.solve(flat, results, before)]
-        else:
-            size = self._batch
-            parts = [slice(arm, min(arm + size, batch)) for arm in range(0, batch, size)]
-        for part in parts:
-            one = 0 if results.is_one else part
-            try:
-                with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                    solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
-                results.add(() if results.is_one else part, solution)
-            except SolveError as error:
-                if batch > 1:
-                    error.in_batch(part.start, part.stop - part.start)
-                raise
-        return results.backbone(self.model, checked, wrenches, lead, self._reach)
-
-    @functools.cached_property
-    def _reach(self) -> FloatArray:
-        """See `Backbone`."""
-        reach = transmission(self.arm, self.grid.s, self.grid.section).T
-        reach.setflags(write=False)
-        return reach
+        return self._batches.solve(checked.copy(), wrench, start, before)
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
         """Return ``tip_wrench`` (..., 6) as a float array.
@@ -330,15 +296,10 @@ class Solver:
         tendons), are those of `winding_kernels.wind`. None where a tendon has friction or stands
         off its path, loads act, or it takes more than a few steps.
         """
-        lengths = self._compiled.lengths if self._compiled is not None else None
-        if lengths is None or self._statics.is_loaded(self._wrench):
-            return None
-        results = Results((), self.grid, self._base)
-        if not lengths.wind(given, driven, tensions, changes, displacement, results):
-            return None
-        held = tensions.reshape(self.arm.tension_shape)
-        self._limits.check_tensions(held)
-        return results.backbone(self.model, held, self._wrench.copy(), (), self._reach)
+        found = self._batches.wind(given, driven, tensions, changes, displacement, self._wrench)
+        if found is not None:
+            self._limits.check_tensions(found.tensions)
+        return found
 
     def _own_twist(self, backbone: Backbone) -> FloatArray:
         """Twist at the nodes of a single solution of this solver.

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
@@ -25,7 +24,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError, in_short
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
@@ -41,8 +40,8 @@ from octo_arm_model.ros.node.tension_subscription import (
 )
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides, create_publisher
-from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.ros.simulated_sensors import SensorPublishers
+from octo_arm_model.ros.simulator_diagnostics import SimulatorDiagnostics
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
@@ -67,17 +66,11 @@ class SimulatorNode(CheckedNode):
         self._set_point: FloatArray = np.zeros(0)
         self._timer: Timer | None = None
         self._last: int | None = None
-        self._counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
-        self._reported = dict(self._counts)
-        self._reason = ''
-        self._refusal_log = RefusalLog(self)
         self._measured, self._effective = (
             create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
-        self._diagnostics = create_publisher(
-            self, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
-        )
+        self._diagnostics = SimulatorDiagnostics(self)
         self._encoders = create_publisher(
             self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
         )
@@ -130,30 +123,26 @@ class SimulatorNode(CheckedNode):
     def _on_command(self, given: TensionInput) -> None:
         """Follow a command from now on, and no longer the profile."""
         assert self._config is not None
-        self._counts['commands'] += 1 + given.older
+        self._diagnostics.counts['commands'] += 1 + given.older
         try:
             if isinstance(given.tensions, OctoArmError):
                 raise given.tensions
             self._command = check_command(self._config.arm, given.tensions, self._config.limits)
         except OctoArmError as error:
-            self._counts['refused'] += 1
-            self._reason = f'{given.topic}: {in_short(error)}'
-            self._refusal_log.warn(given.topic, error)
+            self._diagnostics.refuse(given.topic, error)
             return
         self._is_playing = False
 
     def _on_lengths(self, data: bytes, older: int) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
         assert self._config is not None
-        self._counts['commands'] += 1 + older
+        self._diagnostics.counts['commands'] += 1 + older
         try:
             message = self._lengths.decode(data)
             found = displacement_messages.read_displacements(message, self._config.arm)
             self._length_control().command(found, self._command)
         except OctoArmError as error:
-            self._counts['refused'] += 1
-            self._reason = f'{self._lengths.topic}: {in_short(error)}'
-            self._refusal_log.warn(self._lengths.topic, error)
+            self._diagnostics.refuse(self._lengths.topic, error)
             return
         self._is_playing = False
 
@@ -189,23 +178,23 @@ class SimulatorNode(CheckedNode):
             self._set_point = control.tensions(self._command) if control else self._command
         except OctoArmError as error:
             # Winches stay where they are.
-            self._refusal_log.warn(self._lengths.topic, error)
+            self._diagnostics.warn(self._lengths.topic, error)
         measured, effective = self._hardware.step(self._set_point, elapsed)
         stamp = now.to_msg()
         read = config.hardware.calibration.readings(effective)  # by cells without errors
         self._effective.publish(self._message(read, stamp))
         if measured is None:
-            self._counts['lost'] += 1
+            self._diagnostics.counts['lost'] += 1
         else:
             self._measured.publish(self._message(measured, stamp))
-            self._counts['published'] += 1
+            self._diagnostics.counts['published'] += 1
         if config.encoders:
             self._publish_encoders(effective, stamp)
         if config.pushed_arm is not None:
             try:
                 self._sensors.publish(config, effective, elapsed, stamp)
             except OctoArmError as error:
-                self._refusal_log.warn('push', error)
+                self._diagnostics.warn('push', error)
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
@@ -213,7 +202,7 @@ class SimulatorNode(CheckedNode):
         try:
             reeled_in = self._length_control().encoders(tensions)
         except OctoArmError as error:
-            self._refusal_log.warn(self._encoders.topic_name, error)
+            self._diagnostics.warn(self._encoders.topic_name, error)
             return
         message = JointState(name=list(self._config.arm.tendon_names), position=reeled_in)
         message.header.stamp, message.header.frame_id = stamp, self._config.base_frame
@@ -231,25 +220,7 @@ class SimulatorNode(CheckedNode):
         return message
 
     def _report(self) -> None:
-        """Publish diagnostics of the commands and readings since the last ones."""
-        lately = {name: self._counts[name] - self._reported[name] for name in self._counts}
-        self._reported = dict(self._counts)
-        source = 'profile' if self._is_playing else 'commands'
-        name, refused = self.get_fully_qualified_name(), lately['refused']
-        problem = f'{refused} refused: {self._reason}' if refused else ''
-        level, title = DiagnosticStatus.WARN, f'{name.lstrip("/")}: simulator'
-        status = diagnostics.make_status(title, level, problem, f'following {source}', {
-            'source': source,
-            'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
-            'refused': self._counts['refused'],
-            'last refusal': self._reason,
-            'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
-            'readings lost': self._counts['lost'],
-        })  # fmt: skip
-        status.hardware_id = name
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish('profile' if self._is_playing else 'commands')
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -37,7 +37,7 @@ class CompiledLengths:
 
     def under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
         """A `Measure`."""
-        found = np.zeros(len(self._path))
+        found = np.empty(len(self._path))
         self._find_lengths(self._path, self._weights, self._widens, own(twist), found)
         return found
 

@@ -28,11 +28,11 @@ class CompiledSliding:
             Exception: whatever a numba that does not work raises.
         """
         self._find_shapes = find_sliding_shapes()
-        self._grid, self._rods, sections = grid, statics.rods, statics.sections
-        is_exact = isinstance(statics, Exact)
+        self._grid, self._rods = grid, statics.rods
+        at_nodes = None if isinstance(statics, Exact) else statics.sections
 
         def tables(level: int) -> FrictionTables:
-            made: FrictionTables = own(friction_tables(self._rods.rod(level), sections, is_exact))
+            made: FrictionTables = own(friction_tables(self._rods.rod(level), at_nodes))
             return made
 
         self._tables = functools.lru_cache(tables)

@@ -6,7 +6,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.minimum_kernels import find_minima, find_some_minima
-from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.products import add_runs
 from octo_arm_model.core.compiled.section_tables import ExactTables
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -72,13 +72,7 @@ def find_exact_twist(
     tail, size = np.empty((4, len(tables.node_blocks))), np.empty(4)
     find_tails(tables, coarse, tail, size)
     twist[:] = 0.0
-    done = 0
-    for panel, first, count in tables.runs:
-        matrix = tables.to_nodes[done : done + points * count].reshape(points, count)
-        for k in range(4):
-            row = coarse[k, panel * points : (panel + 1) * points]
-            add_products(row, matrix, twist[k, first : first + count])
-        done += points * count
+    add_runs(tables.runs, tables.to_nodes, points, coarse, twist)
     for i in range(twist.shape[1]):
         twist[3, i] += 1.0
     taken = steps

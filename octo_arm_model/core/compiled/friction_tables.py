@@ -17,8 +17,8 @@ class FrictionTables(NamedTuple):
     """A rod whose tendons have friction, as `Friction` has it.
 
     Attributes:
-        sections: at the points of all elements; their ``transmission`` is room for the tensions
-            at the points, so that what they are given as tensions is one.
+        sections: at the points of all elements; their ``transmission`` is overwritten by the
+            tensions at the points, so that a tendon's tension at its base counts as 1.
         transmission: part of its tension that each tendon has at a point without friction,
             (tendons, points).
         coefficient: mu of every tendon, (tendons,).
@@ -28,7 +28,7 @@ class FrictionTables(NamedTuple):
         weights: of the integral over such an element, (each,).
         ends: from values at the points to those at both ends of an element, (2, each).
         tail: from them to the last two Legendre coefficients, (2, each).
-        at_nodes: the cross sections at the nodes of the grid, with the same room.
+        at_nodes: likewise at the nodes of the grid, for the closed form alone.
         runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
         to_nodes: matrices (each, nodes) from values at points to these, one after another.
         is_exact: whether cross sections have least energy; else they are of the closed form.
@@ -49,8 +49,8 @@ class FrictionTables(NamedTuple):
     is_exact: bool
 
 
-def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy, is_exact: bool) -> FrictionTables:
-    """Of a ``rod`` with friction and its cross sections ``at_nodes``."""
+def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy | None) -> FrictionTables:
+    """Of a ``rod`` with friction: by the closed form, with its sections ``at_nodes``, or exact."""
     own, energy = rod.equilibrium.collocation, rod.equilibrium.energy
     friction, rule = rod.equilibrium.friction, own.rule
     assert friction is not None
@@ -65,10 +65,10 @@ def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy, is_exact: bool) -> 
         weights=rule.weights,
         ends=rule.interpolate(np.array([0.0, 1.0])),
         tail=rule.tail,
-        at_nodes=section_tables(at_nodes),
+        at_nodes=no_exact().sections if at_nodes is None else section_tables(at_nodes),
         runs=runs,
         to_nodes=to_nodes,
-        is_exact=is_exact,
+        is_exact=at_nodes is None,
     )
 
 

@@ -25,7 +25,7 @@ def _checksum_of(kept: Path) -> Path:
 def is_whole(kept: Path) -> bool:
     """Whether the file ``kept`` is as it was written.
 
-    Numba would run a flipped bit of it.
+    Numba does not check that: it would run code of which a bit has changed.
     """
     try:
         expected = _checksum_of(kept).read_text()

@@ -11,7 +11,12 @@ import numpy as np
 
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.tables import GridTables, MarchTables, PapersTables, Weights
+from octo_arm_model.core.compiled.tables import (
+    GridTables,
+    IntegrationTables,
+    PapersTables,
+    Weights,
+)
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import (
     MAX_SWEEPS,
@@ -92,7 +97,9 @@ def converge(
     return np.inf, 0
 
 
-def find_imbalance(tables: MarchTables, tensions: FloatArray, p: FloatArray) -> tuple[float, int]:
+def find_imbalance(
+    tables: IntegrationTables, tensions: FloatArray, p: FloatArray
+) -> tuple[float, int]:
     """Fill in p (3, nodes), zero at first, where it is not zero; as `renda2012` does.
 
     Returns:
@@ -155,8 +162,8 @@ def find_twist(tables: PapersTables, tensions: FloatArray, twist: FloatArray) ->
     """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
-    if len(tables.march.elements):
-        residual, sweeps = find_imbalance(tables.march, tensions, twist[:3])
+    if len(tables.integration.elements):
+        residual, sweeps = find_imbalance(tables.integration, tensions, twist[:3])
     sums = sums_of(tables.weights, tensions)
     axial, torsion, bending = tables.stiffness
     pull, n, b, nn, bb = sums

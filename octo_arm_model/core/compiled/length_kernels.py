@@ -25,6 +25,7 @@ def find_lengths(
             width[i] = incompressible_widening(twist[3, i])[0]
             for k in range(3):
                 scaled[k, i] *= width[i]
+    lengths[:] = 0.0
     for tendon in range(len(path)):
         x, y, dx, dy = path[tendon]
         for i in range(count):

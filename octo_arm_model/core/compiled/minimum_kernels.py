@@ -35,9 +35,7 @@ from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.sheath_kernels import OFFSET_TOLERANCE, are_inside
 from octo_arm_model.core.compiled.start_kernels import can_be, set_start
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.section.elastic_laws import (
-    incompressible_widening,
-)
+from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.newton import OVERSHOOT, ROUNDING, TOLERANCE
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
@@ -80,6 +78,20 @@ def set_next(count: int, rows: FloatArray) -> None:
         rows[PIVOT + i] = min(min(tt, nn), min(bb, ss))
 
 
+def find_next(
+    tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
+    offsets: FloatArray,
+) -> None:  # fmt: skip
+    """Evaluate the sections of a ``block`` and fill in what `set_next` does."""
+    set_balance(tables, block, tensions, pulled, rows, offsets, 1)
+    count = tables.blocks[block, 1]
+    if tables.planar:
+        # Tendons cannot twist the arm, but for rounding.
+        for i in range(count):
+            rows[G_T + i], rows[NT + i], rows[BT + i], rows[ST + i] = 0.0, 0.0, 0.0, 0.0
+    set_next(count, rows)
+
+
 def take_step(count: int, rows: FloatArray) -> None:
     """Step on, or half of the last step back where that was too long."""
     for i in range(count):
@@ -117,12 +129,7 @@ def minimise_block(
         rows[STEP_T + i], rows[STEP_N + i], rows[STEP_B + i], rows[STEP_S + i] = 0.0, 0.0, 0.0, 0.0
         rows[DESCENT + i] = 0.0
     for steps in range(MOST_STEPS):
-        set_balance(tables, block, tensions, pulled, rows, offsets, 1)
-        if tables.planar:
-            # Tendons cannot twist the arm, but for rounding.
-            for i in range(count):
-                rows[G_T + i], rows[NT + i], rows[BT + i], rows[ST + i] = 0.0, 0.0, 0.0, 0.0
-        set_next(count, rows)
+        find_next(tables, block, tensions, pulled, rows, offsets)
         unsettled = 0
         for i in range(count):
             unsettled += not (
@@ -132,7 +139,7 @@ def minimise_block(
             worst = 0.0
             for i in range(count):
                 worst = max(worst, rows[LEFT + i])
-            # Derivatives are known: a last step leaves rounding, whatever the tolerance is.
+            # Gradient and Hessian are known: one step more leaves rounding alone.
             for i in range(4 * LANES):
                 rows[T + i] += rows[NEXT_T + i]
             return worst, steps

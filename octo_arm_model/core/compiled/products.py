@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
 
 
 def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
@@ -23,6 +23,23 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
         for j in range(out.size):
             out[j] += row[i] * matrix[i, j]
         i += 1
+
+
+def add_runs(
+    runs: IntArray, matrices: FloatArray, each: int, rows: FloatArray, out: FloatArray
+) -> None:
+    """Add to ``out`` (k, n) what ``rows`` (k, points) of elements of ``each`` points are there.
+
+    ``runs`` have an element, the first and the number of places in ``out`` whose values it gives,
+    ``matrices`` (each, number) from its points to these, one after another.
+    """
+    done = 0
+    for element, first, count in runs:
+        matrix = matrices[done : done + each * count].reshape(each, count)
+        for k in range(len(rows)):
+            row = rows[k, element * each : element * each + each]
+            add_products(row, matrix, out[k, first : first + count])
+        done += each * count
 
 
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import solve_definite
-from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.products import add_products, add_runs
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections
 from octo_arm_model.core.compiled.state_kernels import RodState, find_rotation
@@ -22,13 +22,7 @@ def read_rod(
     """
     s = tables.weights.size
     at_nodes[:] = 0.0
-    done = 0
-    for element, first, count in tables.node_runs:
-        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
-        for k in range(4):
-            row = state.twist[k, element * s : element * s + s]
-            add_products(row, matrix, at_nodes[k, first : first + count])
-        done += s * count
+    add_runs(tables.node_runs, tables.to_nodes, s, state.twist, at_nodes)
     # Position, orientation and the moment of the forces.
     rate, total = np.empty((10, s)), np.zeros(10)
     total[:3] = tables.position

@@ -1,4 +1,4 @@
-"""How a loaded rod answers small wrenches: what `numba_build` compiles.
+"""How a loaded rod responds to small wrenches: what `numba_build` compiles.
 
 Columns, one for each wrench, come last: what belongs to a point is a few numbers for all of them.
 """

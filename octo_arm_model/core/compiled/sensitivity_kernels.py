@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.readout_kernels import read_changes
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import ParameterTables, RodTables
-from octo_arm_model.core.compiled.state_kernels import RodState, find_state
+from octo_arm_model.core.compiled.state_kernels import RodState, add_levers, find_state
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (
@@ -129,26 +128,16 @@ def dead_wrenches(
     the latter without the levers of the former, in base_frame.
     """
     s, rotation = tables.weights.size, state.rotation
-    carried, total, beyond = np.empty(s), np.empty((3, s)), np.empty(3)
+    total, beyond = np.empty_like(state.force), np.empty(3)
     for load in range(len(force)):
         beyond[:] = 0.0
         for element in range(tables.step.size - 1, -1, -1):
-            first, h = element * s, tables.step[element]
+            within = range(element * s, element * s + s)
             for k in range(3):
-                n, m = (k + 1) % 3, (k + 2) % 3
-                for j in range(s):
-                    at = first + j
-                    carried[j] = h * state.twist[3, at] * (
-                        rotation[n, 0, at] * force[load, m, at]
-                        - rotation[m, 0, at] * force[load, n, at]
-                    )  # fmt: skip
-                for j in range(s):
-                    total[k, j] = beyond[k] + moment[load, k, first + j]
-                add_products(carried, tables.to_end_columns, total[k])
-                for j in range(s):
-                    beyond[k] += tables.weights[j] * carried[j]
-            for j in range(s):
-                at = first + j
+                for at in within:
+                    total[k, at] = beyond[k] + moment[load, k, at]
+            add_levers(tables, state, element, force[load], total, beyond)
+            for at in within:
                 along = 0.0
                 for m in range(3):
                     along += rotation[m, 0, at] * force[load, m, at]
@@ -156,7 +145,7 @@ def dead_wrenches(
                 for k in range(3):
                     about = 0.0
                     for m in range(3):
-                        about += rotation[m, k, at] * total[m, j]
+                        about += rotation[m, k, at] * total[m, at]
                     wrench[k, at, load] = about
 
 

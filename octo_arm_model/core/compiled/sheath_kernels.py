@@ -1,4 +1,4 @@
-"""Tendons in sheaths that give way: what `numba_build` compiles, as `section.sheath` has it."""
+"""Tendons in compliant sheaths: what `numba_build` compiles, as `section.sheath` has it."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def add_sheathed_tendon(
 ) -> None:  # fmt: skip
     """As `add_tendon`, of a tendon that stands off its path by ``offset`` (2 `LANES`,) [m].
 
-    What it follows the strain by is condensed as in `SheathedSections`, and so is what is left of
-    its balance in the sheath, of which the square is then left in the gradient.
+    Its offset is condensed out as in `SheathedSections`, and so is what is left of its balance in
+    the sheath, of which the square is then left in the gradient.
     """
     for i in range(count):
         t, n, b, slope = rows[T + i], rows[N + i], rows[B + i], rows[SLOPE + i]

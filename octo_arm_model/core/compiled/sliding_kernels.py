@@ -19,23 +19,14 @@ from octo_arm_model.core.compiled.minimum_kernels import (
     LEFT,
     NEXT_T,
     ROWS,
-    set_next,
-    set_start,
+    find_next,
     set_twist,
 )
-from octo_arm_model.core.compiled.products import add_products
-from octo_arm_model.core.compiled.section_kernels import (
-    BT,
-    G_T,
-    NT,
-    ST,
-    WIDTH,
-    T,
-    set_balance,
-    set_scales,
-    set_strain,
-)
+from octo_arm_model.core.compiled.products import add_runs
+from octo_arm_model.core.compiled.section_kernels import set_scales
+from octo_arm_model.core.compiled.section_rows import WIDTH, T, set_strain
 from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
+from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
@@ -91,13 +82,7 @@ def find_sections(
         else:
             set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
             set_scales(sections, block, ones, pulled, rows)
-            set_balance(sections, block, ones, pulled, rows, offsets, 1)
-            if sections.planar:
-                # Tendons cannot twist the arm, but for rounding.
-                for i in range(count):
-                    rows[G_T + i], rows[NT + i] = 0.0, 0.0
-                    rows[BT + i], rows[ST + i] = 0.0, 0.0
-            set_next(count, rows)
+            find_next(sections, block, ones, pulled, rows, offsets)
             for i in range(4 * LANES):
                 rows[T + i] += rows[NEXT_T + i]
             for i in range(count):
@@ -165,16 +150,6 @@ def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) ->
     return True
 
 
-def to_nodes(tables: FrictionTables, row: FloatArray, out: FloatArray) -> None:
-    """Fill in values (nodes,) from those at points, (points,)."""
-    s, done = tables.weights.size, 0
-    out[:] = 0.0
-    for element, first, count in tables.runs:
-        matrix = tables.to_nodes[done : done + s * count].reshape(s, count)
-        add_products(row[element * s : element * s + s], matrix, out[first : first + count])
-        done += s * count
-
-
 def find_sliding_shapes(
     tables: FrictionTables, grid: GridTables, tensions: FloatArray, before: FloatArray,
     may_refine: bool, twist: FloatArray, strains: FloatArray, position: FloatArray,
@@ -188,8 +163,9 @@ def find_sliding_shapes(
     not resolve ``iterations`` are `UNRESOLVED`.
     """
     without = 0
-    at_points, at_nodes = np.empty((4, tables.transmission.shape[1])), np.empty(twist.shape[1])
-    along = tables.sections.transmission
+    at_points = np.empty((4, tables.transmission.shape[1]))
+    at_nodes = np.empty((tensions.shape[1], twist.shape[1]))
+    s = tables.weights.size
     for arm in range(len(tensions)):
         residual[arm], iterations[arm], sticks = slide(tables, tensions[arm], before, at_points)
         if iterations[arm] < 0:
@@ -199,18 +175,18 @@ def find_sliding_shapes(
             iterations[arm] = UNRESOLVED
             without += 1
             continue
-        stations[arm] = 0.0
-        points[:] = along
-        pulled = np.flatnonzero(tensions[arm])
-        for tendon in pulled:
-            to_nodes(tables, points[tendon], at_nodes)
-            for station in range(grid.station_node.size):
-                stations[arm, station, tendon] = at_nodes[grid.station_node[station]]
-            tables.at_nodes.transmission[tendon] = at_nodes
-        for k in range(4):
-            if tables.is_exact:
-                to_nodes(tables, at_points[k], twist[k])
-        if not tables.is_exact:
+        points[:] = tables.sections.transmission
+        at_nodes[:] = 0.0
+        add_runs(tables.runs, tables.to_nodes, s, points, at_nodes)
+        for station in range(grid.station_node.size):
+            for tendon in range(tensions.shape[1]):
+                stations[arm, station, tendon] = at_nodes[tendon, grid.station_node[station]]
+        if tables.is_exact:
+            twist[:] = 0.0
+            add_runs(tables.runs, tables.to_nodes, s, at_points, twist)
+        else:
+            tables.at_nodes.transmission[:] = at_nodes
+            pulled = np.flatnonzero(tensions[arm])
             for i in range(twist.shape[1]):
                 closed_form(tables.at_nodes, i, pulled, twist)
         if not read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm]):

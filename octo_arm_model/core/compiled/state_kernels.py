@@ -193,6 +193,29 @@ def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
         rotation[2, 2, i] = 1.0 - 2.0 * (x * x + y * y)
 
 
+def add_levers(
+    tables: RodTables, state: RodState, element: int, force: FloatArray, moment: FloatArray,
+    beyond: FloatArray,
+) -> None:  # fmt: skip
+    """Add to the ``moment`` (3, points) within an ``element`` that of ``force`` (3, points) there.
+
+    By its levers from each point to the end of the element; to ``beyond`` (3,) the same from its
+    start.
+    """
+    s, h = tables.weights.size, tables.step[element]
+    first, rotation, carried = element * s, state.rotation, np.empty(s)
+    for k in range(3):
+        n, m = (k + 1) % 3, (k + 2) % 3
+        for j in range(s):
+            at = first + j
+            carried[j] = h * state.twist[3, at] * (
+                rotation[n, 0, at] * force[m, at] - rotation[m, 0, at] * force[n, at]
+            )  # fmt: skip
+        add_products(carried, tables.to_end_columns, moment[k, first : first + s])
+        for j in range(s):
+            beyond[k] += tables.weights[j] * carried[j]
+
+
 def find_state(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float, state: RodState
 ) -> float:
@@ -207,28 +230,15 @@ def find_state(
     find_rotation(state.turn, rotation)
     scale, gradient = np.empty((4, count)), np.empty((4, count))
     evaluate_sections(tables.sections, tensions, twist, gradient, state.hessian, scale)
-    carried = np.empty(points)
     beyond = tip_wrench[3:].copy()
     for k in range(3):
         for i in range(count):
             force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
     for element in range(tables.step.size - 1, -1, -1):
-        first, h = element * points, tables.step[element]
         for k in range(3):
-            n, m = (k + 1) % 3, (k + 2) % 3
-            for j in range(points):
-                at = first + j
-                carried[j] = (
-                    h
-                    * twist[3, at]
-                    * (rotation[n, 0, at] * force[m, at] - rotation[m, 0, at] * force[n, at])
-                )
-            out = moment[k, first : first + points]
-            for i in range(points):
-                out[i] = beyond[k] + factor * tables.moment[k, first + i]
-            add_products(carried, tables.to_end_columns, out)
-            for j in range(points):
-                beyond[k] += tables.weights[j] * carried[j]
+            for i in range(element * points, element * points + points):
+                moment[k, i] = beyond[k] + factor * tables.moment[k, i]
+        add_levers(tables, state, element, force, moment, beyond)
     outside = np.zeros(4)
     for i in range(count):
         for k in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.closed_form import ClosedForm
 from octo_arm_model.core.models.picard import COLLOCATION_POINTS
-from octo_arm_model.core.models.renda2012 import March, Renda2012
+from octo_arm_model.core.models.renda2012 import Integration, Renda2012
 from octo_arm_model.core.numerics.vectors import runs_of
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -40,8 +40,8 @@ class Weights(NamedTuple):
     shape: tuple[int, int]
 
 
-class MarchTables(NamedTuple):
-    """What `renda2012` integrates along: elements between anchorages and points in these.
+class IntegrationTables(NamedTuple):
+    """What `renda2012` integrates: elements between anchorages and points in these.
 
     The first two points stand for the panel that begins at the first anchorage, its ends; nothing
     has to be integrated there.
@@ -74,12 +74,12 @@ class PapersTables(NamedTuple):
     Attributes:
         weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
         stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
-        march: of the model renda2012; without elements for closed_form.
+        integration: of the model renda2012; without elements for closed_form.
     """
 
     weights: Weights
     stiffness: FloatArray
-    march: MarchTables
+    integration: IntegrationTables
 
 
 class GridTables(NamedTuple):
@@ -101,7 +101,11 @@ def papers_tables(equations: ClosedForm | Renda2012) -> PapersTables:
     return PapersTables(
         weights=packed(equations.weights.matrices),
         stiffness=np.array(equations.stiffness),
-        march=march_tables(equations.march) if isinstance(equations, Renda2012) else no_march(),
+        integration=(
+            integration_tables(equations.integration)
+            if isinstance(equations, Renda2012)
+            else no_integration()
+        ),
     )
 
 
@@ -115,25 +119,25 @@ def grid_tables(grid: StationGrid, base: Frame) -> GridTables:
     )
 
 
-def march_tables(march: March) -> MarchTables:
-    """What ``march`` integrates along."""
+def integration_tables(given: Integration) -> IntegrationTables:
+    """What ``given`` evaluates."""
     runs = [
         (number, run.start, run.stop - run.start)
-        for number, element in enumerate(march.elements)
+        for number, element in enumerate(given.elements)
         for run, _ in element.to_nodes
     ]
-    matrices = [matrix for element in march.elements for _, matrix in element.to_nodes]
-    at_anchorages = march.at_anchorages.reshape(len(march.at_anchorages), 2, 2, -1)
-    return MarchTables(
-        weights=packed(march.weights.matrices[1:]),
-        stiffness=np.array(march.stiffness[1:]),
+    matrices = [matrix for element in given.elements for _, matrix in element.to_nodes]
+    at_anchorages = given.at_anchorages.reshape(len(given.at_anchorages), 2, 2, -1)
+    return IntegrationTables(
+        weights=packed(given.weights.matrices[1:]),
+        stiffness=np.array(given.stiffness[1:]),
         jump_weights=at_anchorages.transpose(2, 1, 0, 3),
-        jump_bending=march.bending,
+        jump_bending=given.bending,
         elements=np.array(
-            [(element.section, element.jump, element.points.start) for element in march.elements],
+            [(element.section, element.jump, element.points.start) for element in given.elements],
             np.int64,
         ).reshape(-1, 3),
-        integrate=np.array([element.integrate for element in march.elements]).reshape(
+        integrate=np.array([element.integrate for element in given.elements]).reshape(
             -1, COLLOCATION_POINTS, COLLOCATION_POINTS
         ),
         runs=np.array(runs, np.int64).reshape(-1, 3),
@@ -141,9 +145,9 @@ def march_tables(march: March) -> MarchTables:
     )
 
 
-def no_march() -> MarchTables:
-    """Of a model that does not march."""
-    return MarchTables(
+def no_integration() -> IntegrationTables:
+    """Of a model that integrates nothing."""
+    return IntegrationTables(
         weights=packed(np.zeros((1, 0, 0))),
         stiffness=np.zeros((2, 0)),
         jump_weights=np.zeros((2, 2, 0, 0)),
@@ -157,7 +161,7 @@ def no_march() -> MarchTables:
 
 def no_arm() -> PapersTables:
     """Of an arm without anything."""
-    return PapersTables(packed(np.zeros((1, 0, 0))), np.zeros((3, 0)), no_march())
+    return PapersTables(packed(np.zeros((1, 0, 0))), np.zeros((3, 0)), no_integration())
 
 
 def no_grid() -> GridTables:

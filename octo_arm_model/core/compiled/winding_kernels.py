@@ -70,8 +70,8 @@ def find_step(
 ) -> bool:  # fmt: skip
     """Fill in Newton's ``step`` of the tensions, after which tendons are taut or slack.
 
-    Those that would have to push get slack and those that get too short taut, until all are right
-    (block principal pivoting: Kostreva 1978).
+    Taut ones that would have to push become slack, and slack ones whose path would be too short
+    taut, until there are none (block principal pivoting: Kostreva 1978).
 
     Returns:
         Whether there is one.
@@ -136,7 +136,6 @@ def wind(
         residual, steps = find_exact_twist(tables, tensions, twist)
         if steps < 0:
             return residual, -1
-        lengths[:] = 0.0
         find_lengths(path, weights, widens, twist, lengths)
         left = 0.0
         for k in range(count):

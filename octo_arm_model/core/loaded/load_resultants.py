@@ -45,7 +45,7 @@ def dead_resultants(arm: Arm, rod: Collocation | DeformedRod, loads: Loads) -> R
     force = rod.integrate_from_tip(force_per_length(arm, s, loads))
     moment = np.zeros_like(force)
     for point in loads.points:
-        # No point of an element lies at a load; one at the base is felt by nothing.
+        # No point of an element lies at a load; one at the base acts on no section.
         beyond = s < point.s
         force[:, beyond] += np.array(point.force)[:, np.newaxis]
         moment[:, beyond] += np.array(point.moment)[:, np.newaxis]

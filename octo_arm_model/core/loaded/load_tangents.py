@@ -48,8 +48,9 @@ def read_at(collocation: Collocation, s: float) -> Readout:
 class WithTangents:
     """The linearised equilibrium with loads that change with the shape.
 
-    Each `Tangent` adds three columns to the system, the rotation of its cross section: the rod
-    without them answers to unit rotations once, and the rotations follow from a small system.
+    Each `Tangent` adds three columns to the system, the rotation of its cross section: the
+    response of the rod without them to unit rotations is found once, and the rotations follow from
+    a small system.
     """
 
     def __init__(

@@ -99,8 +99,9 @@ class Renda2012:
         papers_sections(arm)
         self.weights = TendonWeights(arm, nodes, section)
         self.stiffness = SectionStiffness.at(arm, nodes)
-        self._march = functools.lru_cache(lambda elements: March(arm, nodes, section, elements))
-        self._march(ELEMENTS[0])
+        integration = functools.partial(Integration, arm, nodes, section)
+        self._integration = functools.lru_cache(integration)
+        self._integration(ELEMENTS[0])
 
     def solve(self, tensions: FloatArray) -> Solution:
         """Twist at every node under ``tensions`` (..., tendons) [N].
@@ -117,9 +118,9 @@ class Renda2012:
         return Solution(twist_of(*strains, sums, self.stiffness), residual, sweeps)
 
     @property
-    def march(self) -> March:
+    def integration(self) -> Integration:
         """The integration over whole panels, which nearly all arms take."""
-        return self._march(ELEMENTS[0])
+        return self._integration(ELEMENTS[0])
 
     def _imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -131,13 +132,13 @@ class Renda2012:
         """
         for elements in ELEMENTS[:-1]:
             try:
-                return self._march(elements).imbalance(tensions, imbalance)
+                return self._integration(elements).imbalance(tensions, imbalance)
             except ConvergenceError:
                 if tensions.ndim == 1:
                     continue
                 # Finer elements for those arms alone that need them.
                 return self._one_by_one(tensions, imbalance)
-        return self._march(ELEMENTS[-1]).imbalance(tensions, imbalance)
+        return self._integration(ELEMENTS[-1]).imbalance(tensions, imbalance)
 
     def _one_by_one(
         self, tensions: FloatArray, imbalance: FloatArray
@@ -157,7 +158,7 @@ class Renda2012:
         return residual, sweeps
 
 
-class March:
+class Integration:
     """Integration of (10) from the tip to the base, element by element.
 
     Attributes:

@@ -1,0 +1,91 @@
+"""Shapes of one arm for batches of tensions, in machine code where that covers it."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.compiled.compiled import Compiled
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.models.statics import Setup, Statics
+from octo_arm_model.core.rod.assembly import Results
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.section.tendon_sums import transmission
+
+
+class BatchSolver:
+    """Solves one arm for tensions and wrenches that are known to fit it."""
+
+    def __init__(
+        self, model: str, statics: Statics, setup: Setup, compiled: Compiled | None
+    ) -> None:
+        """Of the ``statics`` of a ``model`` for ``setup``, and what solves it in machine code."""
+        self._model, self._statics, self._setup = model, statics, setup
+        self._compiled, self._size = compiled, setup.batch
+
+    def solve(
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Backbone:
+        """Shape under ``tensions`` (..., *Arm.tension_shape) [N], kept, and ``tip_wrench``.
+
+        The latter, (6,) or (..., 6) [N, N m], is of all there are on the tip. ``start`` and
+        ``before`` are those of `Statics.solve`.
+
+        Raises:
+            SolveError: if the model has no trustworthy answer.
+        """
+        arm, grid, base = self._setup.arm, self._setup.grid, self._setup.base
+        lead = tensions.shape[: -len(arm.tension_shape)]
+        wrenches = np.broadcast_to(tip_wrench, (*lead, 6)) if lead else tip_wrench
+        batch = math.prod(lead)
+        flat = tensions.reshape(batch, len(arm.tendons))
+        flat_wrenches = wrenches.reshape(batch, 6)
+        # One arm goes without the axis of a batch, which NumPy is much quicker with.
+        read_out = self._compiled.read_out if self._compiled is not None else None
+        results = Results(lead and (batch,), grid, base, read_out)
+        if self._compiled is not None and not self._statics.is_loaded(tip_wrench):
+            # NumPy solves the few that the kernels do not converge for, or reports them.
+            parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]
+        else:
+            size = self._size
+            parts = [slice(i, min(i + size, batch)) for i in range(0, batch, size)]
+        for part in parts:
+            one = 0 if results.is_one else part
+            try:
+                with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+                    solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
+                results.add(() if results.is_one else part, solution)
+            except SolveError as error:
+                if batch > 1:
+                    error.in_batch(part.start, part.stop - part.start)
+                raise
+        return results.backbone(self._model, tensions, wrenches, lead, self._reach)
+
+    def wind(
+        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        changes: FloatArray, displacement: FloatArray, tip_wrench: FloatArray,
+    ) -> Backbone | None:  # fmt: skip
+        """`Solver.wind` of an arm without loads; ``tip_wrench`` (6,) is zero."""
+        lengths = self._compiled.lengths if self._compiled is not None else None
+        if lengths is None or self._statics.is_loaded(tip_wrench):
+            return None
+        results = Results((), self._setup.grid, self._setup.base)
+        if not lengths.wind(given, driven, tensions, changes, displacement, results):
+            return None
+        held = tensions.reshape(self._setup.arm.tension_shape)
+        return results.backbone(self._model, held, tip_wrench.copy(), (), self._reach)
+
+    @functools.cached_property
+    def _reach(self) -> FloatArray:
+        """See `Backbone`."""
+        reach = transmission(self._setup.arm, self._setup.grid.s, self._setup.grid.section).T
+        reach.setflags(write=False)
+        return reach

@@ -1,0 +1,60 @@
+"""What a simulator publishes on ``/diagnostics``: how many commands and readings there were."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+
+from octo_arm_model.core.errors import OctoArmError, in_short
+from octo_arm_model.ros.node import diagnostics
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.refusal_log import RefusalLog
+
+
+class SimulatorDiagnostics:
+    """Counts what a simulator is commanded and publishes.
+
+    Attributes:
+        counts: of commands, those refused, readings published and readings lost.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Publish and warn by ``node``."""
+        self._node = node
+        self.counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
+        self._reported = dict(self.counts)
+        self._reason = ''
+        self._refusal_log = RefusalLog(node)
+        self._publisher = create_publisher(
+            node, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
+        )
+
+    def refuse(self, topic: str, error: OctoArmError) -> None:
+        """Count a command on ``topic`` as refused, and say why."""
+        self.counts['refused'] += 1
+        self._reason = f'{topic}: {in_short(error)}'
+        self.warn(topic, error)
+
+    def warn(self, topic: str, error: OctoArmError) -> None:
+        """Say why what is asked for on ``topic`` cannot be, at most once a second."""
+        self._refusal_log.warn(topic, error)
+
+    def publish(self, source: str) -> None:
+        """Publish the counts since the last time; ``source`` is what the simulator follows."""
+        lately = {name: self.counts[name] - self._reported[name] for name in self.counts}
+        self._reported = dict(self.counts)
+        name, refused = self._node.get_fully_qualified_name(), lately['refused']
+        problem = f'{refused} refused: {self._reason}' if refused else ''
+        level, title = DiagnosticStatus.WARN, f'{name.lstrip("/")}: simulator'
+        status = diagnostics.make_status(title, level, problem, f'following {source}', {
+            'source': source,
+            'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
+            'refused': self.counts['refused'],
+            'last refusal': self._reason,
+            'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
+            'readings lost': self.counts['lost'],
+        })  # fmt: skip
+        status.hardware_id = name
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
