@@ -2,13 +2,13 @@
 
 Linear measurements are exact and cost no shape; the others are taken all together by `fit`, from
 the last shape on. Where that does not converge, or one of them is not as expected, each is judged
-by itself.
+by itself, which takes many shapes: a sensor that was refused is first judged by one alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 from octo_arm_model.core.errors import SolveError
@@ -24,8 +24,10 @@ from octo_arm_model.estimation.belief import (
 from octo_arm_model.estimation.curvature import Curvature
 from octo_arm_model.estimation.fit import Fit, fit, nearest_possible
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
-from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, most_probable
+from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, least_square, most_probable
 from octo_arm_model.estimation.prediction import Prediction
+
+_FAR = 4.0  # times the gate, for a square that is not exact
 
 Kinds: TypeAlias = tuple[Hashable, ...]
 Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
@@ -84,14 +86,20 @@ def take_others(
     at: Prediction,
     last: tuple[Prediction, Curvature | None] | None,
     gate: float,
+    doubted: Collection[str] = (),
 ) -> Taken:
     """``prior`` after other ``measurements``, whose mean is ``at``.
 
-    ``last`` is the prediction of the last mean, and the curvature of what these predict.
+    ``last`` is the prediction of the last mean, and the curvature of what these predict. Kinds of
+    measurements that are ``doubted`` are refused where they are far off by their linearisation.
 
     Raises:
         SolveError: if they find no agreement.
     """
+    if far := _far(prior, [one for one in measurements if one.name in doubted], at, gate):
+        rest = [one for one in measurements if id(one) not in far]
+        of_rest = take_others(prior, rest, at, last, gate)
+        return of_rest._replace(squares={**of_rest.squares, **far})
     if not measurements:
         return Taken(prior, at)
     if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
@@ -101,13 +109,13 @@ def take_others(
         starts.insert(0, (last[0], FROM_NEARBY))
     if len(measurements) > 1:
         limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
-        start, square = _most_probable(prior, measurements, starts, limit)
+        start, square = _most_probable(prior, measurements, starts, limit, is_judged=True)
         if square <= limit and (taken := _agreed(prior, measurements, start, None, gate)):
             return taken
     squares = {}
     for one in measurements:
         limit = chi_square_limit(gate, one.value.size)
-        _, squares[id(one)] = _most_probable(prior, [one], starts, limit)
+        _, squares[id(one)] = _most_probable(prior, [one], starts, limit, is_judged=True)
     accepted = _within(measurements, squares, gate)
     if not accepted:
         return Taken(prior, at, (), squares)
@@ -118,6 +126,22 @@ def take_others(
     except SolveError:
         found = fit(prior, accepted, start, None, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
+
+
+def _far(
+    prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
+) -> dict[int, float]:
+    """Normalised squares by `id` of those that are far outside the ``gate``, linearised."""
+    found = {}
+    try:
+        for one in measurements:
+            root = gain(prior.root, one.jacobian(at), one.noise_root).innovation_root
+            square = normalised_square(one.innovation(at), root)
+            if square > _FAR * chi_square_limit(gate, one.value.size):
+                found[id(one)] = square
+    except SolveError:
+        return {}
+    return found
 
 
 def _agreed(
@@ -146,16 +170,26 @@ def _all(measurements: Sequence[Measurement], found: Fit) -> Taken:
 
 
 def _most_probable(
-    prior: Belief, measurements: Sequence[Measurement], starts: Sequence[Start], enough: float
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    starts: Sequence[Start],
+    enough: float,
+    *,
+    is_judged: bool = False,
 ) -> tuple[Prediction, float]:
     """`most_probable` from the best of ``starts``, or the first that is as good as ``enough``.
 
-    Infinite where there is none.
+    Infinite where there is none. If ``is_judged`` nothing but whether it is as good counts, and
+    what is not may be better than is returned.
     """
     best, least = starts[0][0], math.inf
     for start, factors in starts:
         try:
-            at, square = most_probable(prior, measurements, start, factors)
+            at, square = start, 0.0
+            if is_judged:
+                square = least_square(prior, measurements, start, enough)
+            if square <= enough:
+                at, square = most_probable(prior, measurements, start, factors)
         except SolveError:
             continue
         if square < least:
