@@ -2,13 +2,13 @@
 
 Linear measurements are exact and cost no shape; the others are taken all together by `fit`, from
 the last shape on. Where that does not converge, or one of them is not as expected, each is judged
-by itself, which takes many shapes: a sensor that was refused is first judged by one alone.
+by itself, which takes many shapes; one shape alone tells of many that they are `far_off`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 from octo_arm_model.core.errors import SolveError
@@ -86,20 +86,14 @@ def take_others(
     at: Prediction,
     last: tuple[Prediction, Curvature | None] | None,
     gate: float,
-    doubted: Collection[str] = (),
 ) -> Taken:
     """``prior`` after other ``measurements``, whose mean is ``at``.
 
-    ``last`` is the prediction of the last mean, and the curvature of what these predict. Kinds of
-    measurements that are ``doubted`` are refused where they are far off by their linearisation.
+    ``last`` is the prediction of the last mean, and the curvature of what these predict.
 
     Raises:
         SolveError: if they find no agreement.
     """
-    if far := _far(prior, [one for one in measurements if one.name in doubted], at, gate):
-        rest = [one for one in measurements if id(one) not in far]
-        of_rest = take_others(prior, rest, at, last, gate)
-        return of_rest._replace(squares={**of_rest.squares, **far})
     if not measurements:
         return Taken(prior, at)
     if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
@@ -128,10 +122,13 @@ def take_others(
     return _all(accepted, found)._replace(squares=squares)
 
 
-def _far(
+def far_off(
     prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
 ) -> dict[int, float]:
-    """Normalised squares by `id` of those that are far outside the ``gate``, linearised."""
+    """Normalised squares by `id` of those that are far outside the ``gate``.
+
+    By what they predict linearised about the mean of ``prior``, where the arm is ``at``.
+    """
     found = {}
     try:
         for one in measurements:

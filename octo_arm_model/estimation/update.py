@@ -24,6 +24,7 @@ from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.taken import (
     Kinds,
     Taken,
+    far_off,
     kinds_of,
     take_linear,
     take_others,
@@ -150,9 +151,14 @@ def _take_all(
     at = Prediction(model, belief.mean, last and last.shape)
     linear = take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
     others = [one for one in measurements if not one.is_linear]
+    far: dict[int, float] = {}
+    if last is not None and last.refused:
+        doubted = [one for one in others if one.name in last.refused]
+        far = far_off(linear.belief, doubted, linear.at, gate)
+        others = [one for one in others if id(one) not in far]
     known = last and (last.at, last.curvatures.get(kinds_of(others)))
-    doubted = last.refused if last is not None else ()
-    return linear, take_others(linear.belief, others, linear.at, known, gate, doubted)
+    found = take_others(linear.belief, others, linear.at, known, gate)
+    return linear, found._replace(squares={**found.squares, **far})
 
 
 def _contradicted(
