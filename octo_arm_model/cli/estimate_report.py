@@ -28,6 +28,7 @@ def as_dict(result: Result) -> dict[str, Any]:
             name: {'accepted': one.accepted, 'refused': one.refused, 'mean_square': one.mean}
             for name, one in result.consistency.items()
         },
+        'restarts': list(result.restarts),
         'without_estimate': result.failures.of(''),
         'left_out': result.recorded.skips.refusals.lines(),
         'keeps_prior': list(result.unlearnt),
@@ -64,6 +65,10 @@ def summary(result: Result, files: Sequence[str]) -> str:
                 f'  {one.refused} refused, which do not fit the rest, from {start:.2f} to '
                 f'{stop:.2f} s'
             )
+    lines += [
+        f'begun anew at {time:.2f} s: sensors contradicted the estimate, and agreed'
+        for time in result.restarts
+    ]
     lines += [
         f'{count} times without an estimate, as {reason}'
         for reason, count in result.failures.of('').items()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,9 +13,9 @@ from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.update import Innovation, Updated, update
+from octo_arm_model.estimation.window import Window
 
 GATE = 0.9999
-MAX_STEPS = 1000  # that a window holds
 
 
 def prior(model: ArmModel) -> Belief:
@@ -44,6 +43,10 @@ class Step:
     measurements: tuple[Measurement, ...]
     updated: Updated
 
+    def estimate(self, model: ArmModel, first: float) -> Estimate:
+        """What is known of ``model`` then, of which the ``first`` step was at that time [s]."""
+        return estimate_of(self.time, model.state.prior_stddev(self.time - first), self.updated)
+
 
 def next_step(
     model: ArmModel,
@@ -68,7 +71,6 @@ class Filter:
     Attributes:
         model: the arm.
         refused: how many measurements the gate refused, by name.
-        late: how many came later than the window.
         innovations: of the last that were added.
     """
 
@@ -80,21 +82,23 @@ class Filter:
         Raises:
             MeasurementError: if a number is outside its range.
         """
-        if not 0.0 <= window < np.inf:
-            raise MeasurementError(f'window is {window!r}, expected a finite number >= 0 [s]')
-        if not 0.0 < gate < 1.0:
-            raise MeasurementError(f'gate is {gate!r}, expected a probability in (0, 1)')
-        self.model, self._window, self._gate = model, window, gate
+        check_gate(gate)
+        self.model = model
         self.refused: dict[str, int] = {}
-        self.late = 0
         self.innovations: tuple[Innovation, ...] = ()
-        self._first: float | None = None
-        self._steps: list[Step] = []
+        self._window: Window[Step] = Window(
+            lambda last, time, made: next_step(model, last, time, made, gate), window
+        )
 
     @property
     def last(self) -> Step | None:
         """The newest step."""
-        return self._steps[-1] if self._steps else None
+        return self._window.last
+
+    @property
+    def late(self) -> int:
+        """How many measurements came later than the window."""
+        return self._window.late
 
     def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
         """Take ``measurements`` made at ``time`` [s]; returns the newest estimate.
@@ -105,36 +109,19 @@ class Filter:
             MeasurementError: if they come later than the window, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape, or the estimate does not converge.
         """
-        if not np.isfinite(time):
-            raise MeasurementError(f'time is {time!r}, expected a finite number [s]')
-        steps, taken = self._steps, tuple(measurements)
-        index = bisect.bisect_right([step.time for step in steps], time)
-        if steps and not index and self._first is not None:
-            self.late += 1
-            raise MeasurementError(
-                f'measured at {time:.6g} s, before the window, which begins at '
-                f'{steps[0].time:.6g} s'
-            )
-        first = time if self._first is None else self._first
-        new = steps[:index]
-        for at, made in [(time, taken), *((s.time, s.measurements) for s in steps[index:])]:
-            new.append(next_step(self.model, new[-1] if new else None, at, made, self._gate))
-        self._count(new[index].updated)
-        newest = new[-1]
-        since = bisect.bisect_left([step.time for step in new], newest.time - self._window)
-        # The step before the window is what a late measurement begins from.
-        self._steps = new[max(0, since - 1, len(new) - MAX_STEPS) :]
-        self._first = first
-        return self._estimate(newest)
-
-    def _count(self, updated: Updated) -> None:
-        self.innovations = updated.innovations
-        for one in updated.innovations:
+        added, newest = self._window.add(time, measurements)
+        self.innovations = added.updated.innovations
+        for one in self.innovations:
             if not one.is_accepted:
                 self.refused[one.name] = self.refused.get(one.name, 0) + 1
+        return newest.estimate(self.model, self._window.first)
 
-    def _estimate(self, step: Step) -> Estimate:
-        assert self._first is not None
-        updated = step.updated
-        prior_stddev = self.model.state.prior_stddev(step.time - self._first)
-        return estimate_of(step.time, prior_stddev, updated)
+
+def check_gate(gate: float) -> None:
+    """Check the probability of a right measurement to be accepted.
+
+    Raises:
+        MeasurementError: if it is none.
+    """
+    if not 0.0 < gate < 1.0:
+        raise MeasurementError(f'gate is {gate!r}, expected a probability in (0, 1)')

@@ -15,9 +15,11 @@ import numpy as np
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.filter import GATE, Filter
+from octo_arm_model.estimation.filter import GATE, Step, check_gate, next_step
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.update import Innovation
+from octo_arm_model.estimation.window import Window
 
 
 @dataclass(frozen=True)
@@ -28,20 +30,47 @@ class Ranked:
         name: of it.
         probability: of it after all measurements, in parts of 1.
         estimate: if it is true; None where the arm had no trustworthy shape then.
+        innovations: of the measurements added last, also where they were late; empty where the
+            arm had no trustworthy shape.
     """
 
     name: str
     probability: float
     estimate: Estimate | None
+    innovations: tuple[Innovation, ...]
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One time, what was measured then and what came of it.
+
+    Attributes:
+        time: [s].
+        measurements: made then.
+        steps: the newest of each hypothesis, earlier where it had no trustworthy shape; None
+            where it never had.
+        has_shape: which had one (hypotheses,).
+        probability: of each (hypotheses,).
+    """
+
+    time: float
+    measurements: tuple[Measurement, ...]
+    steps: tuple[Step | None, ...]
+    has_shape: tuple[bool, ...]
+    probability: FloatArray
 
 
 class Hypotheses:
     """A filter for each of several models of one arm."""
 
     def __init__(
-        self, models: Mapping[str, ArmModel], change_time: float = math.inf, gate: float = GATE
+        self,
+        models: Mapping[str, ArmModel],
+        change_time: float = math.inf,
+        gate: float = GATE,
+        window: float = 0.0,
     ) -> None:
-        """Of ``models`` by name, equally probable at first.
+        """Of ``models`` by name, equally probable at first; `Filter` has the other two.
 
         The truth changes to another of them once in ``change_time`` [s].
 
@@ -52,44 +81,68 @@ class Hypotheses:
             raise MeasurementError('models are none, expected at least one')
         if not change_time > 0.0:
             raise MeasurementError(f'change_time is {change_time!r}, expected > 0 [s]')
-        self._filters = {name: Filter(model, 0.0, gate) for name, model in models.items()}
-        self._change_time, self._time = change_time, -math.inf
-        self._probability: FloatArray = np.full(len(models), 1.0 / len(models))
+        check_gate(gate)
+        self._models, self._change_time, self._gate = dict(models), change_time, gate
+        self._window = Window(self._next, window)
+
+    @property
+    def late(self) -> int:
+        """How many measurements came later than the window."""
+        return self._window.late
 
     def add(self, time: float, measurements: Sequence[Measurement]) -> list[Ranked]:
         """Take ``measurements`` made at ``time`` [s]; returns all hypotheses, likeliest first.
 
+        Where it fails all is as it was.
+
         Raises:
-            MeasurementError: if they come late, or do not fit the arm.
+            MeasurementError: if they come later than the window, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape by any hypothesis.
         """
-        if not time >= self._time:
-            raise MeasurementError(f'measured at {time!r} s, after {self._time!r} s')
-        estimates: list[Estimate | None] = []
-        logarithms, failure = [], None
-        for one in self._filters.values():
+        added, newest = self._window.add(time, measurements)
+        ranked = []
+        for number, (name, model) in enumerate(self._models.items()):
+            then, now = added.steps[number], newest.steps[number]
+            estimate: Estimate | None = None
+            innovations: tuple[Innovation, ...] = ()
+            if now is not None and newest.has_shape[number]:
+                estimate = now.estimate(model, self._window.first)
+            if then is not None and added.has_shape[number]:
+                innovations = then.updated.innovations
+            probability = float(newest.probability[number])
+            ranked.append(Ranked(name, probability, estimate, innovations))
+        return sorted(ranked, key=lambda one: -one.probability)
+
+    def _next(
+        self, last: _Step | None, time: float, measurements: tuple[Measurement, ...]
+    ) -> _Step:
+        """From the ``last`` step to ``time`` [s].
+
+        Raises:
+            SolveError: if the arm has no trustworthy shape by any hypothesis.
+        """
+        count = len(self._models)
+        before, changed = np.full(count, 1.0 / count), 0.0
+        steps: list[Step | None] = [None] * count
+        if last is not None:
+            before, steps = last.probability, list(last.steps)
+            changed = -math.expm1(-(time - last.time) / self._change_time)
+        likelihoods, failure = np.full(count, -math.inf), None
+        for number, model in enumerate(self._models.values()):
             try:
-                estimate = one.add(time, measurements)
-                logarithms.append(estimate.log_likelihood)
-                estimates.append(estimate)
+                found = next_step(model, steps[number], time, measurements, self._gate)
             except SolveError as error:
                 failure = error
-                logarithms.append(-math.inf)
-                estimates.append(None)
-        highest = max(logarithms)
+                continue
+            steps[number] = found
+            likelihoods[number] = found.updated.log_likelihood
+        with np.errstate(divide='ignore'):
+            logarithms = np.log((1.0 - changed) * before + changed / count) + likelihoods
+        highest = logarithms.max()
         if failure is not None and highest == -math.inf:
             raise failure
-        changed = -math.expm1(-(time - self._time) / self._change_time)
-        if math.isinf(self._time) or math.isinf(self._change_time):
-            changed = 0.0
-        self._time = time
-        before = (1.0 - changed) * self._probability + changed / len(estimates)
-        found = before * np.exp(np.array(logarithms) - highest)
-        self._probability = found / found.sum()
-        ranked = [
-            Ranked(name, float(probability), estimate)
-            for name, probability, estimate in zip(
-                self._filters, self._probability, estimates, strict=True
-            )
-        ]
-        return sorted(ranked, key=lambda one: -one.probability)
+        probability = np.exp(logarithms - highest)
+        return _Step(
+            time, measurements, tuple(steps), tuple((likelihoods > -math.inf).tolist()),
+            probability / probability.sum(),
+        )  # fmt: skip

@@ -53,6 +53,26 @@ def most_probable(
     return at, _cost(prior, measurements, noise, at)
 
 
+def least_square(
+    prior: Belief, measurements: Sequence[Measurement], at: Prediction, enough: float
+) -> float:
+    """A sum of squares that no state has less of, found from ``at`` on; see `most_probable`.
+
+    It is that of measurements which are less exact, and no closer than ``enough`` where it is
+    larger: few shapes tell that a measurement is hopeless.
+
+    Raises:
+        SolveError: as `most_probable`.
+    """
+    noise, square = noise_root(measurements), 0.0
+    for factor in FROM_AFAR[:-1]:
+        at = _descend(prior, measurements, factor * noise, at)
+        square = _cost(prior, measurements, factor * noise, at)
+        if square > enough:
+            break
+    return square
+
+
 def _cost(
     prior: Belief, measurements: Sequence[Measurement], noise: FloatArray, at: Prediction
 ) -> float:

@@ -13,6 +13,7 @@ CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
+RECOVER_AFTER = 1.0  # [s]
 PREFIX = 'estimator.'
 
 ESTIMATOR_PARAMETERS = (
@@ -70,6 +71,9 @@ ESTIMATOR_PARAMETERS = (
               'probability with which a right measurement is accepted; one that lies farther off '
               'is refused', GATE, range='in (0, 1)'),
     Parameter('estimator.window', float,
-              'how late measurements may come, with one place of contact [s]', 0.2,
+              'how late measurements may come [s]', 0.2, range='>= 0'),
+    Parameter('estimator.recover_after', float,
+              'for how long a sensor has to be refused for the estimate to begin anew, where the '
+              'sensors agree with each other then [s]; 0 for never', RECOVER_AFTER,
               range='>= 0'),
 )  # fmt: skip

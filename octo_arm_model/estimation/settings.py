@@ -82,6 +82,7 @@ class EstimatorSettings:
         gate: see `Filter`.
         window: see `Filter` [s].
         change_time: see `Hypotheses` [s].
+        recover_after: see `Tracker` [s].
         notes: values that were not given, in words.
     """
 
@@ -90,6 +91,7 @@ class EstimatorSettings:
     gate: float
     window: float
     change_time: float
+    recover_after: float
     notes: tuple[str, ...]
 
     @classmethod
@@ -119,6 +121,7 @@ class EstimatorSettings:
             given['gate'],
             given['window'],
             given['change_time'],
+            given['recover_after'],
             tuple(notes),
         )
 

@@ -2,7 +2,7 @@
 
 Linear measurements are exact and cost no shape; the others are taken all together by `fit`, from
 the last shape on. Where that does not converge, or one of them is not as expected, each is judged
-by itself.
+by itself, which takes many shapes; one shape alone tells of many that they are `far_off`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from octo_arm_model.estimation.belief import (
 from octo_arm_model.estimation.curvature import Curvature
 from octo_arm_model.estimation.fit import Fit, fit, nearest_possible
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
-from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, most_probable
+from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, least_square, most_probable
 from octo_arm_model.estimation.prediction import Prediction
+
+_FAR = 4.0  # times the gate, for a square that is not exact
 
 Kinds: TypeAlias = tuple[Hashable, ...]
 Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
@@ -101,13 +103,13 @@ def take_others(
         starts.insert(0, (last[0], FROM_NEARBY))
     if len(measurements) > 1:
         limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
-        start, square = _most_probable(prior, measurements, starts, limit)
+        start, square = _most_probable(prior, measurements, starts, limit, is_judged=True)
         if square <= limit and (taken := _agreed(prior, measurements, start, None, gate)):
             return taken
     squares = {}
     for one in measurements:
         limit = chi_square_limit(gate, one.value.size)
-        _, squares[id(one)] = _most_probable(prior, [one], starts, limit)
+        _, squares[id(one)] = _most_probable(prior, [one], starts, limit, is_judged=True)
     accepted = _within(measurements, squares, gate)
     if not accepted:
         return Taken(prior, at, (), squares)
@@ -118,6 +120,25 @@ def take_others(
     except SolveError:
         found = fit(prior, accepted, start, None, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
+
+
+def far_off(
+    prior: Belief, measurements: Sequence[Measurement], at: Prediction, gate: float
+) -> dict[int, float]:
+    """Normalised squares by `id` of those that are far outside the ``gate``.
+
+    By what they predict linearised about the mean of ``prior``, where the arm is ``at``.
+    """
+    found = {}
+    try:
+        for one in measurements:
+            root = gain(prior.root, one.jacobian(at), one.noise_root).innovation_root
+            square = normalised_square(one.innovation(at), root)
+            if square > _FAR * chi_square_limit(gate, one.value.size):
+                found[id(one)] = square
+    except SolveError:
+        return {}
+    return found
 
 
 def _agreed(
@@ -146,16 +167,26 @@ def _all(measurements: Sequence[Measurement], found: Fit) -> Taken:
 
 
 def _most_probable(
-    prior: Belief, measurements: Sequence[Measurement], starts: Sequence[Start], enough: float
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    starts: Sequence[Start],
+    enough: float,
+    *,
+    is_judged: bool = False,
 ) -> tuple[Prediction, float]:
     """`most_probable` from the best of ``starts``, or the first that is as good as ``enough``.
 
-    Infinite where there is none.
+    Infinite where there is none. If ``is_judged`` nothing but whether it is as good counts, and
+    what is not may be better than is returned.
     """
     best, least = starts[0][0], math.inf
     for start, factors in starts:
         try:
-            at, square = most_probable(prior, measurements, start, factors)
+            at, square = start, 0.0
+            if is_judged:
+                square = least_square(prior, measurements, start, enough)
+            if square <= enough:
+                at, square = most_probable(prior, measurements, start, factors)
         except SolveError:
             continue
         if square < least:

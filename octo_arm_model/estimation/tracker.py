@@ -1,20 +1,23 @@
 """Estimates from measurements with stamps as they come, and how well they agree with each other.
 
 The one loop of the node and of the bag tool: a filter, or several where the place of a contact is
-unknown, what they refused, and their normalised innovations.
+unknown, what they refused, their normalised innovations, and a new beginning where these show that
+the arm is lost.
 """
 
 from __future__ import annotations
 
 import collections
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.estimation.contradiction import Contradiction, Reading
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.filter import GATE, Filter
+from octo_arm_model.estimation.filter import GATE
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
@@ -32,12 +35,14 @@ class Tracked(NamedTuple):
         hypothesis: its name.
         probabilities: of all of them.
         innovations: of the measurements that were added, also where they were late.
+        begins_anew: whether it is of the newest measurements and the prior alone.
     """
 
     estimate: Estimate
     hypothesis: str
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
+    begins_anew: bool = False
 
 
 @dataclass
@@ -95,10 +100,14 @@ def count_innovations(
 class Tracker:
     """Follows one arm.
 
+    Where sensors contradict the estimate for long and agree with each other it begins anew from
+    the prior, with the newest readings of each.
+
     Attributes:
         consistency: of each kind of measurement, by its name.
         late: how many measurements came too late.
         failed: at how many times the arm had no trustworthy shape.
+        restarts: how often it began anew.
         origin_ns: stamp that times count from [ns]; None before the first.
     """
 
@@ -108,23 +117,24 @@ class Tracker:
         gate: float = GATE,
         window: float = 0.0,
         change_time: float = math.inf,
+        recover_after: float = 0.0,
     ) -> None:
-        """Of one or several ``models`` by name; see `Filter` and `Hypotheses` for the others.
+        """Of one or several ``models`` by name; see `Hypotheses` for the others.
 
-        Several models take no late measurements, whatever the ``window``.
+        It begins anew where a sensor is refused for ``recover_after`` [s]; never if that is 0.
 
         Raises:
             MeasurementError: if a number is outside its range, or there is no model.
         """
-        self._filter: Filter | None = None
-        self._hypotheses: Hypotheses | None = None
-        if len(models) == 1:
-            (self._name,) = models
-            self._filter = Filter(models[self._name], window, gate)
-        else:
-            self._hypotheses = Hypotheses(models, change_time, gate)
+        if not 0.0 <= recover_after < math.inf:
+            raise MeasurementError(
+                f'recover_after is {recover_after!r}, expected a finite number >= 0 [s]'
+            )
+        self._begin = lambda: Hypotheses(models, change_time, gate, window)
+        self._bank, self._late = self._begin(), 0
+        self._contradiction = Contradiction(recover_after)
         self.consistency: dict[str, Consistency] = {}
-        self.late = self.failed = 0
+        self.failed = self.restarts = 0
         self.origin_ns: int | None = None
         self._newest = -math.inf
 
@@ -133,7 +143,12 @@ class Tracker:
         cls, settings: EstimatorSettings, models: Mapping[str, ArmModel], window: float
     ) -> Tracker:
         """Of ``models`` of ``settings``, for measurements up to ``window`` [s] late."""
-        return cls(models, settings.gate, window, settings.change_time)
+        return cls(models, settings.gate, window, settings.change_time, settings.recover_after)
+
+    @property
+    def late(self) -> int:
+        """How many measurements came too late."""
+        return self._late + self._bank.late
 
     def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> Tracked:
         """Take ``measurements`` made at ``stamp_ns`` [ns].
@@ -147,31 +162,91 @@ class Tracker:
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         time = 1e-9 * (stamp_ns - origin)
         try:
-            tracked = self._add(time, measurements)
+            tracked = _add(self._bank, time, measurements)
         except SolveError:
             self.failed += 1
-            raise
+            if self.origin_ns is None:
+                raise
+            self._contradiction.add([Reading(time, one, False) for one in measurements])
+            found = self._found_anew(time)
+            if found is None:
+                raise
+            tracked = found
+        else:
+            self._contradiction.add(
+                [
+                    Reading(time, measurement, one.is_accepted)
+                    for measurement, one in zip(measurements, tracked.innovations, strict=False)
+                ]
+            )
+            tracked = self._found_anew(time) or tracked
         self.origin_ns, self._newest = origin, max(time, self._newest)
         count_innovations(self.consistency, stamp_ns, tracked.innovations)
         return tracked
 
-    def _add(self, time: float, measurements: Sequence[Measurement]) -> Tracked:
-        if self._filter is not None:
+    def _found_anew(self, time: float) -> Tracked | None:
+        """What the newest readings of all sensors tell without what was known before.
+
+        None while nothing is refused for long, and where no more sensors agree than with what was
+        known: then some of them are wrong. One sensor alone has to agree with itself: what is
+        against it is only how fast the tensions and forces are told to change.
+        """
+        readings = self._contradiction.readings() if time >= self._newest else []
+        if not readings:
+            return None
+        self._contradiction.forget()
+        trials = [_Trial(self._begin(), readings)]
+        if refused := trials[0].refused:
+            # Of sensors that contradict each other the first is believed: let the others be that.
+            others = [
+                one for one in readings
+                if one.measurement.is_linear or one.measurement.name in refused
+            ]  # fmt: skip
+            trials.append(_Trial(self._begin(), others))
+        best = max(trials, key=lambda one: one.agreement)
+        believed = {one.measurement.name for one in readings if one.is_accepted}
+        if best.tracked is None or best.agreement[0] <= len(believed):
+            return None
+        self._late, self._bank = self.late, best.bank
+        self.restarts += 1
+        return best.tracked._replace(begins_anew=True)
+
+
+class _Trial:
+    """A new beginning.
+
+    Attributes:
+        bank: what was begun.
+        tracked: what it knows after all readings; None where the arm had no trustworthy shape.
+        refused: names of sensors that do not agree with all before them.
+        agreement: how many sensors do, and how many numbers they measured.
+    """
+
+    def __init__(self, bank: Hypotheses, readings: Sequence[Reading]) -> None:
+        self.bank, self.refused, self.agreement = bank, set[str](), (0, 0)
+        self.tracked: Tracked | None = None
+        sizes: dict[str, int] = {}
+        for time, group in itertools.groupby(readings, lambda one: one.time):
+            measurements = [one.measurement for one in group]
+            sizes |= {one.name: one.value.size for one in measurements}
             try:
-                estimate = self._filter.add(time, measurements)
-            finally:
-                self.late = self._filter.late
-            one = self._filter.innovations
-            return Tracked(estimate, self._name, {self._name: 1.0}, one)
-        assert self._hypotheses is not None
-        if time < self._newest:
-            self.late += 1
-            raise MeasurementError(
-                f'measured {self._newest - time:.6g} s before the last, expected in order where '
-                'the place of contact is unknown'
-            )
-        ranked = self._hypotheses.add(time, measurements)
-        probabilities = {one.name: one.probability for one in ranked}
-        best = next(one for one in ranked if one.estimate is not None)
-        assert best.estimate is not None
-        return Tracked(best.estimate, best.name, probabilities, best.estimate.innovations)
+                self.tracked = _add(bank, time, measurements)
+            except SolveError:
+                self.tracked = None
+                return
+            self.refused |= {one.name for one in self.tracked.innovations if not one.is_accepted}
+        agreed = [size for name, size in sizes.items() if name not in self.refused]
+        self.agreement = len(agreed), sum(agreed)
+
+
+def _add(bank: Hypotheses, time: float, measurements: Sequence[Measurement]) -> Tracked:
+    """What the most probable hypothesis makes of ``measurements`` made at ``time`` [s].
+
+    Raises:
+        OctoArmError: as `Hypotheses.add`.
+    """
+    ranked = bank.add(time, measurements)
+    best = next(one for one in ranked if one.estimate is not None)
+    assert best.estimate is not None
+    probabilities = {one.name: one.probability for one in ranked}
+    return Tracked(best.estimate, best.name, probabilities, best.innovations)

@@ -24,6 +24,7 @@ from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.taken import (
     Kinds,
     Taken,
+    far_off,
     kinds_of,
     take_linear,
     take_others,
@@ -43,7 +44,8 @@ class Innovation(NamedTuple):
         covariance: expected of that, likewise, (m, m).
         normalised_square: of the value by the covariance, which is the least sum of squares of
             noise and change of the state that explain it. Chi-square of m where all is as told.
-            Of one that the others contradict, of what it is off from these.
+            Of one that the others contradict, of what it is off from these. Of one that is refused
+            it may be smaller, and linearised about the state before.
         is_accepted: whether it is within the gate.
     """
 
@@ -66,6 +68,7 @@ class Updated(NamedTuple):
         normalised_square: of all that were accepted together, and of how many numbers.
         log_likelihood: of all measurements; of a refused one as if it were at the gate.
         curvatures: of what is measured together, by `Measurement.kind` of each.
+        refused: names of measurements of which the newest was refused.
     """
 
     belief: Belief
@@ -76,6 +79,7 @@ class Updated(NamedTuple):
     normalised_square: tuple[float, int]
     log_likelihood: float
     curvatures: Mapping[Kinds, Curvature]
+    refused: frozenset[str]
 
 
 def update(
@@ -126,6 +130,9 @@ def update(
         (linear.square + found.square, size),
         log_likelihood,
         _kept(last, found),
+        frozenset(one.name for one in innovations if not one.is_accepted).union(
+            () if last is None else last.refused - {one.name for one in innovations}
+        ),
     )
 
 
@@ -144,8 +151,14 @@ def _take_all(
     at = Prediction(model, belief.mean, last and last.shape)
     linear = take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
     others = [one for one in measurements if not one.is_linear]
+    far: dict[int, float] = {}
+    if last is not None and last.refused:
+        doubted = [one for one in others if one.name in last.refused]
+        far = far_off(linear.belief, doubted, linear.at, gate)
+        others = [one for one in others if id(one) not in far]
     known = last and (last.at, last.curvatures.get(kinds_of(others)))
-    return linear, take_others(linear.belief, others, linear.at, known, gate)
+    found = take_others(linear.belief, others, linear.at, known, gate)
+    return linear, found._replace(squares={**found.squares, **far})
 
 
 def _contradicted(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -45,9 +46,16 @@ class SensorPublishers:
         self._time = 0.0
 
     def publish(
-        self, config: SimulatorConfig, tensions: FloatArray, elapsed: float, stamp: Time
+        self,
+        config: SimulatorConfig,
+        push: Callable[[float], FloatArray],
+        tensions: FloatArray,
+        elapsed: float,
+        stamp: Time,
     ) -> None:
         """Publish what is due after ``elapsed`` [s] under ``tensions`` (tendons,) [N].
+
+        ``push`` returns the force that pushes the arm at a time [s], (3,) [N].
 
         Raises:
             SolveError: if the arm has no shape; nothing is published.
@@ -55,7 +63,7 @@ class SensorPublishers:
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         before, self._time = self._time, self._time + elapsed
-        pushed = config.push.at(self._time)
+        pushed = push(self._time)
         arm.solve(tensions, pushed)
         header = Header(stamp=stamp, frame_id=config.base_frame)
         if config.push.is_at_tip(config.arm.length):

@@ -39,6 +39,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionSubscription,
 )
 from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.ros.push_service import PushService
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulated_sensors import SensorPublishers
 from octo_arm_model.ros.simulator_diagnostics import SimulatorDiagnostics
@@ -47,6 +48,7 @@ from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.simulation.sensors import Push
 from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.tension_fields import NONE
 
@@ -75,7 +77,7 @@ class SimulatorNode(CheckedNode):
             self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
         )
         table = (*ARM_PARAMETERS, *PARAMETERS)
-        self._sensors = SensorPublishers(self)
+        self._sensors, self._push = SensorPublishers(self), PushService(self, self._current_push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         work = WorkQueue(self)
@@ -94,6 +96,8 @@ class SimulatorNode(CheckedNode):
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
         """Use ``config`` from now on, of whose parameters ``names`` were set."""
         before, self._config = self._config, config
+        if any(name.startswith('push.') for name in names):
+            self._push.forget()
         tendons = config.arm.tendon_names
         if before is not None and (
             config.model != before.model or (config.limits != before.limits).any()
@@ -119,6 +123,10 @@ class SimulatorNode(CheckedNode):
     def _current_arm(self) -> Arm:
         assert self._config is not None  # it subscribes once configured
         return self._config.arm
+
+    def _current_push(self) -> Push:
+        assert self._config is not None  # services are answered once it spins
+        return self._config.push
 
     def _on_command(self, given: TensionInput) -> None:
         """Follow a command from now on, and no longer the profile."""
@@ -192,7 +200,7 @@ class SimulatorNode(CheckedNode):
             self._publish_encoders(effective, stamp)
         if config.pushed_arm is not None:
             try:
-                self._sensors.publish(config, effective, elapsed, stamp)
+                self._sensors.publish(config, self._push.at, effective, elapsed, stamp)
             except OctoArmError as error:
                 self._diagnostics.warn('push', error)
 

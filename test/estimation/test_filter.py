@@ -173,7 +173,7 @@ def test_a_lying_sensor_is_refused_and_counted() -> None:
     after = own.add(0.3, wrong)
     assert own.refused == {'tip position': 1}
     refused = after.innovations[1]
-    assert not refused.is_accepted and refused.normalised_square > 100.0
+    assert not refused.is_accepted and refused.normalised_square > 50.0
     assert after.normalised_square[1] == 4
     np.testing.assert_allclose(after.backbone.tip, before.backbone.tip, atol=5e-3)
     # What was accepted is worth as much as without the liar.

@@ -68,9 +68,32 @@ def test_a_truth_that_changes_is_followed() -> None:
         assert ranked[0].name == ('0.19 m' if force else 'free')
         # Neither is ever beyond doubt.
         assert ranked[1].probability > 1e-12
-    with pytest.raises(MeasurementError, match='after'):
+    with pytest.raises(MeasurementError, match='before the window'):
         bank.add(0.0, [])
+    assert bank.late == 1
     with pytest.raises(MeasurementError, match='at least one'):
         Hypotheses({})
     with pytest.raises(MeasurementError, match='change_time'):
         Hypotheses(given, 0.0)
+
+
+def test_late_measurements_count_as_in_time() -> None:
+    """In any order within the window: the same probabilities and the same states."""
+    given = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
+    model, s = given['0.19 m'], np.array([0.1, 0.2])
+    x = np.concatenate([TENSIONS, [0.0, 0.004, 0.0]])
+    positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
+    seen = Markers(s, positions.reshape(2, 3), 3e-3)
+    measured = [[Tensions(TENSIONS, 0.01)], [seen], [Tensions(TENSIONS, 0.01)], [seen]]
+    found = []
+    for order in ((0, 1, 2, 3), (0, 2, 3, 1)):
+        bank = Hypotheses(given, change_time=1.0, window=1.0)
+        for step in order:
+            ranked = bank.add(0.1 * step, measured[step])
+            assert [one.name for one in ranked[0].innovations] == [measured[step][0].name]
+        found.append(ranked)
+    for one, other in zip(*found, strict=True):
+        assert one.name == other.name and 1e-3 < one.probability < 0.999
+        assert one.probability == pytest.approx(other.probability, rel=1e-3)
+        assert one.estimate.time == other.estimate.time == pytest.approx(0.3)
+        np.testing.assert_allclose(one.estimate.mean, other.estimate.mean, atol=1e-4)

@@ -67,12 +67,17 @@ def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond() -> No
         assert [one.accepted for one in tracker.consistency.values()] == [2, 2]
 
 
-def test_where_the_place_is_unknown_late_ones_are_refused() -> None:
+def test_where_the_place_is_unknown_late_ones_are_put_in_place_too() -> None:
     tracker = Tracker(places(), window=1.0)
     tracker.add(ORIGIN, [Tensions(TENSIONS, 0.01)])
-    tracker.add(ORIGIN + 2, [Tensions(TENSIONS, 0.01)])
-    with pytest.raises(MeasurementError, match='before the last, expected in order'):
-        tracker.add(ORIGIN + 1, [Tensions(TENSIONS, 0.01)])
+    newest = tracker.add(ORIGIN + SECOND, [Tensions(TENSIONS, 0.01)])
+    found = tracker.add(ORIGIN + SECOND // 2, [TipPosition(tip(), 1e-3)])
+    assert found.estimate.time == newest.estimate.time
+    before, after = (np.trace(one.estimate.covariance) for one in (newest, found))
+    assert after < before
+    tracker.add(ORIGIN + 3 * SECOND, [])
+    with pytest.raises(MeasurementError, match='before the window'):
+        tracker.add(ORIGIN + SECOND // 2, [Tensions(TENSIONS, 0.01)])
     assert tracker.late == 1 and tracker.consistency['tensions'].accepted == 2
 
 

@@ -10,6 +10,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from live_nodes import RosClient, new_domain, running
+from std_srvs.srv import SetBool
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
@@ -76,6 +77,34 @@ def test_sensors_measure_the_arm_that_is_pushed():
         np.testing.assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
         done, why = client.change(push__s=1.0, push__force=[0.0, 0.0, 0.01])
         assert not done and 'push.s is 1.0' in why
+
+
+def test_the_arm_is_pushed_and_let_go_when_asked():
+    with simulating(new_domain(), **{'push.period': 1e6}) as client:
+        heard = client.hear(WrenchStamped, 'ground_truth/tip_wrench')
+
+        def becomes(force):
+            def is_so():
+                found = heard[-1].wrench.force if heard else None
+                return found and np.allclose([found.x, found.y, found.z], force, atol=1e-12)
+
+            client.wait(is_so, f'a push of {force} N')
+
+        becomes(np.zeros(3))  # the first half of the period
+        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
+        assert answer.success and answer.message.startswith('pushes the tip with [')
+        becomes(FORCE)
+        answer = client.call(SetBool, 'push', SetBool.Request(data=False))
+        assert (answer.success, answer.message) == (True, 'lets go')
+        becomes(np.zeros(3))
+        assert client.call(SetBool, 'push', SetBool.Request(data=True)).success
+        becomes(FORCE)
+        # Parameters are as they say again.
+        assert client.change(push__period=1e5) == (True, '')
+        becomes(np.zeros(3))
+        assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
+        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
+        assert not answer.success and answer.message.startswith('push.force is 0, expected')
 
 
 def test_the_estimator_finds_what_pushes_the_simulated_arm():

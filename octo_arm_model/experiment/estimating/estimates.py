@@ -30,6 +30,7 @@ class TimedEstimate(NamedTuple):
         probabilities: of all hypotheses.
         innovations: of what was measured.
         estimate: what is known.
+        begins_anew: whether what was known before was given up, see `Tracker`.
     """
 
     stamp_ns: int
@@ -38,6 +39,7 @@ class TimedEstimate(NamedTuple):
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
     estimate: Estimate
+    begins_anew: bool
 
 
 def filtered(
@@ -68,7 +70,7 @@ def filtered(
         received = max(one.received_ns for one in group)
         yield TimedEstimate(
             stamp, received, found.hypothesis, found.probabilities, found.innovations,
-            found.estimate,
+            found.estimate, found.begins_anew,
         )  # fmt: skip
     progress(len(groups), len(groups))
 
@@ -100,5 +102,5 @@ def smoothed(
     for group, estimate in zip(groups, found, strict=True):
         received = max(one.received_ns for one in group)
         yield TimedEstimate(
-            group[0].stamp_ns, received, name, {name: 1.0}, estimate.innovations, estimate
+            group[0].stamp_ns, received, name, {name: 1.0}, estimate.innovations, estimate, False
         )

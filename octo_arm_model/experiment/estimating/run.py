@@ -35,6 +35,7 @@ class Result:
         unlearnt: directions of the state that nothing had told of at the end, in words.
         camera: errors against a camera; None where there is none.
         hypotheses: mean probability of each.
+        restarts: times at which what was known before was given up [s].
     """
 
     recorded: Recorded
@@ -45,6 +46,7 @@ class Result:
     unlearnt: Sequence[str]
     camera: CameraErrors | None
     hypotheses: Mapping[str, float]
+    restarts: Sequence[float]
 
 
 def estimate(
@@ -67,11 +69,14 @@ def estimate(
         found = filtered(*given, lambda stamp, reason: failures.count('', reason), progress)
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
+    restarts: list[float] = []
     total: Counter[str] = Counter()
     for one in found:
         time = 1e-9 * (one.stamp_ns - recorded.origin_ns)
         moments.append(moment_of(time, one, recorded.config.arm))
         write(moments[-1], one)
+        if one.begins_anew:
+            restarts.append(time)
         count_innovations(consistency, one.stamp_ns, one.innovations)
         if recorded.camera is not None:
             recorded.camera.add(time, one.estimate.backbone)
@@ -83,4 +88,5 @@ def estimate(
         [direction.reason for direction in one.estimate.unlearnt],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
+        restarts,
     )  # fmt: skip

@@ -33,7 +33,7 @@ class EstimateStatus:
         self._tracked: Tracked | None = None
         self._heard: dict[str, float] = {}
         self._refused: dict[str, int] = {}
-        self._late = 0
+        self._late = self._restarts = 0
 
     def add(self, topic: str, tracked: Tracked) -> None:
         """Note what came of a measurement on ``topic``."""
@@ -52,6 +52,7 @@ class EstimateStatus:
             ),
             'came too late': tracker.late,
             'without a shape': tracker.failed,
+            'restarts': tracker.restarts,
         }
         problems = self._silent(config)
         for name, one in tracker.consistency.items():
@@ -66,7 +67,9 @@ class EstimateStatus:
                 problems.append(f'innovations of {name} are larger than told: {words}')
         if (lately := tracker.late - self._late) > 0:
             problems.append(f'{lately} came too late')
-        self._late = tracker.late
+        if (lately := tracker.restarts - self._restarts) > 0:
+            problems.append(f'contradicted by its sensors, it began anew {lately} time(s)')
+        self._late, self._restarts = tracker.late, tracker.restarts
         values |= self._contact(tracked, config)
         reasons = '; '.join(one.reason for one in tracked.estimate.unlearnt)
         values['not observable'] = reasons[:_LONGEST]

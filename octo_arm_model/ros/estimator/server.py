@@ -175,6 +175,12 @@ class EstimatorServer:
             self._refuse(topic, error)
             return
         self._newest = max(self._newest, at)
+        if tracked.begins_anew:
+            self._node.get_logger().warning(
+                f'{topic}: the estimate begins anew: sensors have contradicted it for '
+                f'{prepared.settings.recover_after:g} s, and agree with each other '
+                '(estimator.recover_after)'
+            )
         outbox.describe(prepared.models[tracked.hypothesis].solver, prepared.config)
         outbox.publish(tracked.estimate, self._newest)
         self._diagnostics.answered(tracked.estimate.backbone, duration)

@@ -368,3 +368,20 @@ def test_rviz_sees_the_tube_and_the_arrow(client):
 
     found = client.wait(seen, 'an arrow')
     assert {'body', 'tendons', 'covariance', 'cone'} <= found.keys()
+
+
+def test_an_arm_that_moved_faster_than_told_is_found_again(client):
+    """After `estimator.recover_after` of refused readings it begins anew, and says so."""
+    client.measure(1000.0 + 0.05 * np.arange(6))
+    client.tensions, client.force = TENSIONS + [1.5, 0.0, 0.0, 0.0], FORCE
+    client.measure(1000.3 + 0.05 * np.arange(4))
+    _, values = client.status('estimate')
+    assert values['restarts'] == '0' and int(values['tensions refused']) == 4
+    # It was refused first at 1000.3.
+    client.measure(1000.8 + 0.1 * np.arange(8))
+    client.log('/tendon_tensions: the estimate begins anew')
+    _, values = client.status('estimate')
+    assert values['restarts'] == '1'
+    assert_is_true(client)
+    found = client.newest('tendon_tension_estimates')
+    np.testing.assert_allclose(found.tension, client.tensions, atol=0.05)
