@@ -239,6 +239,9 @@ def test_derivatives_come_out_as_with_numpy(arm: Arm, law: str, loads: Loads) ->
         compared += 1
         for name in vars(quick):
             a, b = getattr(quick, name), getattr(slow, name)
+            assert (a is None) == (b is None) == (name == 'tendon_tension')
+            if a is None:
+                continue
             assert a.shape == b.shape
             np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-10 * np.abs(b).max())
     assert compared == 6
