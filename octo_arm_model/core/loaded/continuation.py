@@ -18,11 +18,13 @@ _SMALLEST_STEP = 1e-3
 # Where the corrections after Newton's first step turn the arm by more than this [rad], they may
 # have left its branch of equilibria: a smaller load step follows the branch more closely.
 STRAY = 0.25
-_WELCOME = 0.1  # correction that load steps are chosen for [rad]
+_USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
 _PER_DESCENT = 200
 _BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
-_NUDGE = 0.02  # perturbation of an unstable equilibrium [rad]
-_HEAVY, _LIGHT, _HEAVIEST = 4.0, 1e-2, 1e9  # damping, in parts of the stiffness of the sections
+_PERTURBATION = 0.02  # of an unstable equilibrium [rad]
+# Damping, in parts of the stiffness of the sections: the first, the least that it is raised to and
+# the largest; and by how much it is raised.
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-2, 1e9, 4.0
 
 
 def follow(
@@ -95,7 +97,7 @@ def _growth(strayed: float) -> float:
 
     That correction grows with the square of the step.
     """
-    return min(max(math.sqrt(_WELCOME / max(strayed, 1e-9)), 0.1), 2.5)
+    return min(max(math.sqrt(_USUAL_CORRECTION / max(strayed, 1e-9)), 0.1), 2.5)
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:
@@ -117,7 +119,7 @@ def _levenberg_marquardt(
         ContinuationError: if it would take more than there is to spend.
     """
     state = problem.state(condition, shape)
-    damping = _HEAVY
+    damping = _FIRST_DAMPING
     for _ in range(_PER_DESCENT):
         spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
@@ -125,11 +127,11 @@ def _levenberg_marquardt(
             if stability.softest_mode is None:
                 return state
             # Unstable equilibrium: perturb along the softest mode, in either direction.
-            nudged = problem.moved(state.shape, stability.softest_mode, _NUDGE)
-            state, damping = problem.state(condition, nudged), _HEAVY
-        if damping > _HEAVIEST:
+            perturbed = problem.moved(state.shape, stability.softest_mode, _PERTURBATION)
+            state, damping = problem.state(condition, perturbed), _FIRST_DAMPING
+        if damping > _MOST_DAMPING:
             break
-        heavier = max(_HEAVY * damping, _LIGHT)
+        heavier = max(_RAISED * damping, _LEAST_DAMPING)
         try:
             step = newton_step(problem, problem.linearised(state, damping), state)
             new = problem.state(condition, problem.moved(state.shape, step))
@@ -146,6 +148,6 @@ def _levenberg_marquardt(
             continue
         # Where the energy still falls at its end, the step could have been longer.
         damping *= 0.25 if left > 0.25 * down else 0.5
-        damping = damping if damping > 0.1 * _LIGHT else 0.0
+        damping = damping if damping > 0.1 * _LEAST_DAMPING else 0.0
         state = new
     raise _unbalanced(state, _PER_DESCENT)
