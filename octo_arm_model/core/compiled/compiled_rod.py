@@ -14,7 +14,7 @@ from octo_arm_model.core.compiled.numba_build import (
     newton,
     read_rod,
 )
-from octo_arm_model.core.compiled.rod_tables import parameter_tables, rod_tables
+from octo_arm_model.core.compiled.rod_tables import RodTables, parameter_tables, rod_tables
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
@@ -44,6 +44,12 @@ class CompiledRod:
         self._find_turn, self._find_minima = find_turn(), find_minima()
         self._minimum = rod.minimum  # which says why there is none
 
+    @property
+    def tables(self) -> RodTables:
+        """Of the rod."""
+        tables: RodTables = self._tables
+        return tables
+
     def frames(self, angular: FloatArray) -> Quaternions:
         """`Frames` of the rod."""
         turn = np.zeros((4, angular.shape[1]))
@@ -51,7 +57,7 @@ class CompiledRod:
         twist[:3] = angular
         turn[0] = 1.0
         self._find_turn(self._tables, twist, turn)
-        return _quaternions(turn)
+        return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the rod.
@@ -89,7 +95,7 @@ class CompiledRod:
         self._check(
             self._differentiate(
                 self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
-                _state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
+                state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
         )  # fmt: skip
         return pose, strain, length
@@ -101,7 +107,7 @@ class CompiledRod:
         self._check(
             self._differentiate_tip(
                 self._tables, self._parameters, np.array(tensions), np.array(condition.tip_wrench),
-                _state_of(shape), tip,
+                state_of(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -113,7 +119,7 @@ class CompiledRod:
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        state = _state_of(shape)
+        state = state_of(shape)
         compliance, change = np.empty((6, 6)), np.empty((*state.twist.shape, 6))
         residual, iterations, strayed, sign, is_definite = self._newton(
             self._tables, np.array(condition.tensions), np.array(condition.tip_wrench),
@@ -122,7 +128,7 @@ class CompiledRod:
         rotation = state.rotation
         found = State(
             condition,
-            Shape(state.twist, _quaternions(state.turn)),
+            Shape(state.twist, quaternions_of(state.turn)),
             rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
             state.imbalance, state.hessian, residual,
         )  # fmt: skip
@@ -132,7 +138,7 @@ class CompiledRod:
         return Iterate(found, iterations, strayed, answer)
 
 
-def _state_of(shape: Shape) -> RodState:
+def state_of(shape: Shape) -> RodState:
     """Room for a state, of which ``shape`` is known."""
     state = empty_state(shape.twist.shape[1])
     a, b = shape.orientation
@@ -141,6 +147,6 @@ def _state_of(shape: Shape) -> RodState:
     return state
 
 
-def _quaternions(turn: FloatArray) -> Quaternions:
+def quaternions_of(turn: FloatArray) -> Quaternions:
     """Of components w, x, y, z (4, points)."""
     return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])

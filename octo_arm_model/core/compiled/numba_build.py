@@ -38,6 +38,7 @@ from octo_arm_model.core.compiled import (
     sensitivity_kernels,
     sheath_kernels,
     sliding_kernels,
+    sliding_rod_kernels,
     start_kernels,
     state_kernels,
     system_kernels,
@@ -63,8 +64,8 @@ _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
-    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    winding_kernels, sensitivity_kernels,
+    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, sliding_rod_kernels,
+    length_kernels, winding_kernels, sensitivity_kernels,
 )  # fmt: skip
 
 
@@ -118,6 +119,19 @@ def find_sliding_shapes() -> Callable[..., int]:
         functools.partial(_entry, function=sliding_kernels.find_sliding_shapes),
         (no_friction(), grid, tensions, table, False, *shapes, table, np.zeros((0, 0, 0))),
     )
+
+
+@functools.cache
+def find_sliding_balance() -> Callable[..., tuple[int, float]]:
+    """`sliding_rod_kernels.find_sliding_balance`, compiled; raises as `find_shapes`."""
+    table = np.zeros((0, 0))
+    return _made(
+        functools.partial(_entry, function=sliding_rod_kernels.find_sliding_balance),
+        (
+            no_rod(), no_friction(), np.zeros(0), table, np.zeros(6), 1.0, 1.0,
+            state_kernels.empty_state(0), table,
+        ),
+    )  # fmt: skip
 
 
 @functools.cache
@@ -248,8 +262,9 @@ def make_all() -> dict[str, Any]:
     if not is_available():
         return {}
     made = (
-        find_shapes, find_exact_shapes, read_out, find_sliding_shapes, find_lengths, wind, newton,
-        read_rod, find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
+        find_shapes, find_exact_shapes, read_out, find_sliding_shapes, find_sliding_balance,
+        find_lengths, wind, newton, read_rod, find_turn, find_minima, evaluate_sections,
+        differentiate, differentiate_tip,
     )  # fmt: skip
     return {one.__name__: one() for one in made}
 
