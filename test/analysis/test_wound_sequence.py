@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements

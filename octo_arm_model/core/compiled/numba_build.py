@@ -64,8 +64,8 @@ _OWN = 'octo_arm_model.'
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
-    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, sliding_rod_kernels,
-    length_kernels, winding_kernels, sensitivity_kernels,
+    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels,
+    sliding_rod_kernels, length_kernels, winding_kernels, sensitivity_kernels,
 )  # fmt: skip
 
 
