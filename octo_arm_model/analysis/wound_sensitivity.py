@@ -13,7 +13,7 @@ import numpy as np
 from octo_arm_model.analysis.winding import Wound, displacement_change, displacements_by_tension
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 from octo_arm_model.core.solver import Solver
 
 
@@ -32,6 +32,15 @@ class WoundSensitivity:
     by_displacement: Change
     tension: FloatArray
     held: Sensitivity
+
+    def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+
+        Raises:
+            ConfigError: if the model has no derivative by something that is uncertain.
+        """
+        tip = uncertainty.displacement * self.by_displacement.tip
+        return self.held.tip_covariance(uncertainty) + tip @ tip.T
 
 
 def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:

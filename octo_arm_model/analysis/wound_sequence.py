@@ -103,5 +103,5 @@ class WoundSequence:
         self._last = wound
         covariance = np.zeros((6, 6))
         if uncertainty.is_any:
-            covariance = wound_sensitivity(solver, wound).held.tip_covariance(uncertainty)
+            covariance = wound_sensitivity(solver, wound).tip_covariance(uncertainty)
         return Answer(wound.backbone, covariance)

@@ -91,7 +91,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
 
 
 def build_uncertainty(given: Values) -> Uncertainty:
-    """Standard deviations of tensions, material and tendon offsets.
+    """Standard deviations of tensions, displacements, material and tendon offsets.
 
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
@@ -99,6 +99,7 @@ def build_uncertainty(given: Values) -> Uncertainty:
     deviations = {}
     for name, parameter, unit in (
         ('tension', 'tension_stddev', 'N'),
+        ('displacement', 'displacement_stddev', 'm'),
         ('youngs_modulus', 'material.youngs_modulus_stddev', '-'),
         ('poisson_ratio', 'material.poisson_ratio_stddev', '-'),
         ('offset', 'tendons.offset_stddev', 'm'),

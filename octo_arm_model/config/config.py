@@ -48,7 +48,7 @@ class Config:
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
-        uncertainty: standard deviations of tensions, material and tendon offsets.
+        uncertainty: standard deviations of tensions, displacements, material and tendon offsets.
         friction_memory: gap between tensions after which the history of tendons with friction is
             forgotten [s]; 0 for never.
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.

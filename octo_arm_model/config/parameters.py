@@ -165,6 +165,9 @@ PARAMETERS = (
               'of a simulated one [s]', 0.1, range='>= 0'),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),
+    Parameter('displacement_stddev', float,
+              'standard deviation of every displacement of tendons that are driven by length [m]',
+              0.0, range='>= 0'),
     Parameter('model_error_stddev', float,
               'standard deviation of each coordinate of the tip by the error of the model, in '
               'parts of the length [-]; that of its rotation is twice as many [rad]', 0.0,

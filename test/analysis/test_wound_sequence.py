@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from differences import jacobian
 
-from octo_arm_model import Config, Solver, solve_displacements
+from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
 from octo_arm_model.analysis.wound_sequence import WoundSequence
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.friction_memory import FrictionMemory
@@ -131,3 +132,25 @@ def test_tensions_go_on_from_what_lengths_left(rubbing: Config) -> None:
     found = follow(1, tensions=LOW, displacements={})
     expected = solver.follow(LOW, held)
     np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9)
+
+
+def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Config) -> None:
+    config = dataclasses.replace(
+        prototype, model='exact', uncertainty=Uncertainty(displacement=2e-4)
+    )
+    solver, winding = config.solver(), WoundSequence(FrictionMemory())
+    names, lengths = prototype.arm.tendon_names[:2], np.array([0.010, 0.004])
+
+    def tip(x: np.ndarray) -> np.ndarray:
+        return solve_displacements(solver, dict(zip(names, x.tolist()))).backbone.tip
+
+    given = dict(zip(names, lengths.tolist()))
+    found = winding.answer(solver, config, None, 0, displacements=given)
+    moved = 2e-4 * jacobian(tip, lengths, 1e-5)
+    expected = moved @ moved.T
+    np.testing.assert_allclose(
+        found.covariance[:3, :3], expected, rtol=0.0, atol=1e-6 * np.abs(expected).max()
+    )
+    # Of tensions it says nothing.
+    found = winding.answer(solver, config, None, 1, tensions=HIGH, displacements={})
+    assert not found.covariance.any()

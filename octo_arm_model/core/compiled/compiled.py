@@ -17,6 +17,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_exact_shapes,
     find_minima,
     find_shapes,
+    find_sliding_balance,
     find_turn,
     newton,
     read_out,
@@ -28,6 +29,7 @@ from octo_arm_model.core.compiled.section_tables import (
     exact_tables,
     section_tables,
 )
+from octo_arm_model.core.compiled.sliding_rod import SlidingRod
 from octo_arm_model.core.compiled.tables import (
     GridTables,
     PapersTables,
@@ -76,6 +78,10 @@ class Compiled:
             isinstance(statics, Exact) and statics.slides
         ):
             self._sliding = CompiledSliding(statics, self._grid)
+            if isinstance(statics, Exact):
+                _make_loaded()
+                find_sliding_balance()
+                statics.use(_speed_up_sliding)
         elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
             self._find_shapes = find_shapes()
@@ -84,12 +90,7 @@ class Compiled:
             assert isinstance(statics, Exact)
             self._find_shapes = find_exact_shapes()
             self._tables = own(exact_tables(statics))
-            # Compiled here where it is not kept, not in the middle of the first loaded solve.
-            for made in (
-                newton, read_rod, find_turn, find_minima, evaluate_sections, differentiate,
-                differentiate_tip,
-            ):  # fmt: skip
-                made()
+            _make_loaded()
             statics.use(_speed_up)
 
     def read_out(
@@ -140,6 +141,22 @@ class Compiled:
             self._tables, self._grid, tensions, results.twist, strains, *arrays
         )
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
+
+
+def _make_loaded() -> None:
+    """Compile what is not kept here, not in the middle of the first loaded solve."""
+    for made in (
+        newton, read_rod, find_turn, find_minima, evaluate_sections, differentiate,
+        differentiate_tip,
+    ):  # fmt: skip
+        made()
+
+
+def _speed_up_sliding(rod: LoadedRod) -> None:
+    """Have a ``rod`` whose tendons have friction iterate in machine code; see `SlidingRod`."""
+    if not rod.equilibrium.loads.others:
+        sliding = SlidingRod(rod)
+        rod.newton, rod.equilibrium.frames = sliding.newton, sliding.frames
 
 
 def _speed_up(rod: LoadedRod) -> None:

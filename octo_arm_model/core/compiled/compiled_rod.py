@@ -36,7 +36,7 @@ class CompiledRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._known_tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
+        self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
         self._loads = rod.equilibrium.loads
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._newton, self._read_out = newton(), read_rod()
@@ -45,12 +45,12 @@ class CompiledRod:
         self._minimum = rod.minimum  # which says why there is none
 
     @property
-    def _tables(self) -> RodTables:
+    def tables(self) -> RodTables:
         """The rod, under loads as large as they are now."""
         if self._loads.scaled is not None:
             dead = self._loads.dead
-            self._known_tables.force[:], self._known_tables.moment[:] = dead.force, dead.moment
-        return self._known_tables
+            self._tables.force[:], self._tables.moment[:] = dead.force, dead.moment
+        return self._tables
 
     def frames(self, angular: FloatArray) -> Quaternions:
         """`Frames` of the rod."""
@@ -58,8 +58,8 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self._tables, twist, turn)
-        return _quaternions(turn)
+        self._find_turn(self.tables, twist, turn)
+        return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the rod.
@@ -67,7 +67,7 @@ class CompiledRod:
         Raises:
             SolveError: if there is none.
         """
-        sections = self._tables.sections
+        sections = self.tables.sections
         twist = np.empty((4, sections.axial.size))
         _, steps = self._find_minima(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
@@ -77,10 +77,10 @@ class CompiledRod:
         count = self._stations
         twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
         quaternion = np.empty((count, 4))
-        balanced, condition = _state_of(state.shape), state.condition
+        balanced, condition = state_of(state.shape), state.condition
         balanced.rotation[:], balanced.force[:] = state.rotation, state.force
         self._read_out(
-            self._tables, own(condition.tensions), own(condition.tip_wrench), balanced,
+            self.tables, own(condition.tensions), own(condition.tip_wrench), balanced,
             twist, position, quaternion,
         )  # fmt: skip
         return twist, position, quaternion
@@ -96,8 +96,8 @@ class CompiledRod:
         length = np.empty((tensions.size, columns))
         self._check(
             self._differentiate(
-                self._tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                _state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
+                self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
+                state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
         )  # fmt: skip
         return pose, strain, length
@@ -108,8 +108,8 @@ class CompiledRod:
         tip = np.empty((6, 2 * tensions.size + 2))
         self._check(
             self._differentiate_tip(
-                self._tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                _state_of(shape), tip,
+                self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
+                state_of(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -121,16 +121,16 @@ class CompiledRod:
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        state = _state_of(shape)
+        state = state_of(shape)
         compliance, change = np.empty((6, 6)), np.empty((*state.twist.shape, 6))
         residual, iterations, strayed, sign, is_definite = self._newton(
-            self._tables, own(condition.tensions), own(condition.tip_wrench),
+            self.tables, own(condition.tensions), own(condition.tip_wrench),
             float(condition.factor), tolerance, state, compliance, change,
         )  # fmt: skip
         rotation = state.rotation
         found = State(
             condition,
-            Shape(state.twist, _quaternions(state.turn)),
+            Shape(state.twist, quaternions_of(state.turn)),
             rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
             state.imbalance, state.hessian, residual,
         )  # fmt: skip
@@ -140,14 +140,14 @@ class CompiledRod:
         return Iterate(found, iterations, strayed, answer)
 
 
-def _state_of(shape: Shape) -> RodState:
+def state_of(shape: Shape) -> RodState:
     """Room for a state, of which ``shape`` is known."""
     state = empty_state(shape.twist.shape[1])
     state.twist[:], state.turn[:] = shape.twist, _turn(shape.orientation)
     return state
 
 
-def _quaternions(turn: FloatArray) -> Quaternions:
+def quaternions_of(turn: FloatArray) -> Quaternions:
     """Of components w, x, y, z (4, points)."""
     return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])
 

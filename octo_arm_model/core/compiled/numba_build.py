@@ -24,6 +24,7 @@ from octo_arm_model.core.compiled import (
     section_kernels,
     sensitivity_kernels,
     sliding_kernels,
+    sliding_rod_kernels,
     state_kernels,
     winding_kernels,
 )
@@ -66,6 +67,10 @@ find_exact_shapes = _made(exact_kernels.find_exact_shapes, no_exact(), no_grid()
 find_sliding_shapes = _made(
     sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,
     _TABLE, np.zeros((0, 0, 0)),
+)  # fmt: skip
+find_sliding_balance = _made(
+    sliding_rod_kernels.find_sliding_balance, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0,
+    1.0, _STATE, _TABLE,
 )  # fmt: skip
 read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
 find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)

@@ -131,6 +131,38 @@ def slide(
     return np.inf, -1, False
 
 
+def slide_along(
+    tables: FrictionTables, tensions: FloatArray, before: FloatArray, is_first: bool,
+    twist: FloatArray, angle: FloatArray, slip: FloatArray,
+) -> float:  # fmt: skip
+    """Fill in the tensions at the points, of an arm of ``twist`` (4, points), and the ``slip``.
+
+    ``angle`` (tendons, points) is what tendons have turned by with the tensions that led to that
+    twist, and becomes what `improve` makes of it; unless it ``is_first``, that by the twist alone.
+
+    Returns:
+        The largest change of the angle.
+    """
+    pulled, largest = np.flatnonzero(tensions), 0.0
+    kept, count = np.empty_like(angle), twist.shape[1]
+    rate, turned = np.empty(count), np.empty(count)
+    for tendon in pulled:
+        find_turning(tables, twist, tendon, rate, turned)
+        if is_first:
+            largest = np.inf
+            angle[tendon] = turned
+            continue
+        for i in range(count):
+            kept[tendon, i] = np.exp(-tables.coefficient[tendon] * angle[tendon, i])
+        change = improve(
+            tables, tendon, False, kept[tendon], slip[tendon], rate, turned, angle[tendon]
+        )
+        largest = max(largest, change) if np.isfinite(change) else np.inf
+    tables.sections.transmission[:] = 0.0
+    find_tensions(tables, tensions, before, pulled, angle, kept, slip)
+    return largest
+
+
 def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
     """Whether points resolve ``twist`` and tensions along tendons, as `LoadedRod.resolves_twist`.
 

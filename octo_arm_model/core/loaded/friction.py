@@ -63,12 +63,12 @@ class Sliding(NamedTuple):
     Attributes:
         tensions: of every tendon [N].
         slip: -1 where it is drawn in, 1 where it is let out and 0 where it sticks.
-        turning: how it turns.
+        turning: how it turns; None where machine code has found the others.
     """
 
     tensions: FloatArray
     slip: FloatArray
-    turning: Turning
+    turning: Turning | None = None
 
     @property
     def sticks(self) -> bool:

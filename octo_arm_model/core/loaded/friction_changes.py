@@ -33,9 +33,10 @@ class FrictionChanges:
 
     def __init__(self, friction: Friction, sliding: Sliding, twist: FloatArray) -> None:
         """Of tendons that are ``sliding`` along one arm of ``twist`` (n, points)."""
-        self._friction, self._sliding = friction, sliding
+        self._friction, self._slip = friction, sliding.slip
         self.tensions = sliding.tensions
         self._twist, energy = twist[:, np.newaxis], friction.energy
+        self._turning = sliding.turning or friction.turning(self._twist, sliding.tensions)
         self._strain = to_scaled(energy.law, self._twist)
         self._condensed: Condensed | None = energy.condensed(self._strain, sliding.tensions)
         self._sections = energy if self._condensed is None else self._condensed.sections
@@ -49,7 +50,7 @@ class FrictionChanges:
             direction += self._by_pull(
                 found, np.einsum('aijn,icn->ajcn', found.mixed[..., 0, :], scaled)
             )
-        turned = cross(change[:3, np.newaxis], self._sliding.turning.tangents.unit)
+        turned = cross(change[:3, np.newaxis], self._turning.tangents.unit)
         return self._by_direction(direction, turned)
 
     def by_tension(self, change: FloatArray) -> FloatArray | float:
@@ -63,12 +64,12 @@ class FrictionChanges:
         """Per newton of each tendon's tension at the base, (tendons, points)."""
         count = self._friction.coefficient.size
         slips = self._friction.energy.local_tensions(np.ones((1, count))) * (self._slip != 0.0)
-        angle = self._sliding.turning.angle
+        angle = self._turning.angle
         return np.asarray((slips * np.exp(self._slip * self._friction.mu * angle))[:, 0])
 
     def by_coefficient(self) -> FloatArray:
         """Per unit of each tendon's mu, (tendons, points)."""
-        return np.asarray((self._slip * self._sliding.turning.angle * self.tensions)[:, 0])
+        return np.asarray((self._slip * self._turning.angle * self.tensions)[:, 0])
 
     def by_offset(self, parameters: ParameterDerivatives) -> FloatArray:
         """Per metre of each tendon's distance from the midline, (tendons, points)."""
@@ -98,7 +99,7 @@ class FrictionChanges:
         for what, bad in (
             ('sticks', slip == 0.0),
             ('slips both ways', pulled & (slip != slip[:, :1])),
-            ('is straight', pulled & (self._sliding.turning.rate[:, 0] <= straight)),
+            ('is straight', pulled & (self._turning.rate[:, 0] <= straight)),
         ):
             if bad.any():
                 tendon, point = np.unravel_index(int(np.argmax(bad)), bad.shape)
@@ -107,10 +108,6 @@ class FrictionChanges:
                     f'{tensions[tendon]:.4g} N {what} at s = {own.s[point]:.4g} m, '
                     'expected one that slides and turns all along'
                 )
-
-    @property
-    def _slip(self) -> FloatArray:
-        return self._sliding.slip
 
     def _by_pull(self, found: Condensed, by_offset: FloatArray) -> FloatArray:
         """Change of u where the pull on tendons in their sheaths changes by ``by_offset``.
@@ -127,7 +124,7 @@ class FrictionChanges:
 
         And of how cross sections turn along it, ``turned`` (likewise) [1/m].
         """
-        friction, turning = self._friction, self._sliding.turning
+        friction, turning = self._friction, self._turning
         moved = turning.tangents.turned(change)
         slope, kinks = friction.slope(moved)
         bends = np.stack(curvature(*self._twist[:3], *moved, *slope)) + turned

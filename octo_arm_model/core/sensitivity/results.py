@@ -52,6 +52,7 @@ class Uncertainty:
         offset: of every tendon's distance from the midline [m].
         model_position: of each coordinate of the tip, by the error of the model [m].
         model_rotation: of each component of its rotation vector, likewise [rad].
+        displacement: of every displacement of a tendon that is driven by length [m].
     """
 
     tension: float = 0.0
@@ -60,6 +61,7 @@ class Uncertainty:
     offset: float = 0.0
     model_position: float = 0.0
     model_rotation: float = 0.0
+    displacement: float = 0.0
 
     @functools.cached_property
     def is_any(self) -> bool:
@@ -69,7 +71,7 @@ class Uncertainty:
     def tip_covariance(self, tip_by: TipBy) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
-        Only what is uncertain is asked of ``tip_by``.
+        Only what is uncertain is asked of ``tip_by``. That of displacements comes besides.
 
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.

@@ -12,7 +12,18 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import fractions, loaded_arms
 
-from octo_arm_model import Arm, Backbone, Body, Config, Material, Section, SolveError, Solver
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    Loads,
+    Material,
+    PointLoad,
+    Section,
+    SolveError,
+    Solver,
+)
 from octo_arm_model.core.compiled.numba_build import is_available
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
@@ -103,3 +114,56 @@ def test_where_machine_code_fails_numpy_says_why(table4: Config) -> None:
     solver = Solver(arm, 'closed_form', compiled=True)
     with pytest.raises(SolveError, match='compress the arm to nothing'):
         solver.solve(np.full((3, 4), 50.0))
+
+
+# Under loads ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
+def test_machine_code_pulls_and_releases_under_loads_as_numpy_does(material: str) -> None:
+    arm = helical_arm(friction=(0.05, 0.4, 0.2, 0.0, 0.3, 0.1))
+    loads = Loads(gravity=(0.0, 0.0, -9.81), points=(PointLoad(0.2, force=(0.01, 0.02, 0.0)),))
+    machine, plain = (
+        Solver(arm, 'exact', 41, material=material, loads=loads, compiled=compiled)
+        for compiled in (True, False)
+    )
+    one = other = None
+    for part in (1.0, 0.7, 0.75, 0.2, 0.0, 0.4):
+        one, other = machine.follow(part * HELICAL, one), plain.follow(part * HELICAL, other)
+        assert_same(one, other, arm.length)
+        one, other = other, one
+    wrench = [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
+    one, other = (
+        solver.follow(HELICAL, last, wrench) for solver, last in ((machine, one), (plain, one))
+    )
+    assert_same(one, other, arm.length)
+
+
+@settings(max_examples=15, deadline=None)
+@given(loaded_arms(2), fractions(0.01, 0.6), fractions(0.0, 1.0), fractions(-1.0, 1.0))
+def test_machine_code_follows_any_arm_under_loads_as_numpy_does(
+    case: tuple[Arm, np.ndarray], friction: float, part: float, pushed: float
+) -> None:
+    arm, tensions = case
+    rough = dataclasses.replace(arm, friction=(friction,))
+    force = 0.3 * pushed * float(np.max(tensions)) * np.array([0.1, 1.0, -0.5])
+    plain = Solver(rough, 'exact', 41)
+    try:
+        pulled = plain.solve(tensions, [*force, 0.0, 0.0, 0.0])
+        released = plain.follow(part * tensions, pulled, [*force, 0.0, 0.0, 0.0])
+    except SolveError:
+        assume(False)
+    machine = Solver(rough, 'exact', 41, compiled=True)
+    assert_same(machine.solve(tensions, pulled.tip_wrench), pulled, arm.length)
+    assert_same(machine.follow(part * tensions, pulled, pulled.tip_wrench), released, arm.length)
+
+
+def test_derivatives_under_loads_of_what_machine_code_has_found() -> None:
+    arm = helical_arm(friction=6 * (0.2,))
+    wrench = [0.01, 0.0, 0.02, 0.0, 0.0, 0.0]
+    found, plain = (Solver(arm, 'exact', 41, compiled=compiled) for compiled in (True, False))
+    got, expected = (
+        solver.sensitivity(solver.solve(HELICAL, wrench)).by_friction for solver in (found, plain)
+    )
+    assert got is not None and expected is not None
+    np.testing.assert_allclose(got.pose, expected.pose, rtol=0.0, atol=1e-9)
