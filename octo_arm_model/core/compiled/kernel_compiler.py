@@ -34,6 +34,7 @@ from octo_arm_model.core.compiled import (
     sensitivity_kernels,
     sheath_kernels,
     sliding_kernels,
+    sliding_rod_kernels,
     start_kernels,
     state_kernels,
     system_kernels,
@@ -57,7 +58,7 @@ _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
     dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    winding_kernels, sensitivity_kernels,
+    sliding_rod_kernels, winding_kernels, sensitivity_kernels,
 )  # fmt: skip
 
 
