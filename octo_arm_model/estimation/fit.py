@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
@@ -226,9 +227,7 @@ class _Posterior:
         multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
         count = x.size
         bent = (multiplier @ local.second.reshape(-1, count * count)).reshape(count, count)
-        parts, axes = np.linalg.eigh(by.root.T @ bent @ by.root)
-        change = solve_lower(by.root, wanted - x)
-        change = axes @ ((axes.T @ change) / (1.0 - np.minimum(parts, _BENT)))
+        change = _stiffened(by.root.T @ bent @ by.root, solve_lower(by.root, wanted - x))
         wanted = x + by.root @ change
         new = nearest_possible(self._model, Belief(x, by.root), wanted)
         if new is not wanted:
@@ -237,6 +236,18 @@ class _Posterior:
         size = math.sqrt(float(change @ change) / count)
         cost = self.square(x, left) + self._weight * log_determinant(by.innovation_root)
         return _Step(x, new, size, by, innovation, square, cost)
+
+
+def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
+    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`."""
+    stiffness = np.eye(change.size) - bent
+    is_stiff = dpotrf(stiffness - (1.0 - _BENT) * np.eye(change.size), lower=1)[1] == 0
+    if is_stiff:
+        # By Cholesky: eigenvalues take longer, and much longer where threads of LAPACK wait.
+        root = np.ascontiguousarray(dpotrf(stiffness, lower=1)[0])
+        return solve_lower(root, solve_lower(root, change), is_transposed=True)
+    parts, axes = np.linalg.eigh(bent)
+    return np.asarray(axes @ ((axes.T @ change) / (1.0 - np.minimum(parts, _BENT))))
 
 
 def nearest_possible(model: ArmModel, belief: Belief, mean: FloatArray) -> FloatArray:

@@ -121,7 +121,8 @@ class ArmModel:
             OctoArmError: as `Solver.solve`.
         """
         ratio = self._set_magnitudes(x)
-        tensions = x[self.state.tension].reshape(self.arm.tension_shape) / ratio
+        along = x[self.state.tension] * self._transmitted(x)
+        tensions = along.reshape(self.arm.tension_shape) / ratio
         wrench = self.tip_wrench(x)
         return self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
 
@@ -133,12 +134,20 @@ class ArmModel:
         """
         ratio, state = self._set_magnitudes(x), self.state
         by = self.solver.sensitivity(backbone)
-        parts = [(state.tension, by.by_tension, slice(None), ratio)]
+        transmitted = self._transmitted(x)
+        parts: list[tuple[slice, Change, slice, FloatArray | float]] = [
+            (state.tension, by.by_tension, slice(None), ratio / transmitted),
+        ]
         if any(self._wrench_parts):
             assert by.by_tip_wrench is not None
             parts.append((state.tip_force, by.by_tip_wrench, slice(0, 3), ratio))
             parts.append((state.tip_moment, by.by_tip_wrench, slice(3, 6), ratio))
         parts.append((state.log_modulus, by.by_youngs_modulus, slice(None), 1.0))
+        if state.tension_loss.stop > state.tension_loss.start:
+            # A slack tendon has none to lose.
+            with np.errstate(divide='ignore'):
+                unit = -ratio / (transmitted * x[state.tension])
+            parts.append((state.tension_loss, by.by_tension, slice(None), unit))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
             where = slice(state.point_forces.start, state.current.stop)
@@ -158,6 +167,11 @@ class ArmModel:
         """``backbone`` with the tensions and the wrench on the tip of ``x``."""
         tensions = x[self.state.tension].reshape(self.arm.tension_shape)
         return dataclasses.replace(backbone, tensions=tensions, tip_wrench=self.tip_wrench(x))
+
+    def _transmitted(self, x: FloatArray) -> FloatArray | float:
+        """Tension along every tendon over that at the base."""
+        loss = self.state.tension_loss
+        return np.exp(-x[loss]) if loss.stop > loss.start else 1.0
 
     def _set_magnitudes(self, x: FloatArray) -> float:
         """Make the loads those of ``x``; returns the ratio of the stiffnesses."""

@@ -85,6 +85,9 @@ class Unknowns:
         current: each component of the pressure of a uniform current [Pa]: a dead force per
             reference length, pressure times diameter, whatever the inclination of the arm.
         log_modulus: logarithm of E over that of the arm's description [-].
+        tension_loss: of every tendon, logarithm of its tension at the base over the one constant
+            tension along the arm that does as much, which friction makes less where it is drawn in
+            and more where it is let out [-].
     """
 
     tension: Walk
@@ -94,6 +97,7 @@ class Unknowns:
     point_forces: tuple[PointForce, ...] = ()
     current: Walk | None = None
     log_modulus: Walk | None = None
+    tension_loss: Walk | None = None
 
 
 class State:
@@ -105,8 +109,8 @@ class State:
         size: how many they are.
         shapes: whether the shape depends on a component, (n,).
         shaping: numbers of those on which it does.
-        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus: where
-            each is in the vector; empty slices for what is not estimated.
+        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
+        tension_loss: where each is in the vector; empty slices for what is not estimated.
     """
 
     def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
@@ -132,6 +136,7 @@ class State:
         self.point_forces = slice(start, len(self.names))
         self.current = self._add('current', unknowns.current, _AXES)
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
+        self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
         self.size = len(self.names)
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
