@@ -13,6 +13,7 @@ CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
+TURNED = 1.5  # [rad] by which a tendon turns up to where its friction counts on average
 PREFIX = 'estimator.'
 
 ESTIMATOR_PARAMETERS = (
@@ -48,6 +49,10 @@ ESTIMATOR_PARAMETERS = (
               'nothing', 0.0, range='>= 0'),
     Parameter('estimator.tension_bias_rate', float,
               'standard deviation of its change in a second [N]', 0.0, range='>= 0'),
+    Parameter('estimator.tension_loss_stddev', float,
+              'standard deviation of the logarithm of the tension of each tendon at the base over '
+              'that along the arm, as friction changes it, with the correlation time force_time '
+              f'[-]; 0 for {TURNED:g} rad times tendons.friction', 0.0, range='>= 0'),
     Parameter('estimator.displacement_stddev', float,
               'standard deviation of tendon_displacements [m]', 2e-4, range='> 0'),
     Parameter('estimator.marker_s', float,

@@ -22,6 +22,7 @@ from octo_arm_model.estimation.parameters import (
     MAX_PLACES,
     PLACES,
     PREFIX,
+    TURNED,
 )
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
@@ -187,6 +188,11 @@ def _unknowns(
     if given['tension_bias_stddev']:
         bias = given['tension_bias_stddev'], given['tension_bias_rate']
         fixed['tension_bias'] = Walk(*bias)
+    loss = given['tension_loss_stddev'] or TURNED * max(arm.friction, default=0.0)
+    if loss:
+        fixed['tension_loss'] = Walk.stationary(loss, time)
+        if not given['tension_loss_stddev']:
+            notes.append(f'friction may hold back {loss:.3g} of each tension')
     if config.uncertainty.youngs_modulus:
         fixed['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
     if given['contact'] == 'none':

@@ -189,7 +189,7 @@ def test_forces_take_a_model_with_loads() -> None:
 
 def test_what_is_no_function_of_the_state_is_refused() -> None:
     unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
-    with pytest.raises(ConfigError, match='friction'):
+    with pytest.raises(ConfigError, match='friction, expected an unknown tension_loss'):
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
     with pytest.raises(ConfigError, match='sheath_stiffness'):
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)

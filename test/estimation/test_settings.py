@@ -8,7 +8,7 @@ import pytest
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
@@ -113,10 +113,17 @@ def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
         settings(**values)
 
 
-def test_friction_is_refused() -> None:
+def test_friction_makes_the_loss_of_tension_unknown() -> None:
     rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
-    with pytest.raises(ConfigError, match='friction of tendons is not covered'):
-        settings(rough).models(rough)
+    found = settings(rough)
+    (model,) = found.models(rough).values()
+    loss = model.state.unknowns.tension_loss
+    assert loss is not None and loss.stddev == pytest.approx(0.15)
+    assert any('friction may hold back 0.15 of each tension' in note for note in found.notes)
+    # Without friction there is one where it is asked for.
+    given = settings(tension_loss_stddev=0.02).unknowns['tip'].tension_loss
+    assert given is not None and given.stddev == 0.02
+    assert settings().unknowns['tip'].tension_loss is None
 
 
 def test_every_parameter_has_its_group_and_a_default_of_its_type() -> None:
