@@ -30,17 +30,24 @@ from octo_arm_model.estimation.measurements import Markers, Measurement, Tension
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
-STEPS, SEEDS = (4, 1) if IS_BRIEF else (400, 4)
+STEPS, SEEDS = (4, 1) if IS_BRIEF else (300, 4)
 SETTLED = 0 if IS_BRIEF else 20  # steps that do not count
 PERIOD = 0.05  # [s]
 STATIONS, MARKED = 46, [15, 30]
 ARM = load_config(preset_path('renda2012_table4')).arm.with_density(1080.0)
 WATER = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
+MODULUS = 1.1e5  # [Pa], of the table
 FRICTION, STIFFER = 0.15, 1.05
+TRUE_ARM = dataclasses.replace(
+    ARM,
+    material=dataclasses.replace(ARM.material, youngs_modulus=STIFFER * MODULUS),
+    friction=(FRICTION,) * len(ARM.tendons),
+)
 HIGHEST = default_highest(ARM).ravel()
 LOAD_CELL, CAMERA = 0.005 * HIGHEST, 1e-3  # standard deviations [N], [m]
 FORCE = Walk.stationary(bending_force(ARM, 0.1), 1.0)
-FROM_SHAPE = Unknowns(Walk(10.0, 5.0), tip_force=FORCE)
+PULLS = tuple(Walk(highest, 0.3 * highest) for highest in HIGHEST)
+FROM_SHAPE = Unknowns(PULLS, tip_force=FORCE)
 FULL = dataclasses.replace(
     FROM_SHAPE, log_modulus=Walk(0.05), tension_loss=Walk.stationary(1.5 * FRICTION, 1.0)
 )
@@ -57,11 +64,7 @@ class Moment(NamedTuple):
 def moved(seed: int) -> list[Moment]:
     """The true arm, followed through its motion."""
     rng = np.random.default_rng(seed)
-    stiffer = dataclasses.replace(
-        ARM.material, youngs_modulus=STIFFER * ARM.material.youngs_modulus
-    )
-    arm = dataclasses.replace(ARM, material=stiffer, friction=(FRICTION,) * HIGHEST.size)
-    solver = Solver(arm, 'exact', STATIONS, loads=WATER, compiled=None)
+    solver = Solver(TRUE_ARM, 'exact', STATIONS, loads=WATER, compiled=None)
     phase, rate = rng.uniform(0.0, 2.0 * math.pi, 12), rng.uniform(0.1, 0.3, 12)
     force, shape, made = FORCE.stddev * rng.normal(size=3), None, []
     for step in range(STEPS):
@@ -164,7 +167,7 @@ def main() -> None:
         return [measured['tensions']]
 
     for name, unknowns, told in (
-        ('tensions alone', Unknowns(Walk(10.0, 5.0)), tensions_alone),
+        ('tensions alone', Unknowns(PULLS), tensions_alone),
         ('all sensors; no unknown E, friction', FROM_SHAPE, all_of),
         ('all sensors and unknowns', FULL, all_of),
     ):
@@ -191,8 +194,10 @@ def main() -> None:
                 errors.add(FULL, made, without, counted)
             errors.report(name)
 
+    lies = range(first, first + 10)
+
     def lying(step: int, measured: dict[str, Measurement]) -> list[Measurement]:
-        if not first <= step < last:
+        if step not in lies:
             return list(measured.values())
         tip = measured['tip']
         return [
@@ -203,8 +208,8 @@ def main() -> None:
 
     errors = Errors()
     for made in runs:
-        errors.add(FULL, made, lying, range(first, last))
-    errors.report(f'tip off by 6 cm in {SEEDS * (last - first)} steps')
+        errors.add(FULL, made, lying, lies)
+    errors.report(f'tip told 6 cm off, {SEEDS * len(lies)} times')
 
 
 if __name__ == '__main__':

@@ -176,15 +176,16 @@ def _unknowns(
 ) -> Mapping[str, Unknowns]:
     """The unknowns of every hypothesis."""
     arm, time = config.arm, given['force_time']
-    highest = float(default_highest(arm).max())
-    rate, why = given['tension_rate'], ''
+    # Tendons that end near the tip are pulled by far less than those of the base.
+    highest = default_highest(arm).ravel().tolist()
+    rate = given['tension_rate']
     if not rate and recorded is not None and recorded.rate > 0.0:
-        rate, why = recorded.rate, 'as fast as recorded'
+        rate = recorded.rate
+        notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
     elif not rate:
-        rate, why = highest, 'what the arm is pulled by'
-    if why:
-        notes.append(f'tensions change by {rate:.3g} N in a second ({why})')
-    fixed: dict[str, Any] = {'tension': Walk(max(highest, rate), rate)}
+        most = f'up to {max(highest):.3g} N'
+        notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
+    fixed: dict[str, Any] = {'tension': tuple(Walk(max(h, rate), rate or h) for h in highest)}
     if given['tension_bias_stddev']:
         bias = given['tension_bias_stddev'], given['tension_bias_rate']
         fixed['tension_bias'] = Walk(*bias)

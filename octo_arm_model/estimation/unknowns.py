@@ -77,7 +77,7 @@ class Unknowns:
     """What is estimated; None is known to be zero.
 
     Attributes:
-        tension: true tension of every tendon [N].
+        tension: true tension of every tendon, one prior for all or one for each [N].
         tension_bias: what every load cell shows too much [N].
         tip_force: each component of an external force on the tip, in base_frame [N].
         tip_moment: likewise of a moment [N m].
@@ -90,7 +90,7 @@ class Unknowns:
             and more where it is let out [-].
     """
 
-    tension: Walk
+    tension: Walk | tuple[Walk, ...]
     tension_bias: Walk | None = None
     tip_force: Walk | None = None
     tip_moment: Walk | None = None
@@ -117,7 +117,8 @@ class State:
         """Lay out ``unknowns`` of ``arm``.
 
         Raises:
-            MeasurementError: if a point force is not on the arm.
+            MeasurementError: if a point force is not on the arm, or there is not one prior of the
+                tension for each tendon.
         """
         self.unknowns = unknowns
         self.names: list[str] = []
@@ -142,11 +143,17 @@ class State:
         self.shapes[self.tension_bias] = False
         self.shaping = np.flatnonzero(self.shapes).tolist()
 
-    def _add(self, what: str, walk: Walk | None, parts: tuple[str, ...]) -> slice:
+    def _add(
+        self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
+    ) -> slice:
         start = len(self.names)
         if walk is not None:
+            walks = len(parts) * (walk,) if isinstance(walk, Walk) else walk
+            if len(walks) != len(parts):
+                expected = f'one or {len(parts)}: {", ".join(parts)}'
+                raise MeasurementError(f'{what} has {len(walks)} priors, expected {expected}')
             self.names += [f'{what} {part}' for part in parts]
-            self._walks += len(parts) * [walk]
+            self._walks += walks
         return slice(start, len(self.names))
 
     def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:

@@ -191,6 +191,8 @@ def test_what_is_no_function_of_the_state_is_refused() -> None:
     unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
     with pytest.raises(ConfigError, match='friction, expected an unknown tension_loss'):
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
+    with pytest.raises(MeasurementError, match='tension has 2 priors, expected one or 4'):
+        rubber(Unknowns((Walk(1.0), Walk(2.0))))
     with pytest.raises(ConfigError, match='sheath_stiffness'):
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
 

@@ -23,12 +23,19 @@ def settings(config: Config = CONFIG, **values: Any) -> EstimatorSettings:
     return EstimatorSettings.from_parameters(given, config)
 
 
+def rates(found: EstimatorSettings) -> list[float]:
+    """How fast the tension of every tendon may change."""
+    tension = found.unknowns['tip'].tension
+    assert isinstance(tension, tuple)
+    return [walk.rate for walk in tension]
+
+
 def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm() -> None:
     found = settings()
     ((name, unknowns),) = found.unknowns.items()
     assert name == 'tip' and unknowns.tip_force is not None
     assert unknowns.tip_force.stddev == pytest.approx(bending_force(CONFIG.arm, BENT))
-    assert unknowns.tension.rate == default_highest(CONFIG.arm).max()
+    assert rates(found) == default_highest(CONFIG.arm).ravel().tolist()
     assert unknowns.tip_moment is unknowns.tension_bias is unknowns.log_modulus is None
     # What was not given is said.
     assert len(found.notes) == 3
@@ -44,13 +51,13 @@ def test_what_the_arm_and_the_recording_say_comes_first() -> None:
     found = EstimatorSettings.from_parameters({}, known, recorded)
     assert found.noise.tension == 0.03
     assert found.noise.model_position == pytest.approx(0.01 * LENGTH)
-    assert found.unknowns['tip'].tension.rate == 0.2
+    assert rates(found) == [0.2] * 4
     assert found.unknowns['tip'].log_modulus is not None
     found = EstimatorSettings.from_parameters({}, CONFIG, recorded)
     assert found.noise.tension == 0.007
     given = {f'{PREFIX}tension_rate': 1.5}
     found = EstimatorSettings.from_parameters(given, CONFIG, recorded)
-    assert found.unknowns['tip'].tension.rate == 1.5
+    assert rates(found) == [1.5] * 4
 
 
 @pytest.mark.parametrize(
