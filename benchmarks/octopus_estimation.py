@@ -49,7 +49,7 @@ FORCE = Walk.stationary(bending_force(ARM, 0.1), 1.0)
 PULLS = tuple(Walk(highest, 0.3 * highest) for highest in HIGHEST)
 FROM_SHAPE = Unknowns(PULLS, tip_force=FORCE)
 FULL = dataclasses.replace(
-    FROM_SHAPE, log_modulus=Walk(0.05), tension_loss=Walk.stationary(1.5 * FRICTION, 1.0)
+    FROM_SHAPE, log_modulus=Walk(0.05), tension_loss=Walk.stationary(2.0 * FRICTION, 1.0)
 )
 
 

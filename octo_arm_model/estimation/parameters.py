@@ -13,7 +13,7 @@ CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
-TURNED = 1.5  # [rad] by which a tendon turns up to where its friction counts on average
+TURNED = 2.0  # [rad] by which a tendon turns up to where its friction counts on average
 PREFIX = 'estimator.'
 
 ESTIMATOR_PARAMETERS = (
