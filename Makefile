@@ -53,6 +53,7 @@ bench: prepare
 	@tools/with_ros python benchmarks/viewer.py
 	@tools/with_ros python benchmarks/estimation.py
 	@tools/with_ros python benchmarks/estimator_node.py
+	@tools/with_ros python benchmarks/octopus_estimation.py
 
 soak: prepare
 	@tools/with_ros python benchmarks/soak.py --part $(PART)

@@ -21,6 +21,7 @@ EVERYTHING = Unknowns(
     point_forces=(PointForce(0.12, LIKELY),),
     current=Walk(1.0),
     log_modulus=Walk(0.05, 0.001),
+    tension_loss=Walk.stationary(0.1, 1.0),
 )
 TENSIONS = np.array([0.5, 0.8, 0.2, 0.4])
 

@@ -65,8 +65,9 @@ how to read the summary:
   covariance and per number: 1 where noise, priors and model are as told; well over 1 where
   something is worse than that, under 1 where it is better. Directions that keep their prior are
   those that nothing measured tells of: a force along a straight arm does not move its tip.
-  Tendons with friction are not covered. A slack tendon's displacement counts as that of one just
-  taut: leave the displacements out (--tendon-displacements -) where winches let tendons hang.
+  Friction of tendons makes their loss of tension along the arm unknown. A slack tendon's
+  displacement counts as that of one just taut: leave the displacements out
+  (--tendon-displacements -) where winches let tendons hang.
 
 exit status: 0 done, 1 the arm has no trustworthy shape at any time, 2 the input is wrong or OUT
 cannot be written, 130 interrupted

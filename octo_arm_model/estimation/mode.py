@@ -15,13 +15,13 @@ import numpy as np
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Belief, gain, normalised_square
-from octo_arm_model.estimation.fit import nearest_possible
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
     noise_root,
     residuals,
 )
+from octo_arm_model.estimation.posterior import nearest_possible
 from octo_arm_model.estimation.prediction import Prediction
 
 _TOLERANCE = 0.1  # standard deviations a component, of the last step

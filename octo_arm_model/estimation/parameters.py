@@ -14,6 +14,7 @@ MAX_PLACES = 50  # of a contact
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
 RECOVER_AFTER = 1.0  # [s]
+TURNED = 2.0  # [rad] by which a tendon turns up to where its friction counts on average
 PREFIX = 'estimator.'
 
 ESTIMATOR_PARAMETERS = (
@@ -49,6 +50,10 @@ ESTIMATOR_PARAMETERS = (
               'nothing', 0.0, range='>= 0'),
     Parameter('estimator.tension_bias_rate', float,
               'standard deviation of its change in a second [N]', 0.0, range='>= 0'),
+    Parameter('estimator.tension_loss_stddev', float,
+              'standard deviation of the logarithm of the tension of each tendon at the base over '
+              'that along the arm, as friction changes it, with the correlation time force_time '
+              f'[-]; 0 for {TURNED:g} rad times tendons.friction', 0.0, range='>= 0'),
     Parameter('estimator.displacement_stddev', float,
               'standard deviation of tendon_displacements [m]', 2e-4, range='> 0'),
     Parameter('estimator.marker_s', float,

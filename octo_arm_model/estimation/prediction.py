@@ -13,20 +13,18 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, ScaledLoads
-from octo_arm_model.core.arm.profile import Constant, Linear
+from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.estimation.unit_loads import unit_loads
 from octo_arm_model.estimation.unknowns import State, Unknowns
 
 # A step of the estimator that leads where the arm is followed for longer is too long.
 BUDGET = Budget(iterations=60)
-_UNIT: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_PIECES = 64  # of the table of a current along an arm that is no cone
 
 
 class ArmModel:
@@ -56,7 +54,7 @@ class ArmModel:
         Raises:
             ConfigError: as `Solver`; if external forces are unknown and the model has no loads; if
                 E is, and there are loads of a kind that has no magnitude, or sheaths; if tendons
-                have friction.
+                have friction and the loss of tension by it is not unknown.
             MeasurementError: if a point force is not on the arm.
         """
         self.arm, self.loads = arm, loads
@@ -68,20 +66,15 @@ class ArmModel:
                 'sheath_stiffness, which is not in proportion to E, does not go with '
                 'an unknown log_modulus'
             )
-        if arm.friction:
-            # The shape follows from the course of the tensions, not from the state.
-            raise ConfigError('friction of tendons is not covered by the estimator')
+        if any(arm.friction):
+            # The shape follows from the course of the tensions then, which is not in the state.
+            if unknowns.tension_loss is None:
+                raise ConfigError('tendons have friction, expected an unknown tension_loss')
+            arm = dataclasses.replace(arm, friction=())
         self._known_wrench = loads.tip_wrench
-        dead = dataclasses.replace(loads, tip_force=_ZERO, tip_moment=_ZERO)
-        unit = [
-            Loads(points=(PointLoad(point.s, axis),))
-            for point in unknowns.point_forces
-            for axis in _UNIT
-        ]
-        if unknowns.current is not None:
-            unit += [Loads(distributed=(_current(arm, axis),)) for axis in _UNIT]
-        self.unit_loads = tuple(unit)
-        scaled = list(unit)
+        dead = dataclasses.replace(loads, tip_force=ZERO, tip_moment=ZERO)
+        self.unit_loads = unit_loads(arm, unknowns)
+        scaled = list(self.unit_loads)
         # Weight changes with E too, in parts of the stiffness.
         self._scales_dead = unknowns.log_modulus is not None and dead.any
         if self._scales_dead:
@@ -121,7 +114,8 @@ class ArmModel:
             OctoArmError: as `Solver.solve`.
         """
         ratio = self._set_magnitudes(x)
-        tensions = x[self.state.tension].reshape(self.arm.tension_shape) / ratio
+        along = x[self.state.tension] * self._transmitted(x)
+        tensions = along.reshape(self.arm.tension_shape) / ratio
         wrench = self.tip_wrench(x)
         return self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
 
@@ -133,31 +127,40 @@ class ArmModel:
         """
         ratio, state = self._set_magnitudes(x), self.state
         by = self.solver.sensitivity(backbone)
-        parts = [(state.tension, by.by_tension, slice(None), ratio)]
+        scale = np.full(1, 1.0 / ratio)
+        transmitted = scale * self._transmitted(x)
+        parts = [(state.tension, by.by_tension, slice(None), transmitted)]
         if any(self._wrench_parts):
             assert by.by_tip_wrench is not None
-            parts.append((state.tip_force, by.by_tip_wrench, slice(0, 3), ratio))
-            parts.append((state.tip_moment, by.by_tip_wrench, slice(3, 6), ratio))
-        parts.append((state.log_modulus, by.by_youngs_modulus, slice(None), 1.0))
+            parts.append((state.tip_force, by.by_tip_wrench, slice(0, 3), scale))
+            parts.append((state.tip_moment, by.by_tip_wrench, slice(3, 6), scale))
+        parts.append((state.log_modulus, by.by_youngs_modulus, slice(None), np.ones(1)))
+        lost = -transmitted * x[state.tension]
+        parts.append((state.tension_loss, by.by_tension, slice(None), lost))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
             where = slice(state.point_forces.start, state.current.stop)
-            parts.append((where, by_loads, slice(None), ratio))
+            parts.append((where, by_loads, slice(None), scale))
         shape = backbone.s.size, len(self.arm.tendons)
         pose, strain, length = (
             np.zeros((*size, state.size)) for size in ((shape[0], 6), (shape[0], 4), shape[1:])
         )
-        for where, change, columns, unit in parts:
+        for where, change, columns, scale in parts:
             if where.stop > where.start:
-                pose[..., where] = change.pose[..., columns] / unit
-                strain[..., where] = change.strain[..., columns] / unit
-                length[..., where] = change.tendon_length[..., columns] / unit
+                pose[..., where] = change.pose[..., columns] * scale
+                strain[..., where] = change.strain[..., columns] * scale
+                length[..., where] = change.tendon_length[..., columns] * scale
         return Change(pose, strain, length)
 
     def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
         """``backbone`` with the tensions and the wrench on the tip of ``x``."""
         tensions = x[self.state.tension].reshape(self.arm.tension_shape)
         return dataclasses.replace(backbone, tensions=tensions, tip_wrench=self.tip_wrench(x))
+
+    def _transmitted(self, x: FloatArray) -> FloatArray:
+        """Tension along every tendon over that at the base, one for all where none is lost."""
+        loss = x[self.state.tension_loss]
+        return np.exp(-loss) if loss.size else np.ones(1)
 
     def _set_magnitudes(self, x: FloatArray) -> float:
         """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
@@ -231,17 +234,3 @@ class Prediction:
     def tendon_lengths(self) -> FloatArray:
         """Length of every tendon [m], (tendons,)."""
         return self.model.solver.tendon_lengths(self.solved).ravel()
-
-
-_ZERO = (0.0, 0.0, 0.0)
-
-
-def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
-    """Pressure of 1 Pa along ``axis``, times the diameter."""
-    profile = arm.body.profile
-    s = np.array([0.0, arm.length])
-    if not isinstance(profile, (Constant, Linear)):
-        inside = [knot for knot in profile.knots if 0.0 < knot < arm.length]
-        s = np.union1d(np.linspace(0.0, arm.length, _PIECES + 1), inside)
-    force = np.outer(2.0 * arm.body.radius(s), axis)
-    return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))

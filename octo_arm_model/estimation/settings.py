@@ -22,6 +22,7 @@ from octo_arm_model.estimation.parameters import (
     MAX_PLACES,
     PLACES,
     PREFIX,
+    TURNED,
 )
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
@@ -175,18 +176,24 @@ def _unknowns(
 ) -> Mapping[str, Unknowns]:
     """The unknowns of every hypothesis."""
     arm, time = config.arm, given['force_time']
-    highest = float(default_highest(arm).max())
-    rate, why = given['tension_rate'], ''
+    # Tendons that end near the tip are pulled by far less than those of the base.
+    highest = default_highest(arm).ravel().tolist()
+    rate = given['tension_rate']
     if not rate and recorded is not None and recorded.rate > 0.0:
-        rate, why = recorded.rate, 'as fast as recorded'
+        rate = recorded.rate
+        notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
     elif not rate:
-        rate, why = highest, 'what the arm is pulled by'
-    if why:
-        notes.append(f'tensions change by {rate:.3g} N in a second ({why})')
-    fixed: dict[str, Any] = {'tension': Walk(max(highest, rate), rate)}
+        most = f'up to {max(highest):.3g} N'
+        notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
+    fixed: dict[str, Any] = {'tension': tuple(Walk(max(h, rate), rate or h) for h in highest)}
     if given['tension_bias_stddev']:
         bias = given['tension_bias_stddev'], given['tension_bias_rate']
         fixed['tension_bias'] = Walk(*bias)
+    loss = given['tension_loss_stddev'] or TURNED * max(arm.friction, default=0.0)
+    if loss:
+        fixed['tension_loss'] = Walk.stationary(loss, time)
+        if not given['tension_loss_stddev']:
+            notes.append(f'friction may hold back {loss:.3g} of each tension')
     if config.uncertainty.youngs_modulus:
         fixed['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
     if given['contact'] == 'none':

@@ -27,13 +27,14 @@ from octo_arm_model.estimation.belief import (
 from octo_arm_model.estimation.curvature import Curvature
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
-from octo_arm_model.estimation.fit import TOLERANCE, nearest_possible
+from octo_arm_model.estimation.fit import TOLERANCE
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
     noise_root,
     residuals,
 )
+from octo_arm_model.estimation.posterior import nearest_possible
 from octo_arm_model.estimation.posterior_mean import gradient as gradient_of
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.taken import kinds_of

@@ -22,9 +22,10 @@ from octo_arm_model.estimation.belief import (
     normalised_square,
 )
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.fit import Fit, fit, nearest_possible
+from octo_arm_model.estimation.fit import Fit, fit
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
 from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, least_square, most_probable
+from octo_arm_model.estimation.posterior import nearest_possible
 from octo_arm_model.estimation.prediction import Prediction
 
 _FAR = 4.0  # times the gate, for a square that is not exact

@@ -77,7 +77,7 @@ class Unknowns:
     """What is estimated; None is known to be zero.
 
     Attributes:
-        tension: true tension of every tendon [N].
+        tension: true tension of every tendon, one prior for all or one for each [N].
         tension_bias: what every load cell shows too much [N].
         tip_force: each component of an external force on the tip, in base_frame [N].
         tip_moment: likewise of a moment [N m].
@@ -85,15 +85,19 @@ class Unknowns:
         current: each component of the pressure of a uniform current [Pa]: a dead force per
             reference length, pressure times diameter, whatever the inclination of the arm.
         log_modulus: logarithm of E over that of the arm's description [-].
+        tension_loss: of every tendon, logarithm of its tension at the base over the one constant
+            tension along the arm that does as much, which friction makes less where it is drawn in
+            and more where it is let out [-].
     """
 
-    tension: Walk
+    tension: Walk | tuple[Walk, ...]
     tension_bias: Walk | None = None
     tip_force: Walk | None = None
     tip_moment: Walk | None = None
     point_forces: tuple[PointForce, ...] = ()
     current: Walk | None = None
     log_modulus: Walk | None = None
+    tension_loss: Walk | None = None
 
 
 class State:
@@ -105,15 +109,16 @@ class State:
         size: how many they are.
         shapes: whether the shape depends on a component, (n,).
         shaping: numbers of those on which it does.
-        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus: where
-            each is in the vector; empty slices for what is not estimated.
+        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
+        tension_loss: where each is in the vector; empty slices for what is not estimated.
     """
 
     def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
         """Lay out ``unknowns`` of ``arm``.
 
         Raises:
-            MeasurementError: if a point force is not on the arm.
+            MeasurementError: if a point force is not on the arm, or there is not one prior of the
+                tension for each tendon.
         """
         self.unknowns = unknowns
         self.names: list[str] = []
@@ -132,16 +137,23 @@ class State:
         self.point_forces = slice(start, len(self.names))
         self.current = self._add('current', unknowns.current, _AXES)
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
+        self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
         self.size = len(self.names)
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
         self.shaping = np.flatnonzero(self.shapes).tolist()
 
-    def _add(self, what: str, walk: Walk | None, parts: tuple[str, ...]) -> slice:
+    def _add(
+        self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
+    ) -> slice:
         start = len(self.names)
         if walk is not None:
+            walks = len(parts) * (walk,) if isinstance(walk, Walk) else walk
+            if len(walks) != len(parts):
+                expected = f'one or {len(parts)}: {", ".join(parts)}'
+                raise MeasurementError(f'{what} has {len(walks)} priors, expected {expected}')
             self.names += [f'{what} {part}' for part in parts]
-            self._walks += len(parts) * [walk]
+            self._walks += walks
         return slice(start, len(self.names))
 
     def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:

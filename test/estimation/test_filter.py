@@ -80,6 +80,24 @@ def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
     np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
 
 
+def test_what_friction_does_is_within_the_covariance() -> None:
+    rough = dataclasses.replace(RUBBER, friction=(0.15,) * 4)
+    force, tensions = np.array([0.002, -0.006, 0.005]), 2.0 * TENSIONS
+    shape = Solver(rough, 'exact', 31).solve([tensions], np.append(force, np.zeros(3)))
+    measured = [Tensions(tensions, 0.005), TipPosition(shape.tip, 1e-3)]
+    unknowns = dataclasses.replace(FORCE_AT_TIP, tension_loss=Walk(0.3))
+    off = {}
+    for name, model in (
+        ('unknown', ArmModel(rough, unknowns, stations=31)),
+        ('ignored', rubber(FORCE_AT_TIP)),
+    ):
+        found = Filter(model, gate=1.0 - 1e-12).add(0.0, measured)
+        error, known = found.tip_wrench[:3] - force, found.tip_wrench_covariance[:3, :3]
+        off[name] = error @ np.linalg.solve(known, error)
+    limit = chi2.ppf(0.999, 3)
+    assert off['unknown'] < limit < off['ignored']
+
+
 def test_an_axial_force_on_a_straight_arm_is_not_observable() -> None:
     unknowns = dataclasses.replace(FORCE_AT_TIP, tip_force=Walk(1e-3))
     model = rubber(unknowns)

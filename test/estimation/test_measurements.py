@@ -89,7 +89,7 @@ def test_a_stiffer_arm_is_one_of_that_modulus() -> None:
     )
     arm = dataclasses.replace(RUBBER, material=stiffer)
     solver = Solver(arm, 'exact', 31, loads=loads)
-    expected = solver.solve([TENSIONS])
+    expected = solver.solve([TENSIONS * np.exp(-x[model.state.tension_loss])])
     np.testing.assert_allclose(found.solved.position, expected.position, atol=1e-9)
     real = model.real(x, found.solved)
     np.testing.assert_allclose(real.tensions, [TENSIONS])
@@ -189,8 +189,10 @@ def test_forces_take_a_model_with_loads() -> None:
 
 def test_what_is_no_function_of_the_state_is_refused() -> None:
     unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
-    with pytest.raises(ConfigError, match='friction'):
+    with pytest.raises(ConfigError, match='friction, expected an unknown tension_loss'):
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
+    with pytest.raises(MeasurementError, match='tension has 2 priors, expected one or 4'):
+        rubber(Unknowns((Walk(1.0), Walk(2.0))))
     with pytest.raises(ConfigError, match='sheath_stiffness'):
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
 

@@ -8,7 +8,7 @@ import pytest
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
@@ -23,12 +23,19 @@ def settings(config: Config = CONFIG, **values: Any) -> EstimatorSettings:
     return EstimatorSettings.from_parameters(given, config)
 
 
+def rates(found: EstimatorSettings) -> list[float]:
+    """How fast the tension of every tendon may change."""
+    tension = found.unknowns['tip'].tension
+    assert isinstance(tension, tuple)
+    return [walk.rate for walk in tension]
+
+
 def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm() -> None:
     found = settings()
     ((name, unknowns),) = found.unknowns.items()
     assert name == 'tip' and unknowns.tip_force is not None
     assert unknowns.tip_force.stddev == pytest.approx(bending_force(CONFIG.arm, BENT))
-    assert unknowns.tension.rate == default_highest(CONFIG.arm).max()
+    assert rates(found) == default_highest(CONFIG.arm).ravel().tolist()
     assert unknowns.tip_moment is unknowns.tension_bias is unknowns.log_modulus is None
     # What was not given is said.
     assert len(found.notes) == 3
@@ -44,13 +51,13 @@ def test_what_the_arm_and_the_recording_say_comes_first() -> None:
     found = EstimatorSettings.from_parameters({}, known, recorded)
     assert found.noise.tension == 0.03
     assert found.noise.model_position == pytest.approx(0.01 * LENGTH)
-    assert found.unknowns['tip'].tension.rate == 0.2
+    assert rates(found) == [0.2] * 4
     assert found.unknowns['tip'].log_modulus is not None
     found = EstimatorSettings.from_parameters({}, CONFIG, recorded)
     assert found.noise.tension == 0.007
     given = {f'{PREFIX}tension_rate': 1.5}
     found = EstimatorSettings.from_parameters(given, CONFIG, recorded)
-    assert found.unknowns['tip'].tension.rate == 1.5
+    assert rates(found) == [1.5] * 4
 
 
 @pytest.mark.parametrize(
@@ -113,10 +120,17 @@ def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
         settings(**values)
 
 
-def test_friction_is_refused() -> None:
+def test_friction_makes_the_loss_of_tension_unknown() -> None:
     rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
-    with pytest.raises(ConfigError, match='friction of tendons is not covered'):
-        settings(rough).models(rough)
+    found = settings(rough)
+    (model,) = found.models(rough).values()
+    loss = model.state.unknowns.tension_loss
+    assert loss is not None and loss.stddev == pytest.approx(0.2)
+    assert any('friction may hold back 0.2 of each tension' in note for note in found.notes)
+    # Without friction there is one where it is asked for.
+    given = settings(tension_loss_stddev=0.02).unknowns['tip'].tension_loss
+    assert given is not None and given.stddev == 0.02
+    assert settings().unknowns['tip'].tension_loss is None
 
 
 def test_every_parameter_has_its_group_and_a_default_of_its_type() -> None:

@@ -42,9 +42,8 @@ def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
 
 
 def test_what_cannot_be_estimated_is_said_and_can_be_mended():
-    friction = '-p', 'tendons.friction:=[0.2]', '-p', 'model:=exact'
-    with estimating(*friction, module='ros.estimator.lifecycle') as client:
+    with estimating('-p', 'estimator.gate:=2.0', module='ros.estimator.lifecycle') as client:
         assert not client.transition(Transition.TRANSITION_CONFIGURE)
-        client.log('not configured: friction of tendons is not covered by the estimator')
-        assert client.change(tendons__friction=[]) == (True, '')
+        client.log('not configured: estimator.gate is 2.0')
+        assert client.change(estimator__gate=0.999) == (True, '')
         assert client.transition(Transition.TRANSITION_CONFIGURE)
