@@ -14,6 +14,7 @@ from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
+    balance,
     differentiate,
     differentiate_tip,
     evaluate_sections,
@@ -21,9 +22,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_minima,
     find_shapes,
     find_turn,
-    newton,
     read_out,
-    read_rod,
 )
 from octo_arm_model.core.compiled.section_tables import (
     ExactTables,
@@ -83,9 +82,7 @@ class Compiled:
             self._find_shapes = find_exact_shapes()
             self._tables = _own(exact_tables(statics))
             # Compiled here where it is not kept, not in the middle of the first loaded solve.
-            for made in (
-                newton, read_rod, find_turn, find_minima, differentiate, differentiate_tip,
-            ):  # fmt: skip
+            for made in (balance, find_turn, find_minima, differentiate, differentiate_tip):
                 made()
             statics.use(_speed_up)
 
@@ -152,6 +149,7 @@ def _speed_up(rod: LoadedRod) -> None:
         compiled = CompiledRod(rod, _own)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
         if not isinstance(rod.equilibrium.energy, SheathedSections):
+            rod.settle = compiled.settle
             rod.differentiate = compiled.differentiate
             rod.differentiate_tip = compiled.differentiate_tip
         rod.minimum, rod.equilibrium.frames = compiled.minimum, compiled.frames

@@ -38,8 +38,10 @@ from octo_arm_model.core.compiled import (
     sensitivity_kernels,
     sheath_kernels,
     sliding_kernels,
+    stability_kernels,
     start_kernels,
     state_kernels,
+    step_kernels,
     system_kernels,
     winding_kernels,
 )
@@ -64,7 +66,7 @@ _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
     dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    winding_kernels, sensitivity_kernels,
+    winding_kernels, sensitivity_kernels, step_kernels, stability_kernels,
 )  # fmt: skip
 
 
@@ -164,13 +166,15 @@ def evaluate_sections() -> Callable[..., None]:
 
 
 @functools.cache
-def newton() -> Callable[..., tuple[float, int, float, int, bool]]:
-    """`rod_kernels.newton`, compiled; raises as `find_shapes`."""
+def balance() -> Callable[..., rod_kernels.Outcome]:
+    """`rod_kernels.balance`, compiled; raises as `find_shapes`."""
+    no_system = system_kernels.system_of(0, 0)
     return _made(
-        functools.partial(_entry, function=rod_kernels.newton),
+        functools.partial(_entry, function=rod_kernels.balance),
         (
-            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, state_kernels.empty_state(0),
-            np.zeros((6, 6)), np.zeros((4, 0, 6)),
+            no_rod(), np.zeros(0), np.zeros(6), 1.0, 1.0, True, 0, False, no_system,
+            np.zeros((2, 0), complex), state_kernels.empty_state(0), no_system, np.zeros((6, 6)),
+            np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
         ),
     )  # fmt: skip
 
@@ -191,18 +195,6 @@ def find_minima() -> Callable[..., tuple[float, int]]:
         functools.partial(_entry, function=minimum_kernels.find_minima),
         (no_exact().sections, np.zeros(0), np.zeros((4, 0))),
     )
-
-
-@functools.cache
-def read_rod() -> Callable[..., None]:
-    """`readout_kernels.read_rod`, compiled; raises as `find_shapes`."""
-    return _made(
-        functools.partial(_entry, function=readout_kernels.read_rod),
-        (
-            no_rod(), np.zeros(0), np.zeros(6), state_kernels.empty_state(0), np.zeros((4, 0)),
-            np.zeros((0, 3)), np.zeros((0, 4)),
-        ),
-    )  # fmt: skip
 
 
 @functools.cache
@@ -247,8 +239,8 @@ def make_all() -> dict[str, Any]:
     if not is_available():
         return {}
     made = (
-        find_shapes, find_exact_shapes, read_out, find_sliding_shapes, find_lengths, wind, newton,
-        read_rod, find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
+        find_shapes, find_exact_shapes, read_out, find_sliding_shapes, find_lengths, wind, balance,
+        find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
     )  # fmt: skip
     return {one.__name__: one() for one in made}
 
