@@ -11,6 +11,7 @@ from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
 from octo_arm_model.core.compiled.numba_build import (
+    balance,
     differentiate,
     differentiate_tip,
     evaluate_sections,
@@ -19,9 +20,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_shapes,
     find_sliding_balance,
     find_turn,
-    newton,
     read_out,
-    read_rod,
 )
 from octo_arm_model.core.compiled.section_tables import (
     ExactTables,
@@ -146,8 +145,7 @@ class Compiled:
 def _make_loaded() -> None:
     """Compile what is not kept here, not in the middle of the first loaded solve."""
     for made in (
-        newton, read_rod, find_turn, find_minima, evaluate_sections, differentiate,
-        differentiate_tip,
+        balance, find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
     ):  # fmt: skip
         made()
 
@@ -166,6 +164,7 @@ def _speed_up(rod: LoadedRod) -> None:
         compiled = CompiledRod(rod)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
         if not isinstance(rod.equilibrium.energy, SheathedSections):
+            rod.settle = compiled.settle
             rod.differentiate = compiled.differentiate
             rod.differentiate_tip = compiled.differentiate_tip
         rod.minimum, rod.equilibrium.frames = compiled.minimum, compiled.frames

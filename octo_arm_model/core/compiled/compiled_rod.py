@@ -1,34 +1,41 @@
-"""Loaded rods in machine code: Newton's method and what is read out, as `loaded` has them."""
+"""Loaded rods in machine code: their balances and derivatives, as `loaded` has them."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 
 from octo_arm_model.core.compiled.numba_build import (
+    balance,
     differentiate,
     differentiate_tip,
     find_minima,
     find_turn,
-    newton,
-    read_rod,
 )
+from octo_arm_model.core.compiled.readout_kernels import Readings, empty_readings
+from octo_arm_model.core.compiled.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
 from octo_arm_model.core.compiled.rod_tables import RodTables, parameter_tables, rod_tables
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
+from octo_arm_model.core.compiled.system_kernels import system_of
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.solution import Shape
+from octo_arm_model.core.rod.solution import Shape, Solution
 
+_KEPT = 16  # systems, for as many arms that are followed in turn
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
 class CompiledRod:
-    """`Newton` and `ReadOut` of one rod."""
+    """`Newton`, `Settle` and `ReadOut` of one rod."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Tabulate ``rod``.
@@ -37,9 +44,15 @@ class CompiledRod:
             Exception: whatever a numba that does not work raises.
         """
         self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
-        self._loads = rod.equilibrium.loads
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
-        self._newton, self._read_out = newton(), read_rod()
+        self._kernel, self._loads = balance(), rod.equilibrium.loads
+        # Systems of the balances found last, and the twists of these.
+        sizes = self._tables.step.size, self._tables.weights.size
+        self._systems = [system_of(*sizes) for _ in range(_KEPT)]
+        self._twists: list[FloatArray | None] = [None] * _KEPT
+        self._places = itertools.cycle(range(_KEPT))
+        self._compliance, self._change = np.empty((6, 6)), np.empty((4, rod.points, 6))
+        self._no_readings = empty_readings(0, 0)
         self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
         self._find_turn, self._find_minima = find_turn(), find_minima()
         self._minimum = rod.minimum  # which says why there is none
@@ -74,16 +87,21 @@ class CompiledRod:
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
-        count = self._stations
-        twist, position = np.empty((4, self._nodes)), np.empty((count, 3))
-        quaternion = np.empty((count, 4))
-        balanced, condition = state_of(state.shape), state.condition
-        balanced.rotation[:], balanced.force[:] = state.rotation, state.force
-        self._read_out(
-            self.tables, own(condition.tensions), own(condition.tip_wrench), balanced,
-            twist, position, quaternion,
+        readings = empty_readings(self._nodes, self._stations)
+        self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings)
+        return readings.twist, readings.position, readings.quaternion
+
+    def settle(self, wanted: Condition, shape: Shape, spending: Spending) -> Solution | None:
+        """`Settle` of the rod."""
+        readings = empty_readings(self._nodes, self._stations)
+        outcome, _, found = self._balance(wanted, shape, TOLERANCE, READINGS, readings)
+        spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
+        if not outcome.is_read:
+            return None
+        return Solution(
+            readings.twist, outcome.residual, spending.iterations, found,
+            (readings.position, readings.quaternion), None, readings.strains,
         )  # fmt: skip
-        return twist, position, quaternion
 
     def differentiate(
         self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None
@@ -121,38 +139,56 @@ class CompiledRod:
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        state = state_of(shape)
-        compliance, change = np.empty((6, 6)), np.empty((*state.twist.shape, 6))
-        residual, iterations, strayed, sign, is_definite = self._newton(
-            self.tables, own(condition.tensions), own(condition.tip_wrench),
-            float(condition.factor), tolerance, state, compliance, change,
-        )  # fmt: skip
+        outcome, state, found = self._balance(
+            condition, shape, tolerance, BALANCE, self._no_readings
+        )
+        answer: Stability | TipAnswer | None = None
+        if outcome.is_least:
+            answer = Stability(True, outcome.sign, None)
+        elif outcome.sign:
+            change = self._change.transpose(0, 2, 1).copy()
+            answer = TipAnswer(self._compliance.copy(), change, outcome.sign, outcome.is_definite)
         rotation = state.rotation
-        found = State(
-            condition,
-            Shape(state.twist, quaternions_of(state.turn)),
-            rotation, rotation[:, 0] * state.twist[3], state.moment, state.force,
-            state.imbalance, state.hessian, residual,
+        balanced = State(
+            condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
+            state.force, state.imbalance, state.hessian, outcome.residual,
         )  # fmt: skip
-        answer = None
-        if sign:
-            answer = TipAnswer(compliance, change.transpose(0, 2, 1), sign, is_definite)
-        return Iterate(found, iterations, strayed, answer)
+        return Iterate(balanced, outcome.iterations, outcome.strayed, answer)
+
+    def _balance(
+        self, condition: Condition, shape: Shape, tolerance: float, wanted: int, readings: Readings
+    ) -> tuple[Outcome, RodState, Shape]:
+        """`rod_kernels.balance`, the state that it ends in, and the shape of this."""
+        state = empty_state(shape.twist.shape[1])
+        # Arrays of a `Backbone`, which is followed from, cannot be written.
+        orientation = np.array(shape.orientation)
+        state.twist[:] = shape.twist
+        tip_wrench = own(condition.tip_wrench)
+        known = next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
+        place = next(self._places)
+        if place == known:
+            place = next(self._places)
+        self._twists[place] = None
+        outcome = self._kernel(
+            self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
+            tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
+            self._systems[known or 0], orientation, state, self._systems[place],
+            self._compliance, self._change, readings,
+        )  # fmt: skip
+        if outcome.sign:
+            self._twists[place] = state.twist
+        return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
 
 def state_of(shape: Shape) -> RodState:
     """Room for a state, of which ``shape`` is known."""
     state = empty_state(shape.twist.shape[1])
-    state.twist[:], state.turn[:] = shape.twist, _turn(shape.orientation)
+    a, b = shape.orientation
+    state.twist[:], turn = shape.twist, state.turn
+    turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
     return state
 
 
 def quaternions_of(turn: FloatArray) -> Quaternions:
     """Of components w, x, y, z (4, points)."""
     return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])
-
-
-def _turn(orientation: Quaternions) -> FloatArray:
-    """Components w, x, y, z (4, points)."""
-    a, b = orientation
-    return np.array([a.real, a.imag, b.real, b.imag])

@@ -35,8 +35,10 @@ from octo_arm_model.core.compiled import (
     sheath_kernels,
     sliding_kernels,
     sliding_rod_kernels,
+    stability_kernels,
     start_kernels,
     state_kernels,
+    step_kernels,
     system_kernels,
     winding_kernels,
 )
@@ -58,7 +60,7 @@ _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
     dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    sliding_rod_kernels, winding_kernels, sensitivity_kernels,
+    sliding_rod_kernels, winding_kernels, sensitivity_kernels, step_kernels, stability_kernels,
 )  # fmt: skip
 
 

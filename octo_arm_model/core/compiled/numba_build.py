@@ -26,6 +26,7 @@ from octo_arm_model.core.compiled import (
     sliding_kernels,
     sliding_rod_kernels,
     state_kernels,
+    system_kernels,
     winding_kernels,
 )
 from octo_arm_model.core.compiled.friction_tables import no_friction
@@ -85,12 +86,11 @@ evaluate_sections = _made(
 )  # fmt: skip
 find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
 find_turn = _made(state_kernels.find_turn, no_rod(), _FOUR, _FOUR)
-newton = _made(
-    rod_kernels.newton, no_rod(), _NONE, _WRENCH, 1.0, 1.0, _STATE, np.zeros((6, 6)),
-    np.zeros((4, 0, 6)),
-)  # fmt: skip
-read_rod = _made(
-    readout_kernels.read_rod, no_rod(), _NONE, _WRENCH, _STATE, _FOUR, _POSITION, _QUATERNION,
+_NO_SYSTEM = system_kernels.system_of(0, 0)
+balance = _made(
+    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM,
+    np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)), np.zeros((4, 0, 6)),
+    readout_kernels.empty_readings(0, 0),
 )  # fmt: skip
 # An arm without tendons has 8 columns in the one, and 2 in the other.
 differentiate = _made(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import solve_definite
@@ -12,15 +14,37 @@ from octo_arm_model.core.compiled.state_kernels import RodState, find_rotation
 from octo_arm_model.core.hints import FloatArray
 
 
+class Readings(NamedTuple):
+    """What is read out of a loaded rod.
+
+    Attributes:
+        twist: at the nodes, (4, nodes).
+        strains: at the stations, (4, stations), as `Results` has them.
+        position: of the stations [m], (stations, 3).
+        quaternion: their orientation x, y, z, w, (stations, 4).
+    """
+
+    twist: FloatArray
+    strains: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+
+
+def empty_readings(nodes: int, stations: int) -> Readings:
+    """Room for readings."""
+    return Readings(
+        np.empty((4, nodes)), np.empty((4, stations)), np.empty((stations, 3)),
+        np.empty((stations, 4)),
+    )  # fmt: skip
+
+
 def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
-    at_nodes: FloatArray, position: FloatArray, quaternion: FloatArray,
+    readings: Readings,
 ) -> None:  # fmt: skip
-    """Fill in twist (4, nodes), position (stations, 3) and orientation, as `LoadedRod`.
-
-    Of a balanced ``state`` under all loads.
-    """
+    """Fill in ``readings`` of a balanced ``state`` under all loads, as `LoadedRod`."""
     s = tables.weights.size
+    at_nodes, position, quaternion = readings.twist, readings.position, readings.quaternion
     at_nodes[:] = 0.0
     add_runs(tables.node_runs, tables.to_nodes, s, state.twist, at_nodes)
     # Position, orientation and the moment of the forces.
@@ -62,7 +86,7 @@ def read_rod(
             wrench[k, i] += total[7 + k] - found[7 + k, i]
         for k in range(4):
             quaternion[i, k] = over * found[3 + k, i]
-    balance_stations(tables, tensions, wrench, quaternion, at_nodes)
+    balance_stations(tables, tensions, wrench, readings)
 
 
 def set_rates(state: RodState, first: int, h: float, rate: FloatArray) -> None:
@@ -87,9 +111,8 @@ def set_rates(state: RodState, first: int, h: float, rate: FloatArray) -> None:
 
 
 def balance_stations(
-    tables: RodTables, tensions: FloatArray, wrench: FloatArray, quaternion: FloatArray,
-    at_nodes: FloatArray,
-) -> None:  # fmt: skip
+    tables: RodTables, tensions: FloatArray, wrench: FloatArray, readings: Readings
+) -> None:
     """Balance the twist at the stations with a ``wrench`` (6, stations) in base_frame.
 
     As `LoadedRod` does, by one step of Newton's method from what is interpolated.
@@ -100,8 +123,8 @@ def balance_stations(
     turn, rotation = np.empty((4, count)), np.empty((3, 3, count))
     for i in range(count):
         for k in range(4):
-            twist[k, i] = at_nodes[k, tables.station_node[i]]
-            turn[k, i] = quaternion[i, (k + 3) % 4]
+            twist[k, i] = readings.twist[k, tables.station_node[i]]
+            turn[k, i] = readings.quaternion[i, (k + 3) % 4]
     find_rotation(turn, rotation)
     evaluate_sections(tables.station_sections, tensions, twist, left, hessian, scale)
     for i in range(count):
@@ -113,8 +136,11 @@ def balance_stations(
                 left[k, i] += rotation[m, k, i] * wrench[m, i]
     solve_definite(hessian, left)
     for i in range(count):
-        for k in range(4):
-            at_nodes[k, tables.station_node[i]] = twist[k, i] + left[k, i]
+        node, stretch = tables.station_node[i], twist[3, i] + left[3, i]
+        for k in range(3):
+            found = twist[k, i] + left[k, i]
+            readings.twist[k, node], readings.strains[k, i] = found, found / stretch
+        readings.twist[3, node], readings.strains[3, i] = stretch, stretch - 1.0
 
 
 def read_changes(

@@ -1,26 +1,63 @@
-"""Newton's method for a loaded rod: what `numba_build` compiles.
+"""Balances of a loaded rod: what `numba_build` compiles.
 
 As `loaded.newton`, with cross sections as in `section_kernels` and the linearised equilibrium of
-`system_kernels`.
+`system_kernels`, and as `LoadedRod.settle`.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import is_definite
+from octo_arm_model.core.compiled.readout_kernels import Readings, read_rod
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import RodTables
+from octo_arm_model.core.compiled.section_tables import SectionTables
+from octo_arm_model.core.compiled.stability_kernels import is_minimum
 from octo_arm_model.core.compiled.state_kernels import (
     RodState,
     copy_state,
     empty_state,
     find_state,
     find_turn,
+    turn_by,
 )
-from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.compiled.step_kernels import find_step
+from octo_arm_model.core.compiled.system_kernels import System, find_system
+from octo_arm_model.core.hints import ComplexArray, FloatArray
+from octo_arm_model.core.loaded.continuation import STRAY
 from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, SAME, UPHILL
+from octo_arm_model.core.loaded.rod import RESOLVED
+from octo_arm_model.core.section.elastic_laws import incompressible_widening
+from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
+
+# What is wanted: a balance; one that is read out if it is stable; what is given read out.
+BALANCE, READINGS, READ_ONLY = 0, 1, 2
+PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
+
+
+class Outcome(NamedTuple):
+    """What became of a search for balance.
+
+    Attributes:
+        residual: of the state it ended in.
+        iterations: made.
+        strayed: how far all but the first have turned the arm [rad].
+        sign: of the determinant of the system, 0 where there is no balance.
+        is_least: whether it is seen to be one of least energy.
+        is_definite: otherwise, whether the compliance of the tip is definite.
+        is_read: whether it was read out.
+    """
+
+    residual: float
+    iterations: int
+    strayed: float
+    sign: int
+    is_least: bool
+    is_definite: bool
+    is_read: bool
 
 
 def turn_of(tables: RodTables, change: FloatArray) -> float:
@@ -32,54 +69,124 @@ def turn_of(tables: RodTables, change: FloatArray) -> float:
     return total
 
 
-def newton(
+def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, state: RodState, compliance: FloatArray, change: FloatArray,
-) -> tuple[float, int, float, int, bool]:  # fmt: skip
+    tolerance: float, is_known: bool, known: System, state: RodState, system: System,
+) -> tuple[float, int, float, int]:  # fmt: skip
     """Newton's method from the twist and orientations of ``state``, as `loaded.newton`.
 
-    Fills in the state it ends in and, where that is balanced, the ``compliance`` (6, 6) of the
-    tip and the ``change`` (4, points, 6) that unit wrenches on it make, see `TipAnswer`.
+    Fills in the state it ends in and, where that is balanced, the ``system`` linearised about
+    nearly the same. If ``is_known``, the ``known`` system of a balance nearby makes the first
+    step, as long as that leaves a small part of the residual.
 
     Returns:
-        Residual, number of iterations, how far all but the first have turned the arm [rad], the
-        sign of the determinant of the system, 0 where there is none, and whether the compliance
-        is definite.
+        Residual, number of iterations, how far all but the first have turned the arm [rad], and
+        the sign of the determinant of the system, 0 where there is no balance.
     """
-    s, count = tables.weights.size, state.twist.shape[1]
-    system, new = empty_system(tables), empty_state(count)
-    side, step = np.empty((4, count, 1)), np.empty((4, count, 1))
-    turn = np.empty((3, count, 1))
+    count = state.twist.shape[1]
+    new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
     residual = find_state(tables, tensions, tip_wrench, factor, state)
-    strayed, turned, iterations, is_near, sign = 0.0, 0.0, 0, False, 0
+    strayed, turned, iterations, is_first, is_near, sign = 0.0, 0.0, 0, True, False, 0
     while residual > tolerance and iterations < MOST:
-        if not (sign and is_near):
+        if is_known:
+            find_step(tables, known, state.imbalance, step, turn)
+        elif not (sign and is_near):
             sign = find_system(tables, state, system)
             if sign == 0:
-                return residual, iterations, strayed, 0, False
+                return residual, iterations, strayed, 0
             turned = 0.0
-        side[:, :, 0] = state.imbalance
-        respond(tables, system, side, step, turn)
+        if not is_known:
+            find_step(tables, system, state.imbalance, step, turn)
         iterations += 1
-        new.twist[:] = state.twist + step[:, :, 0]
-        new.turn[:] = state.turn
+        new.twist[:] = state.twist + step
+        turn_by(turn, state.turn, new.turn)
         find_turn(tables, new.twist, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
-        if not found <= (PROGRESS if iterations > 1 else UPHILL) * residual:
-            return residual, iterations, strayed, 0, False
+        if is_known:
+            is_known = False
+            if not found <= PREDICTED * residual:
+                continue
+        if not found <= (UPHILL if is_first else PROGRESS) * residual:
+            return residual, iterations, strayed, 0
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
-        angle = turn_of(tables, step[:, :, 0])
+        angle = turn_of(tables, step)
         turned += angle
-        if iterations > 1:
+        if not is_first:
             strayed += angle
+        is_first = False
     if not residual <= tolerance:
-        return residual, iterations, strayed, 0, False
+        return residual, iterations, strayed, 0
     if sign == 0 or turned > SAME:
         sign = find_system(tables, state, system)
-        if sign == 0:
-            return residual, iterations, strayed, 0, False
+    return residual, iterations, strayed, sign
+
+
+def balance(
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
+    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
+    orientation: ComplexArray, state: RodState, system: System, compliance: FloatArray,
+    change: FloatArray, readings: Readings,
+) -> Outcome:  # fmt: skip
+    """Find balance from the twist of ``state`` and ``orientation``, and fill in that it ends in.
+
+    ``orientation`` (2, points) is that of `Quaternions`. Where the state is not seen to be one of
+    least energy, which takes that the loads have an energy, the ``compliance`` (6, 6) of the tip
+    and the ``change`` (4, points, 6) that unit wrenches on it make are filled in, see `TipAnswer`;
+    the ``readings`` as ``wanted``. As to the systems see `iterate`.
+    """
+    turn = state.turn
+    for i in range(turn.shape[1]):
+        a, b = orientation[0, i], orientation[1, i]
+        turn[0, i], turn[1, i], turn[2, i], turn[3, i] = a.real, a.imag, b.real, b.imag
+    outcome = search(
+        tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
+        state, system, compliance, change, readings,
+    )  # fmt: skip
+    for i in range(turn.shape[1]):
+        orientation[0, i] = complex(turn[0, i], turn[1, i])
+        orientation[1, i] = complex(turn[2, i], turn[3, i])
+    return outcome
+
+
+def search(
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
+    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
+    state: RodState, system: System, compliance: FloatArray, change: FloatArray,
+    readings: Readings,
+) -> Outcome:  # fmt: skip
+    """As `balance`, from the orientations of ``state``."""
+    if wanted == READ_ONLY:
+        residual = find_state(tables, tensions, tip_wrench, factor, state)
+        read_rod(tables, tensions, tip_wrench, state, readings)
+        return Outcome(residual, 0, 0.0, 0, False, False, True)
+    residual, iterations, strayed, sign = iterate(
+        tables, tensions, tip_wrench, factor, tolerance, is_known, known, state, system
+    )
+    if sign == 0:
+        return Outcome(residual, iterations, strayed, 0, False, False, False)
+    is_least = has_energy and sign > 0 and is_minimum(system)
+    # Under moments without an energy the sign is all that is known.
+    if (
+        wanted == READINGS and strayed <= STRAY and (is_least or (sign > 0 and not has_energy))
+        and is_resolved(tables, state.twist) and has_fibres(tables.sections, state.twist)
+    ):  # fmt: skip
+        read_rod(tables, tensions, tip_wrench, state, readings)
+        is_read = readings.twist[3].min() > 0.0
+        return Outcome(residual, iterations, strayed, sign, is_least, False, is_read)
+    if is_least:
+        return Outcome(residual, iterations, strayed, sign, True, False, False)
+    find_compliance(tables, state, system, compliance, change)
+    is_tip_stable = is_definite(compliance)
+    return Outcome(residual, iterations, strayed, sign, False, is_tip_stable, False)
+
+
+def find_compliance(
+    tables: RodTables, state: RodState, system: System, compliance: FloatArray, change: FloatArray
+) -> None:
+    """Fill in the ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) for it."""
+    s, count = tables.weights.size, state.twist.shape[1]
     wrench = tip_wrenches(tables, state)
     respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for row in range(6):
@@ -90,4 +197,35 @@ def newton(
                     weight = tables.step[i // s] * tables.weights[i % s]
                     total += weight * wrench[k, i, row] * change[k, i, column]
             compliance[row, column] = total
-    return residual, iterations, strayed, sign, is_definite(compliance)
+
+
+def is_resolved(tables: RodTables, twist: FloatArray) -> bool:
+    """Whether elements are fine enough for ``twist`` (4, points), as `LoadedRod.resolves`."""
+    s = tables.weights.size
+    size, last = np.zeros(4), np.zeros(4)
+    for k in range(4):
+        for first in range(0, twist.shape[1], s):
+            one, other = 0.0, 0.0
+            for i in range(s):
+                value = twist[k, first + i]
+                size[k] = max(size[k], abs(value))
+                one += value * tables.tail[i, 0]
+                other += value * tables.tail[i, 1]
+            last[k] = max(last[k], max(abs(one), abs(other)))
+    angular = max(size[0], max(size[1], size[2]))
+    for k in range(4):
+        if not last[k] <= RESOLVED * (angular if k < 3 else size[3]):
+            return False
+    return True
+
+
+def has_fibres(sections: SectionTables, twist: FloatArray) -> bool:
+    """Whether no fibre is compressed to nothing under ``twist`` (4, points)."""
+    if sections.widens:
+        for i in range(twist.shape[1]):
+            stretch = twist[3, i]
+            square = (twist[1, i] ** 2 + twist[2, i] ** 2) * sections.squared[i]
+            bend = incompressible_widening(stretch)[0] * np.sqrt(square)
+            if not stretch - bend > SHORTEST_FIBRE:
+                return False
+    return True

@@ -48,7 +48,11 @@ class System(NamedTuple):
 
 def empty_system(tables: RodTables) -> System:
     """Room for a system."""
-    elements, s = tables.step.size, tables.weights.size
+    return system_of(tables.step.size, tables.weights.size)
+
+
+def system_of(elements: int, s: int) -> System:
+    """Room for a system of so many elements with s points each."""
     return System(
         np.empty((elements, 3 * s, 3 * s)), np.empty((elements, 3 * s), np.int64),
         np.empty((elements, 6, 3 * s)), np.empty((elements, 6, 6)),
@@ -164,17 +168,25 @@ def find_system(tables: RodTables, state: RodState, system: System) -> int:
         solve_transposed(matrix, system.pivots[element], sides)
         ends = system.ends[element]
         for column in range(6):
-            for p in range(3):
-                last, before = 0.0, 0.0
-                for j in range(s):
-                    last += tables.weights[j] * sides[column, p * s + j]
-                for row in range(3 * s):
-                    before -= to_moment[p, row] * sides[column, row]
+            # Sums side by side, since each waits for the one before.
+            side, last_0, last_1, last_2 = sides[column], 0.0, 0.0, 0.0
+            before_0, before_1, before_2 = 0.0, 0.0, 0.0
+            for j in range(s):
+                weight = h * tables.weights[j]
+                last_0 += weight * side[j]
+                last_1 += weight * side[s + j]
+                last_2 += weight * side[2 * s + j]
                 if column < 3:
-                    for j in range(s):
-                        before -= h * tables.weights[j] * by_turn[p, column, j]
-                ends[p, column] = h * last + (1.0 if p == column else 0.0)
-                ends[3 + p, column] = before + (1.0 if 3 + p == column else 0.0)
+                    before_0 -= weight * by_turn[0, column, j]
+                    before_1 -= weight * by_turn[1, column, j]
+                    before_2 -= weight * by_turn[2, column, j]
+            for row in range(3 * s):
+                before_0 -= to_moment[0, row] * side[row]
+                before_1 -= to_moment[1, row] * side[row]
+                before_2 -= to_moment[2, row] * side[row]
+            ends[0, column], ends[1, column], ends[2, column] = last_0, last_1, last_2
+            ends[3, column], ends[4, column], ends[5, column] = before_0, before_1, before_2
+            ends[column, column] += 1.0
     return sign * link(system)
 
 

@@ -35,18 +35,19 @@ def follow(
     wanted: Condition,
     spending: Spending,
     tolerance: float = TOLERANCE,
+    step: float = 1.0,
 ) -> State:
     """From the balanced ``shape`` in ``known`` to balance in ``wanted``, within ``tolerance``.
 
-    In one load step where that converges, in several where it does not. Where the branch ends at a
-    limit point, or becomes unstable (the arm buckles), the potential energy is minimised from
-    there. Returns the balanced, stable state.
+    In one load step where that converges, in several where it does not; the first is ``step``.
+    Where the branch ends at a limit point, or becomes unstable (the arm buckles), the potential
+    energy is minimised from there. Returns the balanced, stable state.
 
     Raises:
         ConvergenceError: if no balance was found; it carries the last iterate.
         ContinuationError: if it would take more than there is to spend.
     """
-    done, step = 0.0, 1.0
+    done = 0.0
     last: tuple[Shape, float] | None = None
     sign = 1
     while True:

@@ -167,18 +167,23 @@ class Equilibrium:
                 f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
             )
 
-    def stability(self, state: State, answer: System | TipAnswer | None = None) -> Stability:
+    def stability(
+        self, state: State, answer: System | TipAnswer | Stability | None = None
+    ) -> Stability:
         """Whether a balanced ``state`` is stable.
 
         The compliance at the tip of a stable arm is positive definite, and the determinant of its
         equations has the sign it has without loads: one unstable mode reverses the sign, two at
         once leave it and show in the compliance alone. ``answer`` is that to wrenches on the tip
-        or a system linearised about nearly the same state, if there is.
+        or a system linearised about nearly the same state, if there is, or the stability where
+        that is known already.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
         """
         self.require_tangents('the stability check')
+        if isinstance(answer, Stability):
+            return answer
         if not isinstance(answer, TipAnswer):
             answer = self.tip_answer(state, answer or self.linearised(state))
         # Without an energy nothing follows from compliance.

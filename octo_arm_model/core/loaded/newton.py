@@ -8,7 +8,7 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import System, TipAnswer
 from octo_arm_model.core.loaded.sliding_response import newton_step
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.rod.solution import Shape
 
 MOST = 10  # iterations
@@ -29,14 +29,14 @@ class Iterate(NamedTuple):
         iterations: made.
         strayed: how far all of them but the first, which takes up the change of the loads, have
             turned the arm [rad].
-        system: the last one solved, or how it answers wrenches on the tip, if the state is
-            balanced.
+        system: the last one solved, how it answers wrenches on the tip, or its stability where
+            that is known already, if the state is balanced.
     """
 
     state: State
     iterations: int
     strayed: float
-    system: System | TipAnswer | None
+    system: System | TipAnswer | Stability | None
 
 
 class Newton(Protocol):

@@ -12,6 +12,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium, evaluate_local
 from octo_arm_model.core.loaded.friction import Friction, Sliding
@@ -25,7 +26,7 @@ from octo_arm_model.core.numerics.quaternion import Quaternions, product
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
-from octo_arm_model.core.rod.solution import Shape
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
@@ -40,10 +41,14 @@ RESOLVED = 1e-6
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
-_KEPT = 64  # loads whose resultants are
+_KEPT = 64  # loads whose resultants are, and rods
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
+
+# From a condition and a shape nearby to the solution there; None where Newton's method leads to no
+# stable balance, or to one that elements do not resolve. Iterations are spent.
+Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | None]
 
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -69,11 +74,13 @@ class LoadedRod:
         newton: Newton's method for these.
         minimum: the twist under tensions alone.
         read_out: what a state is at nodes and stations.
+        settle: both in one call of machine code, if there is.
         base: pose of the base.
         points: how many points there are.
         station_node: node of each station.
         dead_resultants: of dead loads, force and moment without its levers, (3, points) in
             base_frame, of the tip's wrench too; kept for those asked for last.
+        read_from: what values at the points of another rod are at the points of this one.
         differentiate: derivatives in machine code, if there is.
         differentiate_tip: likewise of the tip alone.
     """
@@ -102,6 +109,8 @@ class LoadedRod:
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
+        self.settle: Settle | None = None
+        self.read_from = functools.lru_cache(_KEPT)(self._read_from)
         self.dead_resultants = functools.lru_cache(_KEPT)(self._dead_resultants)
         self.differentiate: Differentiate | None = None
         self.differentiate_tip: DifferentiateTip | None = None
@@ -165,8 +174,7 @@ class LoadedRod:
         """The ``shape`` of an ``other`` rod at the points of this one."""
         return self.equilibrium.shape(self.read_from(other).interpolate(shape.twist))
 
-    def read_from(self, other: LoadedRod) -> Readout:
-        """What values at the points of an ``other`` rod are at the points of this one."""
+    def _read_from(self, other: LoadedRod) -> Readout:
         return other._own.readout(self._own.s, self._own.s)
 
     def mean_along_tendons(self, values: FloatArray) -> FloatArray:

@@ -33,7 +33,8 @@ from octo_arm_model.core.sensitivity.by_loads import by_loads
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
-COARSE = 6  # points in each of the elements in which an arm is followed from its unloaded shape
+_FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
+COARSE = 4  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
@@ -139,13 +140,18 @@ class Exact:
         if start is not None and start.shape is not None:
             level = self.rods.level_of(start.shape.twist)
         wanted = Condition(tensions, tip_wrench, 1.0, self.rods.at_level(before, level))
-        spending = Spending(self._setup.budget)
+        spending, rod = Spending(self._setup.budget), self._rod(level)
+        shape = start.shape if start else None
+        if shape is None:
+            shape = rod.unloaded(start.tensions.ravel() if start else tensions, wanted.before)
+        if rod.settle is not None:
+            solution = rod.settle(wanted, shape, spending)
+            if solution is not None:
+                return solution
         if start is None:
-            known, shape = self._nearly(wanted, spending)
+            known, shape = self._nearly(wanted, shape, spending)
         else:
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
-            shape = start.shape or self._rod(0).unloaded(known.tensions, known.before)
-        rod = self._rod(level)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
             level, coarser = level + 1, rod
@@ -168,30 +174,33 @@ class Exact:
             tendons,
         )  # fmt: skip
 
-    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
+    def _nearly(
+        self, wanted: Condition, unloaded: Shape, spending: Spending
+    ) -> tuple[Condition, Shape]:
         """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
 
-        That is ``wanted`` itself where Newton's method or few points lead there, else the
-        unloaded arm.
+        That is ``wanted`` itself where Newton's method or few points lead there, else that of the
+        ``unloaded`` shape.
         """
-        fine, coarse = self._rod(0), self._rod(0, COARSE)
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
-        unloaded = fine.unloaded(wanted.tensions, wanted.before)
+        fine, coarse = self._rod(0), self._rod(0, COARSE)
         is_plain = not (self.slides or fine.equilibrium.loads.without_tangent)
         if not (is_plain and coarse.points < fine.points):
             return known, unloaded
-        found = fine.newton(wanted, unloaded, TOLERANCE)
-        state = found.state
-        spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
-        if state.residual <= TOLERANCE and found.strayed <= STRAY:
-            stability = fine.equilibrium.stability(state, found.system)
-            if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
-                return wanted, state.shape
+        if fine.settle is None:
+            found = fine.newton(wanted, unloaded, TOLERANCE)
+            state = found.state
+            spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
+            if state.residual <= TOLERANCE and found.strayed <= STRAY:
+                stability = fine.equilibrium.stability(state, found.system)
+                if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
+                    return wanted, state.shape
         shape = coarse.unloaded(wanted.tensions)
         try:
             state = follow(
-                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY
-            )
+                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY,
+                _FIRST_STEP,
+            )  # fmt: skip
         except ContinuationError:
             raise  # Its budget is spent.
         except ConvergenceError:

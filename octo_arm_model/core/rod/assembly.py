@@ -81,9 +81,13 @@ class Results:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
         twist = solution.twist
-        self._check(twist[3])
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
+        if solution.strains is not None and solution.frames is not None:
+            self.position[part], self.quaternion[part] = solution.frames
+            self.strains[:] = solution.strains
+            return
+        self._check(twist[3])
         if solution.tendons is not None:
             self.add_tendons(part, solution.tendons)
         if solution.frames is not None:

@@ -49,6 +49,7 @@ class Solution(NamedTuple):
         frames: position (..., stations, 3) [m] and orientation x, y, z, w (..., stations, 4) of
             the stations, where they are known better than from the twist at the nodes.
         tendons: along the tendons, where they have friction.
+        strains: of one arm at the stations, as `Results` has them, where they are known already.
     """
 
     twist: FloatArray
@@ -57,6 +58,7 @@ class Solution(NamedTuple):
     shape: Shape | None = None
     frames: tuple[FloatArray, FloatArray] | None = None
     tendons: TendonTensions | None = None
+    strains: FloatArray | None = None
 
     def one(self) -> Solution:
         """The only arm of a batch, without the axis of the batch."""

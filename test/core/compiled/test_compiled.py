@@ -47,7 +47,7 @@ from octo_arm_model.core.compiled import (
 from octo_arm_model.core.compiled.section_tables import section_tables
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.loaded.linearised import TipAnswer
-from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
@@ -632,15 +632,39 @@ def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
         a, b = getattr(one.state, name), getattr(other.state, name)
         np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
     problem = numpy._rod(0).equilibrium
-    answer = problem.tip_answer(other.state, problem.linearised(other.state))
-    assert isinstance(one.system, TipAnswer) and one.system.sign == answer.sign == 1
-    # The last system solved is that of the iterate before.
-    scale = np.abs(answer.compliance).max()
-    np.testing.assert_allclose(one.system.compliance, answer.compliance, atol=1e-3 * scale)
-    # Nothing is left to do.
-    again = machine._rod(0).newton(condition, one.state.shape, 1e-11)
-    assert again.iterations == 0 and isinstance(again.system, TipAnswer)
-    np.testing.assert_allclose(again.system.compliance, answer.compliance, atol=1e-8 * scale)
-    np.testing.assert_allclose(
-        again.system.twist, answer.twist, atol=1e-8 * np.abs(answer.twist).max()
+    assert one.system == problem.stability(other.state) == Stability(True, 1, None)
+
+
+def test_without_an_energy_the_tip_answers_wrenches_as_by_numpy() -> None:
+    loads = Loads(gravity=(0.0, 2.0, -5.0), tip_moment=(1e-4, 0.0, 2e-4))
+    machine, numpy = (
+        Solver(HELICAL, 'exact', loads=loads, compiled=flag)._statics for flag in (True, False)
     )
+    assert isinstance(machine, Exact) and isinstance(numpy, Exact)
+    tensions = np.linspace(0.1, 0.6, 6)
+    condition = Condition(tensions, np.append(np.zeros(3), loads.tip_moment), 1.0)
+    rod, problem = machine._rod(0), numpy._rod(0).equilibrium
+    shape = rod.newton(condition, rod.unloaded(tensions), 1e-11).state.shape
+    # Nothing is left to do.
+    again = rod.newton(condition, shape, 1e-11)
+    state = problem.state(condition, shape)
+    answer = problem.tip_answer(state, problem.linearised(state))
+    assert again.iterations == 0 and isinstance(again.system, TipAnswer)
+    assert again.system.sign == answer.sign == 1
+    for name in ('compliance', 'twist'):
+        a, b = getattr(again.system, name), getattr(answer, name)
+        np.testing.assert_allclose(a, b, atol=1e-8 * np.abs(b).max())
+
+
+def test_a_step_from_the_last_balance_ends_where_one_from_its_copy_does() -> None:
+    # What was factorised for the last balance makes the first step from it alone.
+    loads = Loads(gravity=(0.0, 2.0, -5.0))
+    solver = Solver(HELICAL, 'exact', loads=loads, compiled=True)
+    tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
+    last = solver.solve(tensions)
+    assert last.shape is not None
+    copy = dataclasses.replace(last, shape=last.shape._replace(twist=last.shape.twist.copy()))
+    for part in (1.0, 1.01, 1.3, 0.3):
+        one, other = (solver.solve(part * tensions, start=start) for start in (last, copy))
+        np.testing.assert_allclose(one.position, other.position, atol=1e-12)
+        np.testing.assert_allclose(one.k, other.k, atol=1e-10)
