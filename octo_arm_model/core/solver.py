@@ -216,8 +216,9 @@ class Solver:
         self._check_loads(True)
         for one in loads:
             one.check_inside(self.arm.length)
-            if one.others:
-                raise ConfigError('loads.others have no derivatives by their magnitude')
+            if one.others or one.scaled:
+                what = 'others' if one.others else 'scaled'
+                raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.sensitivity_to_loads(backbone, loads)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:

@@ -37,7 +37,9 @@ _NEAR = 0.3  # step within which derivatives are still good enough
 _PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
 _GROWTH = 3.0  # likewise one with derivatives
 _WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
-_RISE = 1.0  # of what should be least, from the start to the end
+# By how much what should be least may be more at the end than at the start: by more where the
+# posterior is flat along a curve, off which the mean by a local model lies.
+_RISE = 1.0
 
 
 class Fit(NamedTuple):

@@ -59,6 +59,8 @@ class ArmModel:
         """
         self.arm, self.loads = arm, loads
         self.state = state = State(unknowns, arm)
+        if loads.scaled:
+            raise ConfigError('loads.scaled are those of the estimator itself, expected none')
         if loads.others and unknowns.log_modulus is not None:
             raise ConfigError('loads.others do not go with an unknown log_modulus')
         if arm.sheath_stiffness and unknowns.log_modulus is not None:

@@ -11,7 +11,8 @@ from differences import jacobian
 from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import DistributedLoad, Material, PointLoad, Solver, displacements_of
+from octo_arm_model import DistributedLoad, Loads, Material, PointLoad, Solver, displacements_of
+from octo_arm_model.core.arm.loads import ScaledLoads
 from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
@@ -193,6 +194,8 @@ def test_what_is_no_function_of_the_state_is_refused() -> None:
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
     with pytest.raises(MeasurementError, match='tension has 2 priors, expected one or 4'):
         rubber(Unknowns((Walk(1.0), Walk(2.0))))
+    with pytest.raises(ConfigError, match=r'loads.scaled .*, expected none'):
+        rubber(Unknowns(Walk(1.0)), loads=Loads(scaled=ScaledLoads([])))
     with pytest.raises(ConfigError, match='sheath_stiffness'):
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
 

@@ -350,6 +350,8 @@ def test_scaled_loads_are_loads_of_their_magnitude(compiled: bool | None) -> Non
             for one, shape in ((solver, found), (alone, expected))
         ]
         np.testing.assert_allclose(*changes, atol=1e-6 * np.abs(changes[1]).max())
+    with pytest.raises(ConfigError, match=r'loads\.scaled have no derivatives'):
+        solver.sensitivity_to_loads(found, [loads])
 
 
 @pytest.mark.parametrize('law', LAWS)
