@@ -275,13 +275,14 @@ def hanging(config: Config, ways: list[bool]) -> None:
 
 def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
     """Seconds of a solve, from the last shape, derivatives, covariance, and a batch per arm."""
+    cold = least(lambda: solver.solve(tensions), 100)
     last = solver.solve(tensions)
     # All of a size: the least time would be that of the smallest change.
     parts = 1.0 + 0.01 * np.resize([1.0, -1.0], 1000)
     moving = itertools.cycle(parts)
     batch = tensions * parts[: 3 if IS_BRIEF else 1000, np.newaxis, np.newaxis]
     return [
-        least(lambda: solver.solve(tensions), 100),
+        cold,
         least(lambda: solver.solve(next(moving) * tensions, start=last), 400),
         least(lambda: solver.sensitivity(last), 100),
         least(lambda: solver.tip_covariance(last, UNCERTAIN), 100),

@@ -51,7 +51,8 @@ class CompiledRod:
         self._systems = [system_of(*sizes) for _ in range(_KEPT)]
         self._twists: list[FloatArray | None] = [None] * _KEPT
         self._places = itertools.cycle(range(_KEPT))
-        self._compliance, self._change = np.empty((6, 6)), np.empty((4, rod.points, 6))
+        # What is filled in where nobody asks for it.
+        self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_readings = empty_readings(0, 0)
         self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
         self._find_turn, self._find_minima = find_turn(), find_minima()
@@ -88,13 +89,15 @@ class CompiledRod:
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
         readings = empty_readings(self._nodes, self._stations)
-        self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings)
+        self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
         return readings.twist, readings.position, readings.quaternion
 
     def settle(self, wanted: Condition, shape: Shape, spending: Spending) -> Solution | None:
         """`Settle` of the rod."""
         readings = empty_readings(self._nodes, self._stations)
-        outcome, _, found = self._balance(wanted, shape, TOLERANCE, READINGS, readings)
+        outcome, _, found = self._balance(
+            wanted, shape, TOLERANCE, READINGS, readings, *self._not_asked
+        )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
             return None
@@ -139,15 +142,17 @@ class CompiledRod:
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
+        compliance, change = np.empty((6, 6)), np.empty((*shape.twist.shape, 6))
         outcome, state, found = self._balance(
-            condition, shape, tolerance, BALANCE, self._no_readings
+            condition, shape, tolerance, BALANCE, self._no_readings, compliance, change
         )
         answer: Stability | TipAnswer | None = None
         if outcome.is_least:
             answer = Stability(True, outcome.sign, None)
         elif outcome.sign:
-            change = self._change.transpose(0, 2, 1).copy()
-            answer = TipAnswer(self._compliance.copy(), change, outcome.sign, outcome.is_definite)
+            answer = TipAnswer(
+                compliance, change.transpose(0, 2, 1), outcome.sign, outcome.is_definite
+            )
         rotation = state.rotation
         balanced = State(
             condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
@@ -156,8 +161,9 @@ class CompiledRod:
         return Iterate(balanced, outcome.iterations, outcome.strayed, answer)
 
     def _balance(
-        self, condition: Condition, shape: Shape, tolerance: float, wanted: int, readings: Readings
-    ) -> tuple[Outcome, RodState, Shape]:
+        self, condition: Condition, shape: Shape, tolerance: float, wanted: int,
+        readings: Readings, compliance: FloatArray, change: FloatArray,
+    ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """`rod_kernels.balance`, the state that it ends in, and the shape of this."""
         state = empty_state(shape.twist.shape[1])
         # Arrays of a `Backbone`, which is followed from, cannot be written.
@@ -173,7 +179,7 @@ class CompiledRod:
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
             self._systems[known or 0], orientation, state, self._systems[place],
-            self._compliance, self._change, readings,
+            compliance, change, readings,
         )  # fmt: skip
         if outcome.sign:
             self._twists[place] = state.twist
