@@ -30,9 +30,10 @@ from octo_arm_model.estimation.measurements import Markers, Measurement, Tension
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
-STEPS, SEEDS = (4, 1) if IS_BRIEF else (300, 4)
+STEPS, SEEDS = (4, 1) if IS_BRIEF else (200, 4)
 SETTLED = 0 if IS_BRIEF else 20  # steps that do not count
 PERIOD = 0.05  # [s]
+LOST, LIES = 30, 10  # steps in which a sensor is lost, and in which one lies
 STATIONS, MARKED = 46, [15, 30]
 ARM = load_config(preset_path('renda2012_table4')).arm.with_density(1080.0)
 WATER = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
@@ -175,7 +176,8 @@ def main() -> None:
         for made in runs:
             errors.add(unknowns, made, told, everywhere)
         errors.report(name)
-    first, last = STEPS // 4, STEPS // 2
+    first = STEPS // 4
+    last = min(first + LOST, STEPS - 1)
     for lost in ('tensions', 'tip', 'markers'):
 
         def without(
@@ -186,7 +188,7 @@ def main() -> None:
 
         seconds = (last - first) * PERIOD
         for name, counted in (
-            (f'{lost} lost for {seconds:.0f} s, meanwhile', range(first, last)),
+            (f'{lost} lost for {seconds:g} s, meanwhile', range(first, last)),
             ('  and from then on', range(last, STEPS)),
         ):
             errors = Errors()
@@ -194,7 +196,7 @@ def main() -> None:
                 errors.add(FULL, made, without, counted)
             errors.report(name)
 
-    lies = range(first, first + 10)
+    lies = range(first, min(first + LIES, last))
 
     def lying(step: int, measured: dict[str, Measurement]) -> list[Measurement]:
         if step not in lies:
