@@ -144,7 +144,7 @@ class Tracker:
             # Of sensors that contradict each other the first is believed: let the others be that.
             others = [
                 one for one in readings
-                if one.measurement.is_linear or one.measurement.name in refused
+                if one.measurement.is_linear or one.measurement.name in refused or one.time == time
             ]  # fmt: skip
             trials.append(_Trial(self._begin(), others))
         best = max(trials, key=lambda one: one.agreement)
