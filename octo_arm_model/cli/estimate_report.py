@@ -56,7 +56,8 @@ def summary(result: Result, files: Sequence[str]) -> str:
     tip = np.median([one.tip_stddev for one in result.moments], axis=0)
     lines.append(f'tip known to {_millimetres(tip)} mm in x, y, z (median standard deviation)')
     for name, one in result.consistency.items():
-        lines.append(f'{name}: {one.accepted} used, normalised innovation {one.mean:.2f} (1)')
+        mean = f', normalised innovation {one.mean:.2f} (1)' if one.size else ''
+        lines.append(f'{name}: {one.accepted} used{mean}')
         if one.refused_from is not None and one.refused_to is not None:
             start, stop = (
                 1e-9 * (stamp - recorded.origin_ns) for stamp in (one.refused_from, one.refused_to)

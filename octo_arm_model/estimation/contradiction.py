@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from octo_arm_model.estimation.measurements import Measurement
 
 _KEPT = 2  # readings of each sensor: as many as show that it agrees with itself
 _LINEAR = 1000  # readings of one that tells of the state without a shape
+_LONGEST = 8  # times as long as at first, that a new beginning is waited for
 
 
 class Reading(NamedTuple):
@@ -28,24 +30,24 @@ class Reading(NamedTuple):
 
 
 class _Sensor:
-    """One kind of measurement: its newest readings, and since when [s] all are refused."""
+    """One kind of measurement: its newest readings, and since when [s] all are refused.
+
+    The time is infinite where the last was accepted.
+    """
 
     def __init__(self, is_linear: bool) -> None:
         most = _LINEAR if is_linear else _KEPT
         self.is_linear, self.readings = is_linear, collections.deque[Reading](maxlen=most)
-        self.since: float | None = None
+        self.since = math.inf
 
     def add(self, reading: Reading) -> None:
-        if reading.is_accepted:
-            self.since = None
-        elif self.since is None:
-            self.since = reading.time
+        self.since = math.inf if reading.is_accepted else min(reading.time, self.since)
         self.readings.append(reading)
 
     @property
     def refused_for(self) -> float:
         """How long all of its readings have been refused [s]."""
-        return 0.0 if self.since is None else self.readings[-1].time - self.since
+        return self.readings[-1].time - self.since
 
 
 class Contradiction:
@@ -55,6 +57,7 @@ class Contradiction:
         """Of a sensor that is refused for ``after`` [s]; 0 for never."""
         self._after = after
         self._sensors: dict[str, _Sensor] = {}
+        self._patience: dict[str, int] = {}
 
     def add(self, readings: Sequence[Reading]) -> None:
         """Note ``readings``."""
@@ -62,10 +65,22 @@ class Contradiction:
             measurement = one.measurement
             sensor = self._sensors.setdefault(measurement.name, _Sensor(measurement.is_linear))
             sensor.add(one)
+            if one.is_accepted:
+                self._patience.pop(measurement.name, None)
 
-    def forget(self) -> None:
-        """Begin anew."""
+    def begin(self, *, is_vain: bool) -> None:
+        """Forget all readings; if they were of no use wait for twice as long for the next."""
+        refused = self._refused() if is_vain else []
+        self._patience = {name: min(2 * self._patience.get(name, 1), _LONGEST) for name in refused}
         self._sensors.clear()
+
+    def _refused(self) -> list[str]:
+        """Names of the sensors that have been refused for long."""
+        return [
+            name
+            for name, one in self._sensors.items()
+            if 0.0 < self._after * self._patience.get(name, 1) <= one.refused_for
+        ]
 
     def readings(self) -> list[Reading]:
         """The newest readings of every sensor, by time; none while nothing is refused for long.
@@ -73,14 +88,10 @@ class Contradiction:
         Of the time since the sensor that is refused first is. Where there are load cells they
         begin with a reading of these, without which a shape is hard to find.
         """
-        sensors = self._sensors.values()
-        since = min(
-            (one.since for one in sensors
-             if one.since is not None and 0.0 < self._after <= one.refused_for),
-            default=None,
-        )  # fmt: skip
-        if since is None:
+        sensors, refused = self._sensors.values(), self._refused()
+        if not refused:
             return []
+        since = min(self._sensors[name].since for name in refused)
         every = [one for sensor in sensors for one in sensor.readings if one.time >= since]
         newest = [
             one for sensor in sensors for one in itertools.islice(reversed(sensor.readings), _KEPT)

@@ -12,7 +12,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.observability import Unlearnt, unlearnt
 from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.unknowns import State
-from octo_arm_model.estimation.update import Innovation, Updated
+from octo_arm_model.estimation.updated import Innovation, Updated
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.update import Innovation, Updated, update
+from octo_arm_model.estimation.update import update
+from octo_arm_model.estimation.updated import Innovation, Updated
 from octo_arm_model.estimation.window import Window
 
 GATE = 0.9999

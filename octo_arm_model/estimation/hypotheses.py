@@ -18,7 +18,7 @@ from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE, Step, check_gate, next_step
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.update import Innovation
+from octo_arm_model.estimation.updated import Innovation
 from octo_arm_model.estimation.window import Window
 
 

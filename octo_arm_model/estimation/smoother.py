@@ -2,9 +2,9 @@
 
 Gauss-Newton iteration on all times at once: each pass is a linear filter forward and a smoother
 backward (Rauch, Tung and Striebel) about the last course, the iterated extended Kalman smoother
-of Bell 1994. It begins from the recursive filter, whose refusals stand, and so do the second
-derivatives it has learnt: with these it leads to the mean and not to the most probable course,
-see `posterior_mean`.
+of Bell 1994. It begins from the recursive filter, whose refusals stand. Second derivatives lead
+to the mean and not to the most probable course, see `posterior_mean`; they are those of the last
+course, or of one nearby.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from octo_arm_model.estimation.belief import (
     log_determinant,
     lower_root,
     normalised_square,
-    solve_lower,
 )
-from octo_arm_model.estimation.curvature import Curvature
+from octo_arm_model.estimation.course_curvature import Bent, bent_at, gradient_at, weight_of
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
 from octo_arm_model.estimation.fit import TOLERANCE
@@ -35,14 +34,16 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.posterior import nearest_possible
-from octo_arm_model.estimation.posterior_mean import gradient as gradient_of
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.taken import kinds_of
 
 MAX_RECORDED = 100_000  # times
 _MOST = 100  # passes
 _LONGEST = 3.0  # standard deviations a component, of a step at any time
 _SHORTEST = 1e-3  # part of a step
+# Second derivatives of a course nearby lead not quite where the cost is least: so near to the mean
+# course, in standard deviations a component, this part of the way left is progress all the same.
+_NEAR = 0.3
+_PROGRESS = 0.95
 _SLACK = 1e-3  # of a cost that is in squares of standard deviations, for rounding
 
 
@@ -69,7 +70,7 @@ def smooth(
     if not steps:
         return []
     points = [step.updated.at.differentiated() for step in steps]
-    about = _Pass(model, steps, points)
+    about = _Pass(model, steps, points, [None] * len(steps))
     for _ in range(_MOST):
         if about.size <= TOLERANCE:
             return [
@@ -94,18 +95,28 @@ class _Pass:
         course: mean course by this linearisation.
         size: of the longest way to it, in standard deviations a component.
         cost: what is least along the mean course, in squares of standard deviations.
+        bent: how what is measured bends there; None of times without such a measurement.
     """
 
     def __init__(
-        self, model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]
+        self,
+        model: ArmModel,
+        steps: Sequence[Step],
+        points: Sequence[Prediction],
+        bent: Sequence[Bent | None],
     ) -> None:
+        """Of a model, its ``steps``, ``points``, and what is known of those nearby."""
         self.points = points
         nowhere = [np.zeros(model.state.size)] * len(steps)
         filtered, volume = _forward(model, steps, points, nowhere)
         known = _smoothed(model, steps, filtered)
+        self.bent = [
+            bent_at(step, at, belief, before)
+            for step, at, belief, before in zip(steps, points, known, bent, strict=True)
+        ]
         gradients = [
-            _gradient(step, at, belief)
-            for step, at, belief in zip(steps, points, known, strict=True)
+            gradient_at(step, at, belief, here)
+            for step, at, belief, here in zip(steps, points, known, self.bent, strict=True)
         ]
         self.course = _smoothed(model, steps, _forward(model, steps, points, gradients)[0])
         self.size = max(
@@ -130,8 +141,8 @@ def _next(model: ArmModel, steps: Sequence[Step], last: _Pass) -> _Pass:
             for at, belief in zip(last.points, last.course, strict=True)
         ]
         try:
-            found = _Pass(model, steps, points)
-            if found.cost <= last.cost + _SLACK:
+            found = _Pass(model, steps, points, last.bent)
+            if found.cost <= last.cost + _SLACK or found.size <= _PROGRESS * last.size <= _NEAR:
                 return found
         except SolveError:
             if part < _SHORTEST:
@@ -187,7 +198,7 @@ def _forward(
 ) -> tuple[list[Belief], float]:
     """The filter with measurements linearised about ``points``, and ln(det A) but a constant.
 
-    ``gradients`` are those of its half, see `_gradient`; every step of it has its weight.
+    ``gradients`` are those of its half, see `gradient_at`; every step of it has its weight.
     """
     beliefs: list[Belief] = []
     volume = 0.0
@@ -203,35 +214,9 @@ def _forward(
             left = residuals(accepted, at) + jacobian @ (at.x - belief.mean)
             shift = by.root @ (by.root.T @ gradient)
             belief = Belief(belief.mean + by.gain @ left - shift, by.root)
-            known = _curvature(step)
-            volume += (known.weight if known else 1.0) * log_determinant(by.innovation_root)
+            volume += weight_of(step) * log_determinant(by.innovation_root)
         beliefs.append(belief)
     return beliefs, volume
-
-
-def _gradient(step: Step, at: Prediction, belief: Belief) -> FloatArray:
-    """Gradient of ln(det A) / 2 by the state at one time, (n,), with its weight.
-
-    A is the information on the whole course, and ``belief`` what it says of that time.
-    """
-    others, known = _others(step), _curvature(step)
-    if known is None:
-        return np.zeros(at.x.size)
-    root = noise_root(others)
-    white = solve_lower(root, jacobians(others, at))
-    own = solve_lower(root, white @ belief.root @ belief.root.T, is_transposed=True)
-    return known.weight * gradient_of(own.T, known.second)
-
-
-def _curvature(step: Step) -> Curvature | None:
-    """Of what was measured and not linear, if anything was."""
-    others = _others(step)
-    return step.updated.curvatures[kinds_of(others)] if others else None
-
-
-def _others(step: Step) -> list[Measurement]:
-    """What was accepted and is not linear."""
-    return [one for one in step.updated.accepted if not one.is_linear]
 
 
 def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) -> list[Belief]:

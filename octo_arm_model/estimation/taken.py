@@ -31,6 +31,7 @@ from octo_arm_model.estimation.prediction import Prediction
 _FAR = 4.0  # times the gate, for a square that is not exact
 
 Kinds: TypeAlias = tuple[Hashable, ...]
+Last: TypeAlias = tuple[Prediction, Curvature | None]  # of the same measurements
 Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
 
 
@@ -85,7 +86,7 @@ def take_others(
     prior: Belief,
     measurements: Sequence[Measurement],
     at: Prediction,
-    last: tuple[Prediction, Curvature | None] | None,
+    last: Last | None,
     gate: float,
 ) -> Taken:
     """``prior`` after other ``measurements``, whose mean is ``at``.
@@ -95,32 +96,51 @@ def take_others(
     Raises:
         SolveError: if they find no agreement.
     """
-    if not measurements:
-        return Taken(prior, at)
-    if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
+    if taken := take_together(prior, measurements, at, last, gate):
         return taken
-    starts: list[Start] = [(at, FROM_AFAR)]
-    if last is not None:
-        starts.insert(0, (last[0], FROM_NEARBY))
-    if len(measurements) > 1:
-        limit = chi_square_limit(gate, sum(one.value.size for one in measurements))
-        start, square = _most_probable(prior, measurements, starts, limit, is_judged=True)
-        if square <= limit and (taken := _agreed(prior, measurements, start, None, gate)):
-            return taken
-    squares = {}
+    starts, squares = _starts(at, last), {}
     for one in measurements:
-        limit = chi_square_limit(gate, one.value.size)
+        limit = _limit([one], gate)
         _, squares[id(one)] = _most_probable(prior, [one], starts, limit, is_judged=True)
     accepted = _within(measurements, squares, gate)
     if not accepted:
         return Taken(prior, at, (), squares)
-    limit = chi_square_limit(gate, sum(one.value.size for one in accepted))
-    start, _ = _most_probable(prior, accepted, starts, limit)
+    start, _ = _most_probable(prior, accepted, starts, _limit(accepted, gate))
     try:
         found = fit(prior, accepted, start, None)
     except SolveError:
         found = fit(prior, accepted, start, None, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
+
+
+def take_together(
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    at: Prediction,
+    last: Last | None,
+    gate: float,
+) -> Taken | None:
+    """`take_others` where each is within the gate beside all others; None if not."""
+    if not measurements:
+        return Taken(prior, at)
+    if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
+        return taken
+    if len(measurements) == 1:
+        return None
+    limit = _limit(measurements, gate)
+    start, square = _most_probable(prior, measurements, _starts(at, last), limit, is_judged=True)
+    return _agreed(prior, measurements, start, None, gate) if square <= limit else None
+
+
+def _starts(at: Prediction, last: Last | None) -> list[Start]:
+    """Where to look for a state: nearby first."""
+    nearby: list[Start] = [] if last is None else [(last[0], FROM_NEARBY)]
+    return [*nearby, (at, FROM_AFAR)]
+
+
+def _limit(measurements: Sequence[Measurement], gate: float) -> float:
+    """The largest square of all ``measurements`` together that is within the ``gate``."""
+    return chi_square_limit(gate, sum(one.value.size for one in measurements))
 
 
 def far_off(

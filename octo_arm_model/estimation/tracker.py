@@ -7,14 +7,13 @@ the arm is lost.
 
 from __future__ import annotations
 
-import collections
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.estimation.consistency import Consistency, count_innovations
 from octo_arm_model.estimation.contradiction import Contradiction, Reading
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE
@@ -22,9 +21,7 @@ from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.update import Innovation
-
-RECENT = 200  # innovations of a kind that count as recent
+from octo_arm_model.estimation.updated import Innovation
 
 
 class Tracked(NamedTuple):
@@ -43,58 +40,6 @@ class Tracked(NamedTuple):
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
     begins_anew: bool = False
-
-
-@dataclass
-class Consistency:
-    """Innovations of one kind of measurement.
-
-    Attributes:
-        accepted: how many measurements.
-        refused: how many the gate refused.
-        square: sum of the normalised squares of those accepted; chi-square of `size` where all
-            is as told.
-        size: of how many numbers.
-        recent: square and size of the newest of them.
-        refused_from: stamp of the first one refused [ns]; None of none.
-        refused_to: of the last.
-    """
-
-    accepted: int = 0
-    refused: int = 0
-    square: float = 0.0
-    size: int = 0
-    recent: collections.deque[tuple[float, int]] = field(
-        default_factory=lambda: collections.deque(maxlen=RECENT)
-    )
-    refused_from: int | None = None
-    refused_to: int | None = None
-
-    @property
-    def mean(self) -> float:
-        """Mean of the normalised squares per number, 1 where all is as told; NaN of none."""
-        return self.square / self.size if self.size else math.nan
-
-    def count(self, stamp_ns: int, one: Innovation) -> None:
-        """Count an innovation."""
-        if one.is_accepted:
-            self.accepted += 1
-            self.square += one.normalised_square
-            self.size += one.value.size
-            self.recent.append((one.normalised_square, one.value.size))
-            return
-        self.refused += 1
-        if self.refused_from is None:
-            self.refused_from = stamp_ns
-        self.refused_to = stamp_ns
-
-
-def count_innovations(
-    consistency: dict[str, Consistency], stamp_ns: int, innovations: Sequence[Innovation]
-) -> None:
-    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds."""
-    for one in innovations:
-        consistency.setdefault(one.name, Consistency()).count(stamp_ns, one)
 
 
 class Tracker:
@@ -175,7 +120,7 @@ class Tracker:
         else:
             self._contradiction.add(
                 [
-                    Reading(time, measurement, one.is_accepted)
+                    Reading(time, measurement, one.is_whole(measurement))
                     for measurement, one in zip(measurements, tracked.innovations, strict=False)
                 ]
             )
@@ -194,18 +139,19 @@ class Tracker:
         readings = self._contradiction.readings() if time >= self._newest else []
         if not readings:
             return None
-        self._contradiction.forget()
         trials = [_Trial(self._begin(), readings)]
         if refused := trials[0].refused:
             # Of sensors that contradict each other the first is believed: let the others be that.
             others = [
                 one for one in readings
-                if one.measurement.is_linear or one.measurement.name in refused
+                if one.measurement.is_linear or one.measurement.name in refused or one.time == time
             ]  # fmt: skip
             trials.append(_Trial(self._begin(), others))
         best = max(trials, key=lambda one: one.agreement)
         believed = {one.measurement.name for one in readings if one.is_accepted}
-        if best.tracked is None or best.agreement[0] <= len(believed):
+        is_vain = best.tracked is None or best.agreement[0] <= len(believed)
+        self._contradiction.begin(is_vain=is_vain)
+        if best.tracked is None or is_vain:
             return None
         self._late, self._bank = self.late, best.bank
         self.restarts += 1
@@ -234,7 +180,11 @@ class _Trial:
             except SolveError:
                 self.tracked = None
                 return
-            self.refused |= {one.name for one in self.tracked.innovations if not one.is_accepted}
+            self.refused |= {
+                measurement.name
+                for measurement, one in zip(measurements, self.tracked.innovations, strict=False)
+                if not one.is_whole(measurement)
+            }
         agreed = [size for name, size in sizes.items() if name not in self.refused]
         self.agreement = len(agreed), sum(agreed)
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
+from scipy.stats import chi2
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.filter import Filter
@@ -14,6 +17,10 @@ from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPos
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+from tip_force_scenario import PERIOD, arm_model, simulated, square
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
@@ -104,6 +111,25 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
             squares.append(error @ np.linalg.solve(found.covariance[force, force], error))
     # 8 runs of 7 steps, correlated over 10: about 8 to 16 independent sets of 3.
     assert 1.0 < np.mean(squares) < 6.5
+
+
+@pytest.mark.slow
+def test_where_the_arm_bends_by_far_more_than_is_measured_it_is_better_than_the_filter() -> None:
+    """Two seconds of the scenario of the benchmark, twice: neither diverges, nor is it biased."""
+    model = arm_model(remembers=True, stations=21)
+    part, errors, squares = model.state.tip_force, [], []
+    for seed in (1, 5):
+        data = simulated(60, seed)
+        recording = [(PERIOD * step, measured) for step, (measured, _) in enumerate(data)]
+        own = Filter(model)
+        filtered = [own.add(time, measured) for time, measured in recording]
+        for before, after, (_, true) in zip(filtered, smooth(model, recording), data, strict=True):
+            errors.append([(one.mean - true.x)[part] for one in (before, after)])
+            squares.append(square(after, true, part))
+    before, after = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
+    assert after < before
+    # Errors of neighbours are not independent: as if there were two a second.
+    assert np.mean(squares) < chi2.ppf(0.9999, 3 * 8) / 8
 
 
 def test_what_it_refuses() -> None:

@@ -65,13 +65,18 @@ KINDS: dict[str, Callable[[float], Measurement]] = {
 }
 
 
-# Load cells are believed first: of their lies see the manual.
-@pytest.mark.parametrize('liar', [name for name in KINDS if name != 'tensions'])
+FIRST, *OTHERS = MODEL.arm.tendon_names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('liar', KINDS)
 def test_one_that_lies_is_refused_and_named(liar: str) -> None:
     own = Filter(MODEL)
     found = own.add(0.0, [make(30.0 * (name == liar)) for name, make in KINDS.items()])
-    assert own.refused == {liar: 1}
-    assert [one.name for one in found.innovations if not one.is_accepted] == [liar]
+    # Of load cells it is the one that lies.
+    name = f'load cell {FIRST}' if liar == 'tensions' else liar
+    assert own.refused == {name: 1}
+    assert [one.name for one in found.innovations if not one.is_accepted] == [name]
     stddev = np.sqrt(np.diag(found.covariance))
     assert (np.abs(found.mean - TRUTH.x) < stddev).all()
 
@@ -85,6 +90,42 @@ def test_one_that_is_lost_is_welcome_when_it_comes_back(lost: str) -> None:
         stddev = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.mean - TRUTH.x) < stddev).all()
     assert not own.refused
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number', range(4))
+def test_the_load_cell_that_lies_is_thrown_out_by_tip_and_markers(number: int) -> None:
+    own, lie = Filter(MODEL), np.zeros(4)
+    lie[number] = 0.8
+    for step, wrong in enumerate((np.zeros(4), lie, lie, np.zeros(4))):
+        made = [Tensions(TENSIONS + wrong, 0.02), KINDS['tip pose'](0.0), KINDS['markers'](0.0)]
+        found = own.add(0.1 * step, made)
+        stddev = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.mean - TRUTH.x) < stddev).all()
+        assert found.innovations[0].value.size == (3 if wrong.any() else 4)
+    assert own.refused == {f'load cell {MODEL.arm.tendon_names[number]}': 2}
+
+
+def test_a_single_sensor_of_the_shape_contradicts_no_load_cell() -> None:
+    """A tip that lies is refused, though a tension and a force might explain it."""
+    own = Filter(MODEL)
+    own.add(0.0, [Tensions(TENSIONS, 0.02), KINDS['tip position'](0.0)])
+    own.add(0.01, [Tensions(TENSIONS, 0.02), KINDS['tip position'](60.0)])
+    assert own.refused == {'tip position': 1}
+
+
+def test_a_load_cell_that_jumps_is_refused_without_other_sensors() -> None:
+    model = rubber(Unknowns(Walk(10.0, 0.1)))
+    own = Filter(model)
+    own.add(0.0, [Tensions(TENSIONS, 0.02)])
+    found = own.add(0.1, [Tensions(TENSIONS + [0.0, 0.0, 2.0, 0.0], 0.02)])
+    rest, jumped = found.innovations
+    assert rest.is_accepted and rest.value.size == 3
+    assert (jumped.name, jumped.is_accepted) == (f'load cell {OTHERS[1]}', False)
+    np.testing.assert_allclose(found.tensions, TENSIONS, atol=0.1)
+    # Two of them are a motion, or lie both: nobody knows which.
+    found = own.add(0.2, [Tensions(TENSIONS + [0.0, 2.0, 2.0, 0.0], 0.02)])
+    assert [one.name for one in found.innovations if not one.is_accepted] == ['tensions']
 
 
 def test_without_a_past_a_right_tip_is_never_refused() -> None:

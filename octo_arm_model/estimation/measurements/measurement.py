@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -28,7 +28,7 @@ class Measurement(abc.ABC):
         covariance: of its error, (m, m).
     """
 
-    name: ClassVar[str]
+    name: str
     is_linear: ClassVar[bool] = False
 
     def __init__(self, value: ArrayLike, noise: ArrayLike) -> None:
@@ -72,6 +72,13 @@ class Measurement(abc.ABC):
     def kind(self) -> Hashable:
         """What is measured and where: measurements of one kind differ by their values alone."""
         return self.name, self.value.size
+
+    def each_apart(self, at: Prediction) -> Iterator[tuple[Measurement, Measurement]]:
+        """All but one of the sensors that measured it and that one, for each in turn.
+
+        Nothing where it is of one sensor.
+        """
+        return iter(())
 
     @abc.abstractmethod
     def innovation(self, at: Prediction) -> FloatArray:

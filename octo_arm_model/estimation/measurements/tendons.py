@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +58,30 @@ class Tensions(_OfTendons):
         if state.tension_bias.stop > state.tension_bias.start:
             jacobian[rows, state.tension_bias.start + which] = 1.0
         return jacobian
+
+    def each_apart(self, at: Prediction) -> Iterator[tuple[Measurement, Measurement]]:
+        """See `Measurement`."""
+        if self.value.size < 2:
+            return
+        names = [at.model.arm.tendon_names[number] for number in self._which(at)]
+        for number, name in enumerate(names):
+            rest = np.delete(np.arange(self.value.size), number)
+            tendons = tuple(names[:number] + names[number + 1 :])
+            yield (
+                Tensions(self.value[rest], self.covariance[np.ix_(rest, rest)], tendons),
+                LoadCell(
+                    self.value[number], float(np.sqrt(self.covariance[number, number])), name
+                ),
+            )
+
+
+class LoadCell(Tensions):
+    """The tension that one load cell shows, bias included [N]."""
+
+    def __init__(self, value: float, noise: float, tendon: str) -> None:
+        """Of ``tendon``, with one standard deviation."""
+        super().__init__([value], noise, (tendon,))
+        self.name = f'load cell {tendon}'
 
 
 class TendonDisplacements(_OfTendons):

@@ -12,7 +12,7 @@ from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.tracker import Tracker
-from octo_arm_model.estimation.update import Innovation
+from octo_arm_model.estimation.updated import Innovation
 
 # Called with how many of the times are done, and of how many.
 Progress = Callable[[int, int], None]

@@ -192,8 +192,8 @@ class EstimatorServer:
         for one in tracked.innovations:
             if not one.is_accepted:
                 error = MeasurementError(
-                    f'it contradicts the estimate: {one.name} are off by a normalised square of '
-                    f'{one.normalised_square:.3g} in {one.value.size} numbers (estimator.gate)'
+                    f'it contradicts the estimate: {one.name} off by a normalised square of '
+                    f'{one.normalised_square:.3g} in {one.value.size} number(s) (estimator.gate)'
                 )
                 self._refusal_log.warn(topic, error)
 

@@ -16,6 +16,7 @@ from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touc
 
 from octo_arm_model.bags.demo_arm import TrueArm
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.cli.estimate_report import summary
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimating.recorded import Sources, read_recorded
@@ -128,6 +129,23 @@ def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path: Path) -> None:
     assert 16.9 < start < 17.3 and 17.7 < stop < 18.1
     (touch,) = found.touches
     assert touch.stop < 14.0
+
+
+def test_an_arm_that_was_lost_is_found_again_and_told() -> None:
+    """Its tensions change by more than 0.01 N in a second."""
+    values = {**MARKED, 'estimator.tension_rate': 0.01}
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=values))
+    some = [
+        group for group in recorded.groups
+        if 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < 4.0
+    ]  # fmt: skip
+    found = estimate(dataclasses.replace(recorded, groups=some))
+    (time,) = found.restarts
+    assert 2.0 < time < 3.5 and f'begun anew at {time:.2f} s' in summary(found, [])
+    assert found.camera is not None
+    after = (found.camera.time > time) & (found.camera.time < 4.0)
+    assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 
 
 def test_a_sensor_may_be_silent_for_seconds(tmp_path: Path) -> None:

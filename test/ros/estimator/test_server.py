@@ -373,7 +373,7 @@ def test_rviz_sees_the_tube_and_the_arrow(client):
 def test_an_arm_that_moved_faster_than_told_is_found_again(client):
     """After `estimator.recover_after` of refused readings it begins anew, and says so."""
     client.measure(1000.0 + 0.05 * np.arange(6))
-    client.tensions, client.force = TENSIONS + [1.5, 0.0, 0.0, 0.0], FORCE
+    client.tensions, client.force = TENSIONS + [1.5, 0.8, 0.0, 0.0], FORCE
     client.measure(1000.3 + 0.05 * np.arange(4))
     _, values = client.status('estimate')
     assert values['restarts'] == '0' and int(values['tensions refused']) == 4
@@ -385,3 +385,16 @@ def test_an_arm_that_moved_faster_than_told_is_found_again(client):
     assert_is_true(client)
     found = client.newest('tendon_tension_estimates')
     np.testing.assert_allclose(found.tension, client.tensions, atol=0.05)
+
+
+def test_a_load_cell_that_jumps_is_refused_alone_and_named(client):
+    def jump(message):
+        message.tension[2] += 2.0
+
+    client.measure(1000.0 + 0.05 * np.arange(6))
+    client.tell('tendon_tensions', 1000.4, jump)
+    client.log(f'/tendon_tensions refused: it contradicts the estimate: load cell {NAMES[2]}')
+    _, values = client.status('estimate')
+    assert values[f'load cell {NAMES[2]} refused'] == '1' and values['tensions refused'] == '0'
+    found = client.newest('tendon_tension_estimates')
+    np.testing.assert_allclose(found.tension, TENSIONS, atol=0.1)

@@ -1,0 +1,175 @@
+"""Which measurements of one time are used.
+
+Linear measurements come first, then the others, see `taken`; those that the others contradict are
+refused too. Where any is refused, but all agree without a single load cell, that cell is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.estimation.belief import Belief, normalised_square, solve_lower
+from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.taken import (
+    Taken,
+    far_off,
+    kinds_of,
+    take_linear,
+    take_others,
+    take_together,
+)
+from octo_arm_model.estimation.updated import Updated
+
+_REDUNDANT = 1e-6  # part of its variance that others must tell of a number to contradict it
+
+
+class Judged(NamedTuple):
+    """Measurements, and which of them are used.
+
+    Attributes:
+        measurements: in their order.
+        linear: the belief after those that are linear.
+        found: after all.
+        contradicted: squares of those that the others contradict, by `id`.
+    """
+
+    measurements: Sequence[Measurement]
+    linear: Taken
+    found: Taken
+    contradicted: Mapping[int, float]
+
+    @property
+    def accepted(self) -> list[Measurement]:
+        """Those that are used."""
+        return [*self.linear.accepted, *self.found.accepted]
+
+    @property
+    def refused(self) -> list[Measurement]:
+        """All others."""
+        used = {id(one) for one in self.accepted}
+        return [one for one in self.measurements if id(one) not in used]
+
+    @property
+    def squares(self) -> dict[int, float]:
+        """Normalised squares of all, by `id`."""
+        return {**self.linear.squares, **self.found.squares, **self.contradicted}
+
+    @property
+    def square(self) -> float:
+        """Of all that are used together."""
+        return self.linear.square + self.found.square
+
+
+def judge(
+    model: ArmModel,
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    last: Updated | None,
+    gate: float,
+) -> Judged:
+    """``measurements`` without those that the others contradict, one after another.
+
+    Raises:
+        SolveError: as `update`.
+    """
+    contradicted: dict[int, float] = {}
+    while True:
+        used = [one for one in measurements if id(one) not in contradicted]
+        linear, found = _take_all(model, belief, used, last, gate)
+        judged = Judged(measurements, linear, found, contradicted)
+        worst = _contradicted(judged, gate)
+        if worst is None:
+            return judged
+        contradicted[id(worst[0])] = worst[1]
+
+
+def without_one(
+    model: ArmModel, belief: Belief, judged: Judged, last: Updated | None, gate: float
+) -> Judged | None:
+    """All measurements but one load cell, where all but that agree; None where there is none.
+
+    A force explains whatever a single sensor of the shape says beside load cells that lie: if no
+    load cells are refused there have to be two of them to contradict one.
+    """
+    others = [one for one in judged.measurements if not one.is_linear]
+    if last is not None and all(one.name in last.refused for one in judged.refused):
+        return None  # as at the last time, when there was none either
+    at = Prediction(model, belief.mean, last and last.shape)
+    best, start = None, (judged.found.at, None)  # not far from what that cell shows
+    known = start if last is None else (last.at, last.curvatures.get(kinds_of(others)))
+    for one in judged.measurements:
+        if not one.is_linear or (one not in judged.refused and len(others) < 2):
+            continue
+        for rest, single in one.each_apart(judged.linear.at):
+            kept = [rest if other is one else other for other in judged.measurements]
+            linear_ones = [other for other in kept if other.is_linear]
+            linear = take_linear(belief, linear_ones, at, gate)
+            if len(linear.accepted) < len(linear_ones):
+                continue
+            found = take_together(linear.belief, others, linear.at, known, gate)
+            if found is None:
+                continue
+            told = single.jacobian(found.at) @ found.belief.root
+            root = np.sqrt(told @ told.T + single.covariance)
+            square = normalised_square(single.innovation(found.at), root)
+            without = Judged([*kept, single], linear, found, {id(single): square})
+            if (
+                square > chi_square_limit(gate, 1)
+                and _contradicted(without, gate) is None
+                and (best is None or without.square < best.square)
+            ):
+                best = without
+    return best
+
+
+def _take_all(
+    model: ArmModel,
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    last: Updated | None,
+    gate: float,
+) -> tuple[Taken, Taken]:
+    """``belief`` after linear ``measurements``, and after all.
+
+    Raises:
+        SolveError: if they find no agreement.
+    """
+    at = Prediction(model, belief.mean, last and last.shape)
+    linear = take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
+    others = [one for one in measurements if not one.is_linear]
+    far: dict[int, float] = {}
+    if last is not None and last.refused:
+        doubted = [one for one in others if one.name in last.refused]
+        far = far_off(linear.belief, doubted, linear.at, gate)
+        others = [one for one in others if id(one) not in far]
+    known = last and (last.at, last.curvatures.get(kinds_of(others)))
+    found = take_others(linear.belief, others, linear.at, known, gate)
+    return linear, found._replace(squares={**found.squares, **far})
+
+
+def _contradicted(judged: Judged, gate: float) -> tuple[Measurement, float] | None:
+    """The measurement that all others contradict the most, and its square by these.
+
+    None where all together are within the ``gate``, or none by itself is beyond it (outlier test
+    of geodesy, Baarda 1968).
+    """
+    accepted, found = judged.accepted, judged.found
+    size = sum(one.value.size for one in accepted)
+    if len(accepted) < 2 or judged.square <= chi_square_limit(gate, size):
+        return None
+    worst, most = None, 1.0
+    for one in accepted:
+        white = solve_lower(one.noise_root, one.innovation(found.at))
+        told = solve_lower(one.noise_root, one.jacobian(found.at) @ found.belief.root)
+        values, vectors = np.linalg.eigh(np.eye(white.size) - told @ told.T)
+        known = values > _REDUNDANT
+        square = float(((vectors[:, known].T @ white) ** 2 / values[known]).sum())
+        beyond = square / chi_square_limit(gate, white.size)
+        if beyond > most:
+            worst, most = (one, square), beyond
+    return worst
