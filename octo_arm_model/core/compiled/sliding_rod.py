@@ -38,11 +38,11 @@ class SlidingRod:
             before = np.array(condition.before)
         tables, state = self._compiled.tables, state_of(shape)
         slip = np.full(tables.sections.transmission.shape, -1.0)
-        steps, strayed = self._find_balance(
+        systems, strayed = self._find_balance(
             tables, self._friction, tensions, before, np.array(condition.tip_wrench),
             float(condition.factor), tolerance, state, slip,
         )  # fmt: skip
-        if steps < 0:
+        if systems < 0:
             return self._newton(condition, shape, tolerance)
         # With tensions that stay it is balanced, and only judged.
         near = Shape(state.twist, quaternions_of(state.turn))
@@ -52,5 +52,5 @@ class SlidingRod:
         sliding = Sliding(along[:, np.newaxis].copy(), slip[:, np.newaxis])
         return Iterate(
             found.state._replace(condition=condition, sliding=sliding),
-            steps + found.iterations, strayed + found.strayed, found.system,
+            systems + found.iterations, strayed + found.strayed, found.system,
         )  # fmt: skip
