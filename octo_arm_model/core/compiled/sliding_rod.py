@@ -36,11 +36,11 @@ class SlidingRod:
             before = own(condition.before)
         tables, state = self._compiled.tables, state_of(shape)
         slip = np.full(tables.sections.transmission.shape, -1.0)
-        steps, strayed = self._find_balance(
+        systems, strayed = self._find_balance(
             tables, self._friction, tensions, before, own(condition.tip_wrench),
             float(condition.factor), tolerance, state, slip,
         )  # fmt: skip
-        if steps < 0:
+        if systems < 0:
             return self._newton(condition, shape, tolerance)
         # With tensions that stay it is balanced, and only judged.
         near = Shape(state.twist, quaternions_of(state.turn))
@@ -50,5 +50,5 @@ class SlidingRod:
         sliding = Sliding(along[:, np.newaxis].copy(), slip[:, np.newaxis])
         return Iterate(
             found.state._replace(condition=condition, sliding=sliding),
-            steps + found.iterations, strayed + found.strayed, found.system,
+            systems + found.iterations, strayed + found.strayed, found.system,
         )  # fmt: skip

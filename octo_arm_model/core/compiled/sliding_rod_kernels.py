@@ -41,10 +41,10 @@ def find_sliding_balance(
     they end as the ``transmission`` of both tables, with their ``slip`` (tendons, points).
 
     Returns:
-        The steps it took, -1 where there is no balance, and how far all but the first have turned
-        the arm [rad].
+        How many systems it took, as iterations of Newton's method count; -1 where there is no
+        balance; and how far all steps but the first have turned the arm [rad].
     """
-    count, strayed = state.twist.shape[1], 0.0
+    count, strayed, systems = state.twist.shape[1], 0.0, 0
     system, new = empty_system(tables), empty_state(count)
     side, step = np.empty((4, count, 1)), np.empty((4, count, 1))
     turn, angle = np.empty((3, count, 1)), np.zeros(slip.shape)
@@ -57,9 +57,11 @@ def find_sliding_balance(
     residual, is_slow = find_state(tables, held, tip_wrench, factor, state), True
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= SETTLED:
-            return number, strayed
-        if is_slow and not find_system(tables, state, system):
-            return -1, strayed
+            return systems, strayed
+        if is_slow:
+            systems += 1
+            if not find_system(tables, state, system):
+                return -1, strayed
         side[:, :, 0] = state.imbalance
         respond(tables, system, side, step, turn)
         new.twist[:] = state.twist + step[:, :, 0]
