@@ -25,6 +25,7 @@ from octo_arm_model.core.compiled import (
     kernels,
     length_kernels,
     minimum_kernels,
+    orientation_kernels,
     products,
     readout_kernels,
     response_kernels,
@@ -58,9 +59,10 @@ _OWN = 'octo_arm_model.'
 # Modules of functions that are compiled, and of what they are made from.
 _KERNELS = (
     kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
-    start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels, response_kernels,
-    dense_kernels, readout_kernels, products, friction_kernels, sliding_kernels, length_kernels,
-    sliding_rod_kernels, winding_kernels, sensitivity_kernels, step_kernels, stability_kernels,
+    start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels,
+    orientation_kernels, response_kernels, dense_kernels, readout_kernels, products,
+    friction_kernels, sliding_kernels, length_kernels, sliding_rod_kernels, winding_kernels,
+    sensitivity_kernels, step_kernels, stability_kernels,
 )  # fmt: skip
 
 

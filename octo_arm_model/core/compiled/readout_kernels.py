@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import solve_definite
+from octo_arm_model.core.compiled.orientation_kernels import find_rotation
 from octo_arm_model.core.compiled.products import add_products, add_runs
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections
-from octo_arm_model.core.compiled.state_kernels import RodState, find_rotation
+from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.hints import FloatArray
 
 

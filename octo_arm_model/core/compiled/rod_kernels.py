@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import is_definite
+from octo_arm_model.core.compiled.orientation_kernels import find_turn, turn_by
 from octo_arm_model.core.compiled.readout_kernels import Readings, read_rod
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import RodTables
@@ -21,8 +22,6 @@ from octo_arm_model.core.compiled.state_kernels import (
     copy_state,
     empty_state,
     find_state,
-    find_turn,
-    turn_by,
 )
 from octo_arm_model.core.compiled.step_kernels import find_step
 from octo_arm_model.core.compiled.system_kernels import System, find_system

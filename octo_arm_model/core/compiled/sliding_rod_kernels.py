@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.orientation_kernels import find_turn
 from octo_arm_model.core.compiled.response_kernels import respond
 from octo_arm_model.core.compiled.rod_kernels import turn_of
 from octo_arm_model.core.compiled.rod_tables import RodTables
@@ -19,7 +20,6 @@ from octo_arm_model.core.compiled.state_kernels import (
     copy_state,
     empty_state,
     find_state,
-    find_turn,
 )
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
