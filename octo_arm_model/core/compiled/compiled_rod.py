@@ -158,7 +158,7 @@ class CompiledRod:
             condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
             state.force, state.imbalance, state.hessian, outcome.residual,
         )  # fmt: skip
-        return Iterate(balanced, outcome.iterations, outcome.strayed, answer)
+        return Iterate(balanced, outcome.iterations, outcome.corrected, answer)
 
     def _balance(
         self, condition: Condition, shape: Shape, tolerance: float, wanted: int,

@@ -26,8 +26,8 @@ from octo_arm_model.core.compiled.state_kernels import (
 from octo_arm_model.core.compiled.step_kernels import find_step
 from octo_arm_model.core.compiled.system_kernels import System, find_system
 from octo_arm_model.core.hints import ComplexArray, FloatArray
-from octo_arm_model.core.loaded.continuation import STRAY
-from octo_arm_model.core.loaded.newton import MOST, NEAR, PROGRESS, QUICK, SAME, UPHILL
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
+from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, MOST, NEAR, PROGRESS, QUICK, SAME
 from octo_arm_model.core.loaded.rod import RESOLVED
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
     Attributes:
         residual: of the state it ended in.
         iterations: made.
-        strayed: how far all but the first have turned the arm [rad].
+        corrected: how far all but the first have turned the arm [rad].
         sign: of the determinant of the system, 0 where there is no balance.
         is_least: whether it is seen to be one of least energy.
         is_definite: otherwise, whether the compliance of the tip is definite.
@@ -52,7 +52,7 @@ class Outcome(NamedTuple):
 
     residual: float
     iterations: int
-    strayed: float
+    corrected: float
     sign: int
     is_least: bool
     is_definite: bool
@@ -85,14 +85,14 @@ def iterate(
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
     residual = find_state(tables, tensions, tip_wrench, factor, state)
-    strayed, turned, iterations, is_first, is_near, sign = 0.0, 0.0, 0, True, False, 0
+    corrected, turned, iterations, is_first, is_near, sign = 0.0, 0.0, 0, True, False, 0
     while residual > tolerance and iterations < MOST:
         if is_known:
             find_step(tables, known, state.imbalance, step, turn)
         elif not (sign and is_near):
             sign = find_system(tables, state, system)
             if sign == 0:
-                return residual, iterations, strayed, 0
+                return residual, iterations, corrected, 0
             turned = 0.0
         if not is_known:
             find_step(tables, system, state.imbalance, step, turn)
@@ -105,21 +105,21 @@ def iterate(
             is_known = False
             if not found <= PREDICTED * residual:
                 continue
-        if not found <= (UPHILL if is_first else PROGRESS) * residual:
-            return residual, iterations, strayed, 0
+        if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
+            return residual, iterations, corrected, 0
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
         angle = turn_of(tables, step)
         turned += angle
         if not is_first:
-            strayed += angle
+            corrected += angle
         is_first = False
     if not residual <= tolerance:
-        return residual, iterations, strayed, 0
+        return residual, iterations, corrected, 0
     if sign == 0 or turned > SAME:
         sign = find_system(tables, state, system)
-    return residual, iterations, strayed, sign
+    return residual, iterations, corrected, sign
 
 
 def balance(
@@ -160,25 +160,26 @@ def search(
         residual = find_state(tables, tensions, tip_wrench, factor, state)
         read_rod(tables, tensions, tip_wrench, state, readings)
         return Outcome(residual, 0, 0.0, 0, False, False, True)
-    residual, iterations, strayed, sign = iterate(
+    residual, iterations, corrected, sign = iterate(
         tables, tensions, tip_wrench, factor, tolerance, is_known, known, state, system
     )
     if sign == 0:
-        return Outcome(residual, iterations, strayed, 0, False, False, False)
+        return Outcome(residual, iterations, corrected, 0, False, False, False)
     is_least = has_energy and sign > 0 and is_minimum(system)
     # Under moments without an energy the sign is all that is known.
     if (
-        wanted == READINGS and strayed <= STRAY and (is_least or (sign > 0 and not has_energy))
+        wanted == READINGS and corrected <= MOST_CORRECTED
+        and (is_least or (sign > 0 and not has_energy))
         and is_resolved(tables, state.twist) and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
         is_read = readings.twist[3].min() > 0.0
-        return Outcome(residual, iterations, strayed, sign, is_least, False, is_read)
+        return Outcome(residual, iterations, corrected, sign, is_least, False, is_read)
     if is_least:
-        return Outcome(residual, iterations, strayed, sign, True, False, False)
+        return Outcome(residual, iterations, corrected, sign, True, False, False)
     find_compliance(tables, state, system, compliance, change)
     is_tip_stable = is_definite(compliance)
-    return Outcome(residual, iterations, strayed, sign, False, is_tip_stable, False)
+    return Outcome(residual, iterations, corrected, sign, False, is_tip_stable, False)
 
 
 def find_compliance(

@@ -36,7 +36,7 @@ class SlidingRod:
             before = own(condition.before)
         tables, state = self._compiled.tables, state_of(shape)
         slip = np.full(tables.sections.transmission.shape, -1.0)
-        systems, strayed = self._find_balance(
+        systems, corrected = self._find_balance(
             tables, self._friction, tensions, before, own(condition.tip_wrench),
             float(condition.factor), tolerance, state, slip,
         )  # fmt: skip
@@ -50,5 +50,5 @@ class SlidingRod:
         sliding = Sliding(along[:, np.newaxis].copy(), slip[:, np.newaxis])
         return Iterate(
             found.state._replace(condition=condition, sliding=sliding),
-            systems + found.iterations, strayed + found.strayed, found.system,
+            systems + found.iterations, corrected + found.corrected, found.system,
         )  # fmt: skip

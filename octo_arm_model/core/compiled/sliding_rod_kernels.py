@@ -23,7 +23,7 @@ from octo_arm_model.core.compiled.state_kernels import (
 )
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.newton import UPHILL
+from octo_arm_model.core.loaded.newton import FIRST_PROGRESS
 
 MOST_STEPS = 30
 SETTLED = 1e-9  # change of the angles by which tendons turn, with which tensions stay [rad]
@@ -44,7 +44,7 @@ def find_sliding_balance(
         How many systems it took, as iterations of Newton's method count; -1 where there is no
         balance; and how far all steps but the first have turned the arm [rad].
     """
-    count, strayed, systems = state.twist.shape[1], 0.0, 0
+    count, corrected, systems = state.twist.shape[1], 0.0, 0
     system, new = empty_system(tables), empty_state(count)
     side, step = np.empty((4, count, 1)), np.empty((4, count, 1))
     turn, angle = np.empty((3, count, 1)), np.zeros(slip.shape)
@@ -57,11 +57,11 @@ def find_sliding_balance(
     residual, is_slow = find_state(tables, held, tip_wrench, factor, state), True
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= SETTLED:
-            return systems, strayed
+            return systems, corrected
         if is_slow:
             systems += 1
             if not find_system(tables, state, system):
-                return -1, strayed
+                return -1, corrected
         side[:, :, 0] = state.imbalance
         respond(tables, system, side, step, turn)
         new.twist[:] = state.twist + step[:, :, 0]
@@ -70,10 +70,10 @@ def find_sliding_balance(
         changed = slide_along(friction, tensions, before, False, new.twist, angle, slip)
         along[:] = friction.sections.transmission
         found = find_state(tables, held, tip_wrench, factor, new)
-        if not found <= max((STUCK if number else UPHILL) * residual, tolerance):
-            return -1, strayed
+        if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
+            return -1, corrected
         is_slow, residual = found > SLOW * residual, found
         copy_state(new, state)
         if number:
-            strayed += turn_of(tables, step[:, :, 0])
-    return -1, strayed
+            corrected += turn_of(tables, step[:, :, 0])
+    return -1, corrected

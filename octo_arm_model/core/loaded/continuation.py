@@ -17,7 +17,7 @@ ON_THE_WAY = 1e-5  # residual of intermediate equilibria
 _SMALLEST_STEP = 1e-3
 # Where the corrections after Newton's first step turn the arm by more than this [rad], they may
 # have left its branch of equilibria: a smaller load step follows the branch more closely.
-STRAY = 0.25
+MOST_CORRECTED = 0.25
 _USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
 _PER_DESCENT = 200
 _BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
@@ -58,15 +58,15 @@ def follow(
         if last is not None:
             before, length = last
             guess = problem.extrapolate(before, shape, (target - done) / length)
-        state, used, strayed, system = newton(condition, guess, limit)
+        state, used, corrected, system = newton(condition, guess, limit)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
         if problem.loads.without_tangent:
             # Neither stability nor a direction of descent follows without the tangent.
-            is_found = state.residual <= limit and strayed <= STRAY
+            is_found = state.residual <= limit and corrected <= MOST_CORRECTED
             if not is_found and step <= _SMALLEST_STEP:
                 raise _unbalanced(state, spending.iterations)
-        elif state.residual <= limit and (strayed <= STRAY or step <= _SMALLEST_STEP):
+        elif state.residual <= limit and (corrected <= MOST_CORRECTED or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may converge to an unstable one.
             stability = problem.stability(state, system)
             is_found = bool(stability.is_stable)
@@ -75,7 +75,7 @@ def follow(
                 sign = stability.sign if is_found else sign
         if is_found:
             last = shape, target - done
-            step = last[1] * (_growth(strayed) if used <= 5 else 1.0)
+            step = last[1] * (_growth(corrected) if used <= 5 else 1.0)
         elif step <= _SMALLEST_STEP:
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
@@ -89,16 +89,16 @@ def follow(
             done, shape = target, state.shape
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
-            shorter = 0.25 if state.residual > limit else min(_growth(strayed), 0.7)
+            shorter = 0.25 if state.residual > limit else min(_growth(corrected), 0.7)
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
 
-def _growth(strayed: float) -> float:
-    """How many times as long a step should be after one that ``strayed`` so far [rad].
+def _growth(corrected: float) -> float:
+    """How many times as long a step should be after one that was ``corrected`` so far [rad].
 
     That correction grows with the square of the step.
     """
-    return min(max(math.sqrt(_USUAL_CORRECTION / max(strayed, 1e-9)), 0.1), 2.5)
+    return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), 2.5)
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:

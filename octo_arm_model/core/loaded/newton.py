@@ -15,7 +15,7 @@ MOST = 10  # iterations
 PROGRESS = 0.7  # what each iteration must leave less than of the residual
 # Where a load states no tangent stiffness convergence is linear: iterations, and progress of each.
 _MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
-UPHILL = 3.0  # likewise the first, which takes up the change of the loads
+FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loads
 # A factorised system is used for another step where the one before left this residual and part of
 # it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
@@ -27,7 +27,7 @@ class Iterate(NamedTuple):
     Attributes:
         state: balanced or not.
         iterations: made.
-        strayed: how far all of them but the first, which takes up the change of the loads, have
+        corrected: how far all of them but the first, which takes up the change of the loads, have
             turned the arm [rad].
         system: the last one solved, how it answers wrenches on the tip, or its stability where
             that is known already, if the state is balanced.
@@ -35,7 +35,7 @@ class Iterate(NamedTuple):
 
     state: State
     iterations: int
-    strayed: float
+    corrected: float
     system: System | TipAnswer | Stability | None
 
 
@@ -49,32 +49,32 @@ class Newton(Protocol):
 def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
     """`Newton` for ``problem``."""
     state = problem.state(condition, shape)
-    strayed, turned, is_near = 0.0, 0.0, False
+    corrected, turned, is_near = 0.0, 0.0, False
     system: System | None = None
     most, progress = MOST, PROGRESS
     if problem.loads.without_tangent:
         most, progress = _MOST_LINEAR, _LINEAR_PROGRESS
     for iteration in range(most):
         if state.residual <= tolerance:
-            return Iterate(state, iteration, strayed, system if turned <= SAME else None)
+            return Iterate(state, iteration, corrected, system if turned <= SAME else None)
         if not (system and is_near):
             try:
                 system, turned = problem.linearised(state), 0.0
             except ConvergenceError:
-                return Iterate(state, iteration, strayed, None)
+                return Iterate(state, iteration, corrected, None)
         try:
             step = newton_step(problem, system, state)
             # Of wild shapes tendons in sheaths have no places.
             new = problem.state(condition, problem.moved(state.shape, step))
         except ConvergenceError:
-            return Iterate(state, iteration, strayed, None)
+            return Iterate(state, iteration, corrected, None)
         # Not where NaN.
-        if not new.residual <= (progress if iteration else UPHILL) * state.residual:
-            return Iterate(state, iteration + 1, strayed, None)
+        if not new.residual <= (progress if iteration else FIRST_PROGRESS) * state.residual:
+            return Iterate(state, iteration + 1, corrected, None)
         is_near = new.residual <= NEAR and new.residual <= QUICK * state.residual
         state = new
         turn = problem.turn(step)
         turned += turn
         if iteration:
-            strayed += turn
-    return Iterate(state, most, strayed, system if turned <= SAME else None)
+            corrected += turn
+    return Iterate(state, most, corrected, system if turned <= SAME else None)

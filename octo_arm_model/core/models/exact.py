@@ -16,7 +16,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import ON_THE_WAY, STRAY, TOLERANCE, follow
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
@@ -191,7 +191,7 @@ class Exact:
             found = fine.newton(wanted, unloaded, TOLERANCE)
             state = found.state
             spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
-            if state.residual <= TOLERANCE and found.strayed <= STRAY:
+            if state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
                 stability = fine.equilibrium.stability(state, found.system)
                 if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
                     return wanted, state.shape

@@ -627,7 +627,7 @@ def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
     shape = numpy._rod(0).unloaded(tensions)
     one, other = (statics._rod(0).newton(condition, shape, 1e-11) for statics in (machine, numpy))
     assert one.iterations == other.iterations > 2
-    assert one.strayed == pytest.approx(other.strayed, rel=1e-3)
+    assert one.corrected == pytest.approx(other.corrected, rel=1e-3)
     for name in ('rotation', 'tangent', 'moment', 'force', 'hessian'):
         a, b = getattr(one.state, name), getattr(other.state, name)
         np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
