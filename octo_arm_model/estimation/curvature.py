@@ -31,15 +31,15 @@ class Curvature(NamedTuple):
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
         turn: how many components have had their turn.
-        agreement: mean of `posterior_mean.agreement`, 1 of what is not known yet.
-        updates: that it is the mean of, the first included that was not known; at most `_LATELY`.
+        agreement: mean of `posterior_mean.agreement`, 0 while there was none.
+        updates: that it is the mean of, at most `_LATELY`.
     """
 
     second: FloatArray
     jacobian: FloatArray
     turn: int = 0
-    agreement: float = 1.0
-    updates: int = 1
+    agreement: float = 0.0
+    updates: int = 0
 
     @property
     def weight(self) -> float:

@@ -9,7 +9,8 @@ the mode leaves out (Laplace's approximation; Tierney and Kadane 1986): -P+ grad
 The innovation w draws the mode by w' S^-1 (dS / 2) S^-1 w, whose expected value is that gradient.
 Where what happens is less than its prior allows, as of tendons that hold still, innovations are
 smaller at every step and the mode is hardly drawn: the whole shift would sum up to the other side.
-How they compare is their agreement, and the shift is weighted with the mean of it.
+How they compare is their agreement, and the shift is weighted with the mean of it; the first
+update leads to the mode, as nothing is known of it then.
 """
 
 from __future__ import annotations
