@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Material, Section
+from octo_arm_model.core.compiled.orientation_kernels import find_turn
 from octo_arm_model.core.compiled.rod_tables import no_rod
-from octo_arm_model.core.compiled.state_kernels import find_turn
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.numerics.quaternion import Quaternions
