@@ -70,7 +70,7 @@ def per_tendon(
     Raises:
         ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit``.
     """
-    expected = f'one number for all tendons or {count}, one for each'
+    expected = f'a list of one number for all tendons or of {count}, one for each'
     if isinstance(values, str) or not isinstance(values, Sequence):
         raise ArmDefinitionError(name, values, expected)
     numbers = tuple(not_negative(name, value, what, unit) for value in values)
