@@ -175,12 +175,13 @@ class CompiledRod:
         if place == known:
             place = next(self._places)
         self._twists[place] = None
-        outcome = self._kernel(
+        found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
             self._systems[known or 0], orientation, state, self._systems[place],
             compliance, change, readings,
         )  # fmt: skip
+        outcome = Outcome(*found)
         if outcome.sign:
             self._twists[place] = state.twist
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

@@ -127,13 +127,17 @@ def balance(
     tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
     orientation: ComplexArray, state: RodState, system: System, compliance: FloatArray,
     change: FloatArray, readings: Readings,
-) -> Outcome:  # fmt: skip
+) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
     """Find balance from the twist of ``state`` and ``orientation``, and fill in that it ends in.
 
     ``orientation`` (2, points) is that of `Quaternions`. Where the state is not seen to be one of
     least energy, which takes that the loads have an energy, the ``compliance`` (6, 6) of the tip
     and the ``change`` (4, points, 6) that unit wrenches on it make are filled in, see `TipAnswer`;
     the ``readings`` as ``wanted``. As to the systems see `iterate`.
+
+    Returns:
+        The fields of `Outcome`. To make one numba would call Python, which takes signals then, and
+        a handler that raises would leave numba with none, which it does not look for.
     """
     turn = state.turn
     for i in range(turn.shape[1]):
@@ -146,7 +150,10 @@ def balance(
     for i in range(turn.shape[1]):
         orientation[0, i] = complex(turn[0, i], turn[1, i])
         orientation[1, i] = complex(turn[2, i], turn[3, i])
-    return outcome
+    return (
+        outcome.residual, outcome.iterations, outcome.corrected, outcome.sign, outcome.is_least,
+        outcome.is_definite, outcome.is_read,
+    )  # fmt: skip
 
 
 def search(

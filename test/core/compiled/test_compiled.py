@@ -465,6 +465,13 @@ def test_nothing_that_is_compiled_is_left_out_of_that() -> None:
     assert len(known) > 100
 
 
+def test_no_result_takes_python_to_be_made() -> None:
+    # A signal's handler that raises there would end the process, see `rod_kernels.balance`.
+    for name, machine in numba_build.make_all().items():
+        (signature,) = machine.nopython_signatures
+        assert not hasattr(signature.return_type, 'instance_class'), f'{name} gives a NamedTuple'
+
+
 def test_it_is_kept_and_found_again(nothing_known: list[tuple[str, bool]]) -> None:
     machine = numba_build.find_shapes()
     assert kernel_cache.kept_files(machine)
