@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model import Arm, Body, Material, Section
 
 RUBBER = Material(1.1e5, 0.45, 1080.0)
@@ -20,3 +22,5 @@ def helical_arm(material: Material = RUBBER, **given: Any) -> Arm:
 
 
 HELICAL = helical_arm()
+# Tensions that bend it far [N].
+PULL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])

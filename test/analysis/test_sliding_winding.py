@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from differences import jacobian
-from helical_arm import helical_arm
+from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from strategies import fractions, loaded_arms
 
@@ -29,7 +29,6 @@ from octo_arm_model import (
 )
 from octo_arm_model.core.hints import FloatArray
 
-PULL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 # Without a part that is free of friction the tension at the base itself stretches nothing.
 HELICAL = helical_arm(
     friction=(0.1, 0.2, 0.3, 0.1, 0.0, 0.2), axial_stiffness=(100.0,), free_length=(0.05,)

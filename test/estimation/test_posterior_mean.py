@@ -10,7 +10,7 @@ from checkout import ROOT
 from estimation_arms import TENSIONS, WEIGHT, rubber
 from scipy.stats import chi2
 
-from octo_arm_model.estimation.belief import Belief, gain
+from octo_arm_model.estimation.belief import Belief, Gain, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
@@ -23,42 +23,41 @@ sys.path.insert(0, str(ROOT / 'benchmarks'))
 from tip_force_scenario import FORCE, PERIOD, arm_model, simulated, square
 
 
-def test_the_shift_is_the_gradient_of_the_determinant() -> None:
+def bent(noise: float, stddev: list[float]) -> tuple[Prediction, TipPosition, Gain, np.ndarray]:
+    """A shape, its tip measured, what that makes of a prior, and second derivatives there."""
     model = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)), loads=WEIGHT)
-    x = np.concatenate([TENSIONS, [0.004, -0.006, 0.008]])
-    at = Prediction(model, x, None)
-    tip = TipPosition(at.solved.tip, 1e-5)
+    at = Prediction(model, np.concatenate([TENSIONS, [0.004, -0.006, 0.008]]), None)
+    tip, prior = TipPosition(at.solved.tip, noise), Belief(at.x, np.diag(stddev))
+    jacobian = tip.jacobian(at)
+    unknown = Curvature(np.zeros((3, at.x.size, at.x.size)), jacobian)
+    second = renewed(unknown, [tip], at, stddev_of(prior)).second
+    return at, tip, gain(prior.root, jacobian, tip.noise_root), second
+
+
+def test_the_shift_is_the_gradient_of_the_determinant() -> None:
     # Small, so that differences are those of the first order.
-    prior = Belief(x, np.diag([2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4]))
+    stddev = np.array([2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4])
+    at, tip, by, second = bent(1e-5, stddev.tolist())
 
     def half_log_determinant(x: np.ndarray) -> float:
-        jacobian = tip.jacobian(Prediction(model, x, at.solved))
-        expected = jacobian @ prior.covariance @ jacobian.T + tip.covariance
+        jacobian = tip.jacobian(Prediction(at.model, x, at.solved)) * stddev
+        expected = jacobian @ jacobian.T + tip.covariance
         return 0.5 * float(np.linalg.slogdet(expected)[1])
 
+    x = at.x
     gradient = np.array([
         (half_log_determinant(x + step) - half_log_determinant(x - step)) / (2.0 * step.sum())
-        for step in 0.1 * prior.root
+        for step in 0.1 * np.diag(stddev)
     ])  # fmt: skip
-    jacobian = tip.jacobian(at)
-    by = gain(prior.root, jacobian, tip.noise_root)
     expected = -by.root @ by.root.T @ gradient
-    unknown = Curvature(np.zeros((3, x.size, x.size)), jacobian)
-    found = shift_to_mean(by, renewed(unknown, [tip], at, stddev_of(prior)).second)
-    posterior = Belief(x, by.root)
+    found = shift_to_mean(by, second)
+    posterior = Belief(at.x, by.root)
     size = np.linalg.norm(posterior.whitened(expected))
     assert np.linalg.norm(posterior.whitened(found - expected)) < 0.02 * size
 
 
 def test_innovations_agree_on_average_with_what_is_expected() -> None:
-    model = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)), loads=WEIGHT)
-    x = np.concatenate([TENSIONS, [0.004, -0.006, 0.008]])
-    at = Prediction(model, x, None)
-    tip = TipPosition(at.solved.tip, 1e-3)
-    prior = Belief(x, np.diag([2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3]))
-    by = gain(prior.root, tip.jacobian(at), tip.noise_root)
-    unknown = Curvature(np.zeros((3, x.size, x.size)), tip.jacobian(at))
-    second = renewed(unknown, [tip], at, stddev_of(prior)).second
+    *_, by, second = bent(1e-3, [2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3])
     # Points at the square root of 3 along each axis have the covariance of the innovation.
     points = np.sqrt(3.0) * by.innovation_root.T
     assert np.mean([agreement(by, one, second) for one in points]) == pytest.approx(1.0)

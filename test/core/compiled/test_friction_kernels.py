@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from helical_arm import helical_arm
+from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import fractions, loaded_arms
@@ -28,7 +28,6 @@ from octo_arm_model.core.compiled.numba_build import is_available
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
 MODELS = ('closed_form', 'exact')
-HELICAL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 
 
 def assert_same(found: Backbone, expected: Backbone, length: float) -> None:
@@ -49,7 +48,7 @@ def test_machine_code_pulls_and_releases_as_numpy_does(model: str, material: str
     assert machine.is_compiled and not plain.is_compiled
     one = other = None
     for part in (1.0, 0.7, 0.75, 0.2, 0.0, 0.4):
-        one, other = machine.follow(part * HELICAL, one), plain.follow(part * HELICAL, other)
+        one, other = machine.follow(part * PULL, one), plain.follow(part * PULL, other)
         assert_same(one, other, arm.length)
         # Each may go on from what the other has found.
         one, other = other, one
@@ -104,8 +103,8 @@ def test_derivatives_of_what_machine_code_has_found(model: str) -> None:
     arm = helical_arm(friction=6 * (0.2,))
     found = Solver(arm, model, 41, compiled=True)
     plain = Solver(arm, model, 41)
-    got = found.sensitivity(found.solve(HELICAL)).by_tension.pose
-    expected = plain.sensitivity(plain.solve(HELICAL)).by_tension.pose
+    got = found.sensitivity(found.solve(PULL)).by_tension.pose
+    expected = plain.sensitivity(plain.solve(PULL)).by_tension.pose
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
 
 
@@ -129,12 +128,12 @@ def test_machine_code_pulls_and_releases_under_loads_as_numpy_does(material: str
     )
     one = other = None
     for part in (1.0, 0.7, 0.75, 0.2, 0.0, 0.4):
-        one, other = machine.follow(part * HELICAL, one), plain.follow(part * HELICAL, other)
+        one, other = machine.follow(part * PULL, one), plain.follow(part * PULL, other)
         assert_same(one, other, arm.length)
         one, other = other, one
     wrench = [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
     one, other = (
-        solver.follow(HELICAL, last, wrench) for solver, last in ((machine, one), (plain, one))
+        solver.follow(PULL, last, wrench) for solver, last in ((machine, one), (plain, one))
     )
     assert_same(one, other, arm.length)
 
@@ -163,7 +162,7 @@ def test_derivatives_under_loads_of_what_machine_code_has_found() -> None:
     wrench = [0.01, 0.0, 0.02, 0.0, 0.0, 0.0]
     found, plain = (Solver(arm, 'exact', 41, compiled=compiled) for compiled in (True, False))
     got, expected = (
-        solver.sensitivity(solver.solve(HELICAL, wrench)).by_friction for solver in (found, plain)
+        solver.sensitivity(solver.solve(PULL, wrench)).by_friction for solver in (found, plain)
     )
     assert got is not None and expected is not None
     np.testing.assert_allclose(got.pose, expected.pose, rtol=0.0, atol=1e-9)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from differences import jacobian
-from helical_arm import helical_arm
+from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -59,9 +59,6 @@ def helical(friction: float | tuple[float, ...] = MU) -> Arm:
     return helical_arm(friction=friction if isinstance(friction, tuple) else 6 * (friction,))
 
 
-HELICAL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
-
-
 # The law in closed form -------------------------------------------------------------------------
 
 
@@ -100,15 +97,15 @@ def test_without_friction_nothing_changes(model: str) -> None:
     without, zero = helical(()), helical(0.0)
     assert zero == without
     assert zero.friction == ()
-    plain = Solver(without, model).solve(HELICAL)
-    again = Solver(zero, model).solve(HELICAL)
+    plain = Solver(without, model).solve(PULL)
+    again = Solver(zero, model).solve(PULL)
     np.testing.assert_allclose(again.position, plain.position, rtol=0.0, atol=1e-12)
-    little = Solver(helical(1e-11), model).solve(HELICAL)
+    little = Solver(helical(1e-11), model).solve(PULL)
     np.testing.assert_allclose(little.position, plain.position, atol=2e-10)
     np.testing.assert_allclose(little.tendon_tensions, plain.tendon_tensions, atol=1e-10)
     # Its tension is that of the base up to the anchorage.
     inside = plain.s[:, np.newaxis] <= np.repeat([0.4, 0.25], 3)
-    np.testing.assert_array_equal(plain.tendon_tensions, HELICAL.ravel() * inside)
+    np.testing.assert_array_equal(plain.tendon_tensions, PULL.ravel() * inside)
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -150,7 +147,7 @@ def test_forces_balance_at_every_station_and_friction_is_mu_times_the_normal_one
     loads = Loads(tip_force=(0.02, 0.03, -0.01)) if loaded else Loads()
     arm = helical()
     solver = Solver(arm, 'exact', 2001, material='linear', loads=loads)
-    backbone = solver.solve(HELICAL)
+    backbone = solver.solve(PULL)
     s = backbone.s
     turn = Rotation.from_quat(backbone.quaternion)
     for part in (s <= 0.25, s >= 0.25):
@@ -257,7 +254,7 @@ def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
         pytest.skip('no loads')
     arm = helical(0.2)
     solver = Solver(arm, model, loads=loads)
-    high, low = HELICAL, 0.4 * HELICAL
+    high, low = PULL, 0.4 * PULL
     up, down, again = [], [], []
     last = solver.follow(high, None)
     np.testing.assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
@@ -297,17 +294,17 @@ def test_loading_under_gravity_in_one_step_is_that_in_many() -> None:
     solver = Solver(helical(0.2), 'exact', loads=GRAVITY)
     last = None
     for part in np.linspace(0.0, 1.0, 9):
-        last = solver.follow(part * HELICAL, last)
+        last = solver.follow(part * PULL, last)
     assert last is not None
     # Not to rounding: on the way a tendon may turn less where it has turned before.
-    once = solver.solve(HELICAL)
+    once = solver.solve(PULL)
     assert np.linalg.norm(once.tip - last.tip) < 2e-3 * 0.4
 
 
 def test_where_a_tendon_begins_to_stick_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     def released() -> Backbone:
         solver = Solver(helical(), 'exact')
-        return solver.follow(0.7 * HELICAL, solver.solve(HELICAL))
+        return solver.follow(0.7 * PULL, solver.solve(PULL))
 
     coarse = released()
     monkeypatch.setattr(sliding, 'CUTS', (8,))
@@ -319,9 +316,9 @@ def test_where_a_tendon_begins_to_stick_is_resolved(monkeypatch: pytest.MonkeyPa
 def test_a_batch_is_its_arms_one_by_one() -> None:
     for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
         solver = Solver(helical(), model, loads=loads)
-        several = np.stack([HELICAL, 0.1 * HELICAL, 0.0 * HELICAL])
+        several = np.stack([PULL, 0.1 * PULL, 0.0 * PULL])
         batch = solver.solve(several)
-        last = solver.solve(1.2 * HELICAL)
+        last = solver.solve(1.2 * PULL)
         followed = solver.follow(several, last)
         assert batch.tendon_tensions.shape == (3, batch.s.size, 6)
         for number, tensions in enumerate(several):
@@ -340,7 +337,7 @@ def test_a_batch_is_its_arms_one_by_one() -> None:
 def test_derivatives_of_the_closed_form() -> None:
     arm = helical(tuple(np.linspace(0.05, 0.4, 6).tolist()))
     solver = Solver(arm, 'closed_form', 41)
-    backbone = solver.solve(HELICAL)
+    backbone = solver.solve(PULL)
 
     def outcome(backbone: Backbone) -> FloatArray:
         strains = [getattr(backbone, name)[::5] for name in ('tau', 'xi', 'k', 'q')]
@@ -359,9 +356,9 @@ def test_derivatives_of_the_closed_form() -> None:
     by = solver.sensitivity(backbone)
     assert by.by_friction is not None
     for change, function, at, step in (
-        (by.by_tension, lambda x: solver.solve(x.reshape(2, 3)), HELICAL.ravel(), 5e-3),
-        (by.by_youngs_modulus, lambda x: stiffer(x).solve(HELICAL), np.zeros(1), 1e-3),
-        (by.by_friction, lambda x: rougher(x).solve(HELICAL), np.array(arm.friction), 5e-3),
+        (by.by_tension, lambda x: solver.solve(x.reshape(2, 3)), PULL.ravel(), 5e-3),
+        (by.by_youngs_modulus, lambda x: stiffer(x).solve(PULL), np.zeros(1), 1e-3),
+        (by.by_friction, lambda x: rougher(x).solve(PULL), np.array(arm.friction), 5e-3),
     ):
         expected = jacobian(lambda x: outcome(function(x)), at, step)
         got = np.concatenate([
@@ -375,13 +372,11 @@ def test_derivatives_of_the_closed_form() -> None:
 @pytest.mark.parametrize('model', MODELS)
 def test_derivatives_where_every_tendon_is_let_out(model: str) -> None:
     solver = Solver(helical(0.03), model, 41)
-    pulled = solver.solve(2.0 * HELICAL)
-    released = solver.follow(HELICAL, pulled)
+    pulled = solver.solve(2.0 * PULL)
+    released = solver.follow(PULL, pulled)
     assert (np.diff(released.tendon_tensions[released.s < 0.25], axis=0) >= -1e-12).all()
     got = solver.sensitivity(released).by_tension.tip[:3]
-    expected = jacobian(
-        lambda x: solver.follow(x.reshape(2, 3), pulled).tip, HELICAL.ravel(), 2e-3
-    )
+    expected = jacobian(lambda x: solver.follow(x.reshape(2, 3), pulled).tip, PULL.ravel(), 2e-3)
     np.testing.assert_allclose(got, expected, atol=1e-6 * np.abs(expected).max())
 
 
@@ -415,8 +410,8 @@ def test_friction_is_one_number_or_one_for_each_tendon(friction: tuple[float, ..
 
 def test_each_tendon_may_have_its_own() -> None:
     arm = helical((0.0, 0.3, 0.0, 0.0, 0.0, 0.0))
-    tensions = Solver(arm, 'exact').solve(HELICAL).tendon_tensions[5]
-    lost = HELICAL.ravel() - tensions
+    tensions = Solver(arm, 'exact').solve(PULL).tendon_tensions[5]
+    lost = PULL.ravel() - tensions
     assert lost[1] > 1e-4
     np.testing.assert_allclose(np.delete(lost, 1), 0.0, atol=1e-12)
 
@@ -424,7 +419,7 @@ def test_each_tendon_may_have_its_own() -> None:
 @pytest.mark.parametrize('model', MODELS)
 def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
     solver = Solver(helical(0.2), model)
-    goal = solver.solve(0.7 * HELICAL).tip
+    goal = solver.solve(0.7 * PULL).tip
     found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
     np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from differences import jacobian
-from helical_arm import helical_arm
+from helical_arm import PULL, helical_arm
 from scipy.optimize import brentq
 
 from octo_arm_model import (
@@ -36,7 +36,6 @@ HELICAL = helical_arm(
     friction=(0.1, 0.2, 0.3, 0.1, 0.0, 0.2),
     sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5),
 )
-PULL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 LOADS = [
     pytest.param(Loads(), id='free'),
     pytest.param(Loads(gravity=(0.0, 0.0, -9.81)), id='under gravity'),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import strategies
 from differences import jacobian
-from helical_arm import helical_arm
+from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -35,7 +35,6 @@ RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
 # One keeps its place.
 HELICAL = helical_arm(RUBBER, sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5))
-TENSIONS = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 
 
 def with_sheath(arm: Arm, stiffness: float) -> Arm:
@@ -80,7 +79,7 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
     """A general optimiser of all unknowns at once finds no less."""
     # Sheaths of equal stiffness: the optimiser moves none that is rigid.
     arm = with_sheath(HELICAL, 3e5)
-    backbone = Solver(arm, 'exact', 41).solve(TENSIONS)
+    backbone = Solver(arm, 'exact', 41).solve(PULL)
     i = int(np.argmin(np.abs(backbone.s - s)))
     stretch = 1.0 + backbone.q[i]
     found = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]]) * stretch
@@ -88,7 +87,7 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
 
     def scaled(x: np.ndarray) -> float:
         # The energy at rest is some 1e-1 N, its changes by rounding far less.
-        tensions = TENSIONS.ravel()
+        tensions = PULL.ravel()
         return energy_of(arm, float(backbone.s[i]), tensions, (units * x)[:4], (units * x)[4:])
 
     start = np.zeros(16)
@@ -108,7 +107,7 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
     energy = sections_of(HELICAL, nodes, section, LAWS[law], shear)
     assert isinstance(energy, SheathedSections)
-    local_tensions = energy.local_tensions(TENSIONS.reshape(1, -1))
+    local_tensions = energy.local_tensions(PULL.reshape(1, -1))
     at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
     steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])
     stiffness = np.array(HELICAL.sheath_stiffness)[:, np.newaxis, np.newaxis]
@@ -180,7 +179,7 @@ def test_sensitivities_are_those_by_differences(law: str, loads: Loads) -> None:
         )
         return Solver(arm, 'exact', 41, material=law, loads=loads)
 
-    def measured(solver: Solver, tensions: np.ndarray = TENSIONS) -> np.ndarray:
+    def measured(solver: Solver, tensions: np.ndarray = PULL) -> np.ndarray:
         backbone = solver.solve(tensions)
         lengths = solver.tendon_lengths(backbone).ravel()
         return np.concatenate([backbone.tip, lengths])
@@ -191,12 +190,12 @@ def test_sensitivities_are_those_by_differences(law: str, loads: Loads) -> None:
         return measured(solver(stiffness))
 
     usual = solver()
-    found = usual.sensitivity(usual.solve(TENSIONS))
+    found = usual.sensitivity(usual.solve(PULL))
     assert found.by_sheath_stiffness is not None
     for change, expected in (
         (
             found.by_tension,
-            jacobian(lambda x: measured(usual, x.reshape(2, 3)), TENSIONS.ravel(), 2e-3),
+            jacobian(lambda x: measured(usual, x.reshape(2, 3)), PULL.ravel(), 2e-3),
         ),
         (
             found.by_youngs_modulus,
@@ -241,9 +240,9 @@ def test_by_offset_counts_how_places_follow() -> None:
 
 def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() -> None:
     arm = dataclasses.replace(HELICAL, sheath_stiffness=())
-    rigid = Solver(arm, 'exact').solve(TENSIONS)
+    rigid = Solver(arm, 'exact').solve(PULL)
     apart = [
-        float(np.linalg.norm(Solver(with_sheath(arm, k), 'exact').solve(TENSIONS).tip - rigid.tip))
+        float(np.linalg.norm(Solver(with_sheath(arm, k), 'exact').solve(PULL).tip - rigid.tip))
         for k in (1e7, 1e8, 1e9)
     ]
     np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.02)
@@ -294,11 +293,11 @@ def test_machine_code_has_the_same_shapes(loads: Loads) -> None:
         Solver(HELICAL, 'exact', 41, loads=loads, compiled=how) for how in (True, False)
     )
     assert compiled.is_compiled
-    found, expected = compiled.solve(TENSIONS), plain.solve(TENSIONS)
+    found, expected = compiled.solve(PULL), plain.solve(PULL)
     np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
     np.testing.assert_allclose(found.tau, expected.tau, atol=1e-6 * np.abs(expected.k).max())
     with pytest.raises(SolveError):
-        compiled.solve(40.0 * TENSIONS)
+        compiled.solve(40.0 * PULL)
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
