@@ -14,8 +14,9 @@ from octo_arm_model.experiment.recording.csv_recording import CsvSources, csv_fr
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MeasuredTopics
-from octo_arm_model.experiment.recording.recording import Recording, Skips, assemble
+from octo_arm_model.experiment.recording.recording import Recording, assemble
 from octo_arm_model.experiment.recording.tendon_readings import pick_topics, read_tendons
+from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
@@ -110,7 +111,7 @@ def _gather(
 
     ``topics`` are those of tensions and of displacements, as far as they were named.
     """
-    skips, notes = Skips(), list[str]()
+    refusals, notes = Refusals(), list[str]()
     picked: tuple[str, str] | None = None
     encoders: str | None = None
     if reader is not None:
@@ -135,13 +136,13 @@ def _gather(
         assert reader is not None
         seen = MeasuredTopics(reader, measured, points, config.base_frame)
         count.expect(reader.count(list(dict.fromkeys(seen.topics))))
-    readings = read_tendons(reader, picked, encoders, files, config, skips, count)
+    readings = read_tendons(reader, picked, encoders, files, config, refusals, count)
     if seen is not None:
-        source, found = ', '.join(seen.topics), list(seen.read(skips, count))
+        source, found = ', '.join(seen.topics), list(seen.read(refusals, count))
     else:
         assert files.midlines is not None
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
-        found = csv_frames(table, measured, points, skips)
+        found = csv_frames(table, measured, points, refusals)
     count.add(count.total - count.done)  # columns that nothing asked for
-    return assemble(given, *readings, found, source, measured, points, skips, notes)
+    return assemble(given, *readings, found, source, measured, points, refusals, notes)

@@ -130,11 +130,25 @@ def test_between_stamps_a_transform_moves_evenly_and_turns_evenly() -> None:
     add(tree, 'world', 'camera', 10**9, 2.0, 0.0, 0.0, 0.0, 0.0, half, half)  # a quarter turn
     for stamp in (0, 500_000_000, 10**9):
         add(tree, 'camera', 'marker', stamp, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    skipped: list[int] = []
-    stamps, points = tree.origins('marker', 'world', lambda stamp, why: skipped.append(stamp))
+    skipped: list[str] = []
+    stamps, points = tree.origins('marker', 'world', skipped.append)
     assert (stamps.tolist(), skipped) == ([0, 500_000_000, 10**9], [])
     expected = [[1.0, 0.0, 0.0], [1.0 + half, half, 0.0], [2.0, 1.0, 0.0]]
     np.testing.assert_allclose(points, expected, atol=1e-15)
+
+
+def test_stamps_are_those_of_the_moving_transform_nearest_to_the_frame() -> None:
+    tree, level = TransformTree(), (0.0, 0.0, 0.0, 1.0)
+    for stamp in (0, 10, 20):
+        add(tree, 'world', 'body', stamp, 1.0, 0.0, 0.0, *level)
+    for stamp in (5, 15):
+        add(tree, 'body', 'camera', stamp, 2.0, 0.0, 0.0, *level)
+    skipped: list[str] = []
+    # Down a chain, where the transform of the target itself is the farthest.
+    stamps, points = tree.origins('world', 'camera', skipped.append)
+    assert (stamps.tolist(), points.tolist()) == ([10], [[-3.0, 0.0, 0.0]])
+    assert len(skipped) == 2
+    assert tree.origins('camera', 'world', skipped.append)[0].tolist() == [5, 15]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +162,7 @@ def test_a_transform_on_the_way_that_is_no_rotation_is_refused(
     add(tree, 'world', 'camera', 0, 0.0, 0.0, 0.0, *quaternion)
     add(tree, 'camera', 'marker', 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     with pytest.raises(MeasurementError, match=message):
-        tree.origins('marker', 'world', lambda stamp, why: None)
+        tree.origins('marker', 'world', lambda why: None)
 
 
 def test_circles_and_second_parents_are_refused() -> None:
@@ -163,7 +177,7 @@ def test_circles_and_second_parents_are_refused() -> None:
     add(tree, 'x', 'y', 0, *level)
     with pytest.raises(MeasurementError, match="no transforms connect 'y' and 'z'"):
         add(tree, 'z', 'w', 0, *level)
-        tree.origins('y', 'z', lambda stamp, why: None)
+        tree.origins('y', 'z', lambda why: None)
 
 
 def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
