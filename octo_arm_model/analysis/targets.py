@@ -34,8 +34,7 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     given = real_numbers(value)
     array = np.array(np.nan if given is None else given)
     fits = array.ndim == len(shape) and all(
-        size in (wanted, array.shape[i]) if wanted < 0 else size == wanted
-        for i, (size, wanted) in enumerate(zip(array.shape, shape, strict=False))
+        wanted in (-1, size) for size, wanted in zip(array.shape, shape)
     )
     if not fits or not array.size or not np.isfinite(array).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
