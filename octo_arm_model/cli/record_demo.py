@@ -114,8 +114,9 @@ def _run(options: argparse.Namespace) -> None:
         friction=options.friction,
         touch=options.touch,
         markers=tuple(options.markers),
+        seed=options.seed,
     )
-    custom = custom_data(experiment, options.seed)
+    custom = custom_data(experiment)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
-        add_demo(writer, parameters, experiment, options.seed)
+        add_demo(writer, parameters, experiment)
     print(f'{options.out}: synthetic, see its topic note')

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.validation import finite, not_negative
+from octo_arm_model.core.arm.validation import finite, not_negative, whole
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 
@@ -43,8 +43,7 @@ class LoadCells:
         name, expected = 'load_cells.drop_probability', 'a number in [0, 1] [-]'
         if not 0.0 <= finite(name, self.drop_probability, expected) <= 1.0:
             raise ArmDefinitionError(name, self.drop_probability, expected)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise ArmDefinitionError('load_cells.seed', self.seed, 'an integer >= 0')
+        whole('load_cells.seed', self.seed)
 
 
 class SimulatedLoadCells:

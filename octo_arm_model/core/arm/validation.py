@@ -60,6 +60,17 @@ def not_negative(name: str, value: object, what: str, unit: str) -> float:
     return number
 
 
+def whole(name: str, value: object) -> int:
+    """Return ``value`` as an integer >= 0.
+
+    Raises:
+        ArmDefinitionError: if it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ArmDefinitionError(name, value, 'an integer >= 0')
+    return value
+
+
 def per_tendon(
     name: str, values: Sequence[object], count: int, what: str, unit: str
 ) -> tuple[float, ...]:
