@@ -145,6 +145,10 @@ class BagReader:
                 raise BagError(f'{self.path}: no topic {topic}; {self.listing}')
         return [connection for connection in self._connections if connection.topic in topics]
 
+    def full_name(self, topic: str) -> str:
+        """The ``topic``, with the slash that it may have been named without."""
+        return topic if topic in self.topics else f'/{topic}'
+
     def count(self, topics: Sequence[str] | None = None) -> int:
         """How many messages of ``topics`` there are, of all if None.
 

@@ -13,7 +13,7 @@ from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
-from octo_arm_model.bags.topics import is_answer, names, only_one, pick_usual
+from octo_arm_model.bags.topics import is_answer, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -76,13 +76,10 @@ class SensorTopics:
 
     @property
     def prefix(self) -> str:
-        """Namespace of the first of them, with the slash."""
-        usual = [*zip(self.others.values(), self.others)]
-        usual += [(self.tensions, name) for name in TENSION_TOPICS]
-        for topic, name in reversed(usual):
-            if names(topic, name):
-                return topic.removesuffix(name)
-        return self.all[0][: self.all[0].rfind('/') + 1]
+        """Namespace of the first of a usual name, or else of the first, with the slash."""
+        usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
+        known = [topic for topic in self.all if any(names(topic, name) for name in usual)]
+        return namespace((known or self.all)[0], usual)
 
 
 def find_sensors(

@@ -185,7 +185,7 @@ class TransformTree:
         return self._links.keys()
 
     def _path(self, frame: str, target: str) -> list[tuple[str, bool]]:
-        """The transforms from ``frame`` to ``target``, by child, and whether each is to its parent.
+        """Transforms from ``frame`` to ``target``, by child, and whether each is to its parent.
 
         Raises:
             MeasurementError: if nothing connects the two.
