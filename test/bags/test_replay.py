@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import os
 import resource
 import signal
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -310,8 +310,7 @@ def test_what_cannot_be_answered_is_left_out_and_reported(
     late = tensions_data(TENDON_TENSIONS, names, some, START)
     content[250] = content[250]._replace(data=late)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--json']) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json')
     topic = report['topics']['/tendon_tensions']
     counts = {name: topic[name] for name in ('answered', 'refused', 'failed', 'unsorted')}
     assert counts == {'answered': 297, 'refused': 2, 'failed': 1, 'unsorted': 1}

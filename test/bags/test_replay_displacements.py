@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -102,8 +102,7 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(
     inputs: Inputs = [{}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}]
     bag = bag_of(tmp_path / 'in', inputs)
     table = ['--csv', str(tmp_path / 'table')]
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--json', *table]) == 0
-    report = json.loads(capsys.readouterr().out)['topics']
+    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json', *table)['topics']
     assert report['/tendon_tensions']['answered'] == 2
     winches = report['/tendon_displacements']
     assert (winches['answered'], winches['refused']) == (3, 1)

@@ -71,9 +71,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
         rows = read_tension_rows(reader, sensors, CONFIG, refusals)
         np.testing.assert_array_equal(rows.rows[:, 0], [0.1, -0.01, 0.3])
         noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
-        groups = read_measured(
-            reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals
-        )
+        groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals)
     found = [
         ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
         for group in groups
@@ -101,7 +99,10 @@ def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
     reasons = ' | '.join(refusals.examples.values())
     for words in ('not finite', '2 marker(s), expected 1', 'bytes that are no geometry_msgs'):
         assert words in reasons
-    assert [topic for topic, _ in refusals.counts] == ['/tendon_tensions', *2 * ['/measured/markers']]
+    assert [topic for topic, _ in refusals.counts] == [
+        '/tendon_tensions',
+        *2 * ['/measured/markers'],
+    ]
 
 
 def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path: Path) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import (
     HELD,
     PARAMETERS,
@@ -22,7 +22,6 @@ from experiments import (
 from recordings import TYPES, Sample, header, make
 
 from octo_arm_model.analysis.displacement import displacements_of
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.experiment.recording.alignment import Alignment
@@ -130,13 +129,12 @@ def test_without_load_cells_tensions_follow_from_lengths(
     check_driven(read_recording(bag, displacements='/winches'))
     out = tmp_path / 'out'
     arguments = ['compare', str(bag), '--displacements', 'winches', '--out', str(out), '--json']
-    assert main(arguments) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, *arguments)
     assert [step['tensions'][0] for step in said['steps']] == pytest.approx(HELD[:4], abs=2e-3)
     assert max(step['tip_error_percent'] for step in said['steps']) < 0.05
     arguments = ['identify', str(bag), '--displacements', '/winches', '--fit', 'axial_stiffness']
-    assert main([*arguments, '--model', 'exact', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)['estimates']['axial_stiffness']
+    found = printed(capsys, *arguments, '--model', 'exact', '--json')
+    found = found['estimates']['axial_stiffness']
     assert found['value'] == pytest.approx(500.0, rel=0.02)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import bag_of, description, nanoseconds, tension_samples
 from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
 from recordings import Sample
@@ -58,8 +58,7 @@ def chain_bag(path: Path, *, has_base: bool = True, last_pan: float = np.inf) ->
 def test_chains_lead_to_the_base_of_the_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     assert any('midlines are in base_frame' in note for note in said['notes'])
@@ -69,8 +68,7 @@ def test_without_the_base_markers_are_in_the_root_and_aligned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(chain_bag(tmp_path / 'bag', has_base=False))
-    assert main(['compare', bag, *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', bag, *OPTIONS, '--json')
     assert any("midlines are in 'world'" in note for note in said['notes'])
     (model,) = said['models'].values()
     found = model['alignment_camera_to_base']
@@ -84,8 +82,7 @@ def test_before_and_after_its_stamps_a_transform_is_unknown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(chain_bag(tmp_path / 'bag', last_pan=12.0))
-    assert main(['compare', bag, *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', bag, *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS[: len(errors)], abs=0.03)
     assert 0 < len(errors) < len(TIP_ERRORS)
