@@ -148,10 +148,8 @@ def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.estimating.recorded import read_recorded
     from octo_arm_model.experiment.estimating.run import estimate
 
-    if options.plot is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
     check_out(options.csv, folder=True, name='--csv')
-    check_out(options.plot, folder=False, name='--plot')
+    check_out(options.plot, folder=False, name='--plot', draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
     if out is not None:

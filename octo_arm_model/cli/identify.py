@@ -91,9 +91,7 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     check_out(options.out, folder=False)
-    if options.pictures is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(options.pictures, folder=True, name='--pictures')
+    check_out(options.pictures, folder=True, name='--pictures', draws=True)
     check_out(options.csv, folder=True, name='--csv')
     recording, observations, models, alignment, notes = read_options(options, [ALL])
     notes = [*observations.notes, *notes]

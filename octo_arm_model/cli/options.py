@@ -208,14 +208,20 @@ def read_config(options: argparse.Namespace) -> Config:
     )
 
 
-def check_out(path: Path | None, *, folder: bool, name: str = '--out') -> None:
+def check_out(
+    path: Path | None, *, folder: bool, name: str = '--out', draws: bool = False
+) -> None:
     """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
 
     Raises:
         ConfigError: if it is the other of the two, or the folder cannot be made.
+        ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib, which is
+            said before the work.
     """
     if path is None:
         return
+    if draws:
+        import matplotlib  # noqa: F401
     if path.exists() and path.is_dir() != folder:
         is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
         raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')

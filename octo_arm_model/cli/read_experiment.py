@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from octo_arm_model.cli.experiment_options import ALL
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
@@ -37,10 +38,9 @@ def read_options(
         OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
     """
     tolerance, offset = options.tolerance, options.clock_offset
-    if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise ConfigError(f'--tolerance is {tolerance!r}, expected a time >= 0 [s]')
-    if offset is not None and not math.isfinite(offset):
-        raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
+    not_negative('--tolerance', tolerance, 'time', 's')
+    if offset is not None:
+        finite('--clock-offset', offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
         read_alignment(options.align)  # Checked before the bag is read.

@@ -81,9 +81,7 @@ def _run(options: argparse.Namespace) -> None:
     picture = options.out
     if picture is None and not options.json:
         picture = Path('workspace.png')
-    if picture is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(picture, folder=False)
+    check_out(picture, folder=False, draws=True)
     highest = read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(

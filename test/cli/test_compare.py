@@ -86,7 +86,7 @@ def test_tips_have_the_papers_error_and_no_other(
     [
         (['--align', '1', '2'], 2, '--align is 1 2, expected fit, none or X Y Z QX QY QZ QW'),
         (['--align', *'0001110'], 2, '--align: quaternion is (1.0, 1.0, 1.0, 0.0) of length'),
-        (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a time >= 0 [s]'),
+        (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a finite time >= 0 [s]'),
         (['--clock-offset', 'nan'], 2, '--clock-offset is nan, expected a finite time [s]'),
         (['--steady', '0'], 2, 'steady tolerance is 0.0'),
         (['--hold', '60'], 1, 'nothing to compare: no tension stays within'),
