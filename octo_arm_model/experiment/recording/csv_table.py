@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.config.csv_files import NUMBER
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
 from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray
@@ -24,8 +25,6 @@ TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {'N': 1.0, 'mN': 1e-3}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
-# As in JSON; Python would also read 1_000 and the digits of other scripts.
-_NUMBER = re.compile(r'^[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$')
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _LISTED = 20
 _TOGETHER = 4096  # rows counted at a time
@@ -68,7 +67,7 @@ class CsvTable:
                 return number
         if name not in self.given:
             return None
-        if _NUMBER.match(wanted):
+        if NUMBER.match(wanted):
             return float(wanted)
         raise MeasurementError(
             f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
@@ -105,7 +104,7 @@ class CsvTable:
         values = np.empty(len(self.rows))
         for place, row in enumerate(self.rows):
             text = row[number].strip()
-            if _NUMBER.match(text) and math.isfinite(value := float(text)):
+            if NUMBER.match(text) and math.isfinite(value := float(text)):
                 values[place] = value
             elif text in _MISSING:
                 values[place] = math.nan

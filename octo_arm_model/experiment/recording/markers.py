@@ -6,7 +6,6 @@ in a step where none does it is left out.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
@@ -84,8 +83,7 @@ def mean_markers(
         middle[enough] = np.nanmean(kept[:, enough], axis=0)
         noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
     shown = seen.any(axis=0)
-    shape = MeasuredShape(
+    return MeasuredShape(
         window, middle[shown], int(seen.any(axis=1).sum()), int(outlying.any(axis=1).sum()),
-        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames),
+        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames), s[shown],
     )  # fmt: skip
-    return dataclasses.replace(shape, s=s[shown])
