@@ -12,8 +12,7 @@ from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-
-_ROUNDING = 1e-9  # of a limit, that a tension may be beyond it
+from octo_arm_model.simulation.limits import are_beyond
 
 
 class LengthControl:
@@ -39,7 +38,7 @@ class LengthControl:
         """
         wound = self._hold(displacements, tensions)
         pulled = wound.backbone.tensions.ravel()
-        beyond = np.flatnonzero(pulled > self._limits * (1.0 + _ROUNDING))
+        beyond = np.flatnonzero(are_beyond(pulled, self._limits))
         if beyond.size:
             number = int(beyond[0])
             name = self._solver.arm.tendon_names[number]
