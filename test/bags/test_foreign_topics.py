@@ -12,8 +12,8 @@ from command_line import printed
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 from experiments import ARM, bag_of, description, nanoseconds
-from labs import MARKER_S, TIP_ERRORS, message, pose_array, seen, staircase_of
-from recordings import Sample, header, make
+from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
+from recordings import Sample, header, make, message
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main

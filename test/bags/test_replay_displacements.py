@@ -14,12 +14,9 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 
 from recordings import (
     ARM,
-    JOINT_STATE,
     TENDON_TENSIONS,
-    TYPES,
     Sample,
-    header,
-    make,
+    displacement_sample,
     tensions_data,
     text_sample,
     write_bag,
@@ -48,12 +45,7 @@ def content(inputs: Inputs) -> list[Sample]:
     for number, given in enumerate(inputs):
         stamp = FIRST * (1 + number)
         if isinstance(given, dict):
-            message = make(
-                JOINT_STATE, header=header(stamp), name=list(given), velocity=np.zeros(0),
-                position=np.array(list(given.values()), float), effort=np.zeros(0),
-            )  # fmt: skip
-            data = bytes(TYPES.serialize_cdr(message, JOINT_STATE))
-            found.append(Sample('/tendon_displacements', JOINT_STATE, stamp + 5, data))
+            found.append(displacement_sample(list(given), list(given.values()), stamp, delay=5))
         else:
             data = tensions_data(TENDON_TENSIONS, ARM.tendon_names, given, stamp)
             found.append(Sample('/tendon_tensions', TENDON_TENSIONS, stamp + 5, data))

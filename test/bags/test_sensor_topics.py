@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='needs rosbags')
-from recordings import JOINT_STATE, START, TYPES, Sample, header, make, tensions_data, write_bag
+from recordings import (
+    START,
+    Sample,
+    displacement_sample,
+    header,
+    message,
+    pose,
+    tensions_data,
+    write_bag,
+)
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
@@ -36,24 +45,16 @@ def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> Samp
 
 
 def encoders(at: int, topic: str = '/tendon_displacements') -> Sample:
-    none = np.zeros(0)
-    message = make(
-        JOINT_STATE, header=header(START + at * MILLISECOND), name=list(NAMES),
-        position=np.full(4, 1e-3), velocity=none, effort=none,
-    )  # fmt: skip
-    data = bytes(TYPES.serialize_cdr(message, JOINT_STATE))
-    return Sample(topic, JOINT_STATE, START + (at + 40) * MILLISECOND, data)
+    stamp = START + at * MILLISECOND
+    return displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
 
 
 def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample:
-    kind = 'geometry_msgs/msg/PoseArray'
-    zero = {'x': 0.0, 'y': 0.0, 'z': 0.0}
-    point = make('geometry_msgs/msg/Point', **zero)
-    turned = make('geometry_msgs/msg/Quaternion', **zero, w=1.0)
-    pose = make('geometry_msgs/msg/Pose', position=point, orientation=turned)
-    message = make(kind, header=header(START + at * MILLISECOND, 'arm_base'), poses=count * [pose])
-    data = bytes(TYPES.serialize_cdr(message, kind))
-    return Sample(topic, kind, START + (at + 90) * MILLISECOND, data)
+    stamp = START + at * MILLISECOND
+    return message(
+        topic, 'geometry_msgs/msg/PoseArray', stamp + 90 * MILLISECOND,
+        header=header(stamp, 'arm_base'), poses=count * [pose(np.zeros(3))],
+    )  # fmt: skip
 
 
 def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from experiments import (
     staircase,
     tension_samples,
 )
-from recordings import TYPES, Sample, header, make
+from recordings import Sample, displacement_sample
 
 from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.config.config import Config, parameters_as_yaml
@@ -54,17 +54,11 @@ def lengths(pulled: np.ndarray) -> np.ndarray:
 
 def encoder_samples(names: tuple[str, ...] = NAMES, topic: str = '/tendon_displacements') -> list:
     """What encoders of the tendons ``names`` read, at 50 Hz."""
-    kind, none = 'sensor_msgs/msg/JointState', np.zeros(0)
     columns = [NAMES.index(name) if name in NAMES else 0 for name in names]
-    samples = []
-    for at, row in zip(TIME, lengths(PULLED)):
-        message = make(
-            kind, header=header(nanoseconds(at)), name=list(names),
-            position=np.ascontiguousarray(row[columns]), velocity=none, effort=none,
-        )  # fmt: skip
-        data = bytes(TYPES.serialize_cdr(message, kind))
-        samples.append(Sample(topic, kind, nanoseconds(at), data))
-    return samples
+    return [
+        displacement_sample(names, row[columns], nanoseconds(at), topic)
+        for at, row in zip(TIME, lengths(PULLED))
+    ]
 
 
 def frames() -> list[tuple[float, np.ndarray]]:
