@@ -19,6 +19,8 @@ from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
+_LARGEST = 1e9  # number of a target; squares of larger ones may overflow
+
 
 class Target(Protocol):
     """A target: an error that is zero where it is reached."""
@@ -36,9 +38,10 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     fits = array.ndim == len(shape) and all(
         wanted in (-1, size) for size, wanted in zip(array.shape, shape)
     )
-    if not fits or not array.size or not np.isfinite(array).all():
+    if not fits or not array.size or not (np.abs(array) <= _LARGEST).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
-        raise TargetError(f'{name} is {shown(value)}, expected {words} finite number(s)')
+        expected = f'{words} finite number(s), none beyond {_LARGEST:g}'
+        raise TargetError(f'{name} is {shown(value)}, expected {expected}')
     return array
 
 
