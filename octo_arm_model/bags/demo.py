@@ -19,6 +19,7 @@ from octo_arm_model.bags.demo_messages import START, DemoMessages
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -35,9 +36,12 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     answer of the model exact, in the camera's frame and with the stamps of its clock.
 
     Raises:
-        OctoArmError: if the parameters are those of no arm, or the bag cannot be written.
+        OctoArmError: if the parameters are those of no arm, or a marker is not on it, or the bag
+            cannot be written.
     """
     config = Config.from_parameters(parameters)
+    for s in experiment.markers:
+        within('--markers', s, 0.0, config.arm.length, 'm')
     rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
     messages, true = DemoMessages(writer, config), TrueArm(parameters, experiment)

@@ -11,8 +11,8 @@ import numpy as np
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.validation import finite, not_negative, positive, whole
-from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
 
@@ -83,9 +83,7 @@ class Experiment:
     def __post_init__(self) -> None:
         """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
-        expected = f'a finite number from {-_MOST_AHEAD:g} to {_MOST_AHEAD:g} [s]'
-        if abs(finite('--clock-offset', self.clock_offset, expected)) > _MOST_AHEAD:
-            raise ArmDefinitionError('--clock-offset', self.clock_offset, expected)
+        within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
         not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
         not_negative('--friction', self.friction, 'coefficient', '-')

@@ -128,10 +128,9 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
     for options, expected in (
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
-        (
-            ['--clock-offset', '1e10'],
-            '--clock-offset is 10000000000.0, expected a finite number from',
-        ),
+        (['--clock-offset', '1e10'], '--clock-offset is 10000000000.0, expected a finite number'),
+        (['--markers', '0.1', '5'], '--markers is 5.0, expected a finite number within [0, 0.27]'),
+        (['--markers', 'nan'], '--markers is nan, expected a finite number within [0, 0.27]'),
         (['--seed', '-1'], '--seed is -1, expected an integer >= 0'),
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
         (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
