@@ -148,12 +148,11 @@ def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.estimating.recorded import read_recorded
     from octo_arm_model.experiment.estimating.run import estimate
 
+    refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options.csv, folder=True, name='--csv')
     check_out(options.plot, folder=False, name='--plot', draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
-    if out is not None:
-        refuse_inside(out, options.bag)
     with contextlib.ExitStack() as opened:
         reader = opened.enter_context(BagReader(options.bag))
         with Bar('messages') as bar:

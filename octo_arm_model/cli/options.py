@@ -231,14 +231,15 @@ def check_out(
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
 
 
-def refuse_inside(out: Path, bag: Path) -> None:
-    """Refuse to write ``out`` into a ``bag`` that is read.
+def refuse_inside(bag: Path, *outputs: Path | None) -> None:
+    """Refuse to write ``outputs`` into a ``bag`` that is read.
 
     Raises:
-        BagError: if it is inside.
+        BagError: if one is inside, or the folder of the bag.
     """
-    if bag.resolve() in out.resolve().parents:
-        raise BagError(f'{out}: inside {bag}, which stays as it is')
+    for out in outputs:
+        if out is not None and bag.resolve() in (out.resolve(), *out.resolve().parents):
+            raise BagError(f'{out}: inside {bag}, which stays as it is')
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -90,6 +90,7 @@ def test_tips_have_the_papers_error_and_no_other(
         (['--clock-offset', 'nan'], 2, '--clock-offset is nan, expected a finite time [s]'),
         (['--steady', '0'], 2, 'steady tolerance is 0.0'),
         (['--hold', '60'], 1, 'nothing to compare: no tension stays within'),
+        (['--settle', '60'], 1, 'for 1 s, and beyond the first 60 s'),
         (['--clock-offset', '99'], 1, 'nothing to compare: none of'),
         (['--midlines', 'nowhere'], 2, 'no topic nowhere for midlines or tips; it has /arm_'),
         (['--config', 'renda2012_table4'], 2, 'no tensions for this arm on /tendon_tensions'),

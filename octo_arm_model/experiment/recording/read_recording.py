@@ -77,7 +77,7 @@ def _check_sources(
     """Have each thing come from one place.
 
     Raises:
-        MeasurementError: if it comes from none, or from two.
+        MeasurementError: if it comes from none, or from two, or columns are those of no file.
     """
     has_all = files.tensions is not None and files.midlines is not None
     driven = files.displacements is not None and files.midlines is not None
@@ -85,6 +85,8 @@ def _check_sources(
         raise MeasurementError(
             'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'
         )
+    if files.columns and not (files.tensions or files.midlines or files.displacements):
+        raise MeasurementError('--columns is given, and no CSV file that it could be of')
     for given, other, file in (
         (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
         (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),

@@ -37,7 +37,7 @@ class SteadyRule:
         tolerance: [N]; None for the larger of 2 percent of the highest tension and four times the
             noise, which is taken from the differences of neighbouring samples.
         duration: [s].
-        settle: [s], less than ``duration``.
+        settle: [s].
 
     Raises:
         ArmDefinitionError: if a value is impossible.

@@ -205,6 +205,7 @@ def test_what_is_read_has_bounds(
          '--marker-frames and --midline-csv are given, expected one or the other'),
         (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
         (['bag', '--columns', 'no.yaml'], 'no.yaml'),
+        (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
     ],
 )  # fmt: skip
 def test_what_is_not_said_is_asked_for(
