@@ -98,7 +98,7 @@ def take_others(
     """
     if taken := take_together(prior, measurements, at, last, gate):
         return taken
-    starts, squares = _starts(at, last), {}
+    known, starts, squares = last and last[1], _starts(at, last), {}
     for one in measurements:
         limit = _limit([one], gate)
         _, squares[id(one)] = _most_probable(prior, [one], starts, limit, is_judged=True)
@@ -107,9 +107,9 @@ def take_others(
         return Taken(prior, at, (), squares)
     start, _ = _most_probable(prior, accepted, starts, _limit(accepted, gate))
     try:
-        found = fit(prior, accepted, start, None)
+        found = fit(prior, accepted, start, known, is_new=True)
     except SolveError:
-        found = fit(prior, accepted, start, None, to_mode=True)
+        found = fit(prior, accepted, start, known, is_new=True, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
 
 
@@ -123,13 +123,16 @@ def take_together(
     """`take_others` where each is within the gate beside all others; None if not."""
     if not measurements:
         return Taken(prior, at)
+    known = last and last[1]
     if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
         return taken
     if len(measurements) == 1:
         return None
     limit = _limit(measurements, gate)
     start, square = _most_probable(prior, measurements, _starts(at, last), limit, is_judged=True)
-    return _agreed(prior, measurements, start, None, gate) if square <= limit else None
+    if square > limit:
+        return None
+    return _agreed(prior, measurements, start, known, gate, is_new=True)
 
 
 def _starts(at: Prediction, last: Last | None) -> list[Start]:
@@ -168,10 +171,12 @@ def _agreed(
     start: Prediction,
     known: Curvature | None,
     gate: float,
+    *,
+    is_new: bool = False,
 ) -> Taken | None:
     """All ``measurements`` taken, from ``start`` on; None unless all are within the ``gate``."""
     try:
-        taken = _all(measurements, fit(prior, measurements, start, known))
+        taken = _all(measurements, fit(prior, measurements, start, known, is_new=is_new))
     except SolveError:
         return None
     return taken if len(_within(measurements, taken.squares, gate)) == len(measurements) else None
