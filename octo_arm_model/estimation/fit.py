@@ -30,6 +30,7 @@ from octo_arm_model.estimation.prediction import Prediction
 # Where the next step is shorter than this part of a standard deviation there is none.
 TOLERANCE = 3e-2
 _MOST = 12  # evaluations
+_RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
 _NEAR = 0.3  # step within which derivatives are still good enough
 _PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
 _GROWTH = 3.0  # likewise one with derivatives
@@ -89,6 +90,7 @@ def fit(
         agreed = Agreement() if known is None else known.agreed
         known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
+    renewals = 0
     posterior = Posterior(prior, noise, at.model, 0.0 if to_mode else known.agreed.weight)
     step = posterior.step(local, local.x)
     first = step.cost
@@ -119,6 +121,10 @@ def fit(
         jacobian = jacobians(measurements, at)
         is_right = known.foretells(x - before.x, jacobian, stddev)
         known = known.after(x - before.x, jacobian, scale)
+        if not is_right:
+            if renewals == _RENEWALS:
+                break
+            renewals += 1
         if turns or not is_right:
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
             learn = turned if is_right else renewed
