@@ -104,7 +104,9 @@ class Friction:
 
         Their ``local_tensions`` (tendons, batch, points) [N] count where sheaths give way.
         """
-        placed = self.energy.placed(to_scaled(self.energy.law, twist), local_tensions)
+        placed = self.energy
+        if self._gives_way:
+            placed = placed.placed(to_scaled(placed.law, twist), local_tensions)
         found = tangents(placed, twist)
         slope, kinks = self.slope(found.unit)
         bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
