@@ -58,7 +58,7 @@ class TendonLengths:
     def offset_weights(self, arm: Arm) -> FloatArray:
         """Weights of integrals that are d(unloaded length)/d(distance from midline).
 
-        (tendons, nodes), of the tendons of ``arm``; zero of those that do not wind about the midline.
+        (tendons, nodes), of the tendons of ``arm``; zero of those that do not wind about it.
         """
         by_offset = ParameterDerivatives(self.sections, arm).length_by_offset(
             self._straight[:, np.newaxis], np.zeros_like(self.weights)[:, np.newaxis]
