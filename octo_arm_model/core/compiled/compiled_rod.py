@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 
 import numpy as np
@@ -15,9 +16,14 @@ from octo_arm_model.core.compiled.numba_build import (
 )
 from octo_arm_model.core.compiled.readout_kernels import Readings, empty_readings
 from octo_arm_model.core.compiled.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
-from octo_arm_model.core.compiled.rod_tables import RodTables, parameter_tables, rod_tables
+from octo_arm_model.core.compiled.rod_tables import (
+    ParameterTables,
+    RodTables,
+    parameter_tables,
+    rod_tables,
+)
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
-from octo_arm_model.core.compiled.system_kernels import system_of
+from octo_arm_model.core.compiled.system_kernels import System, system_of
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
@@ -43,7 +49,7 @@ class CompiledRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
+        self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = balance(), rod.equilibrium.loads
         # Systems of the balances found last, and the twists of these.
@@ -54,9 +60,13 @@ class CompiledRod:
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_readings = empty_readings(0, 0)
-        self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
-        self._find_turn, self._find_minima = find_turn(), find_minima()
+        self._find_turn = find_turn()
         self._minimum = rod.minimum  # which says why there is none
+
+    @functools.cached_property
+    def _parameters(self) -> ParameterTables:
+        tables: ParameterTables = own(parameter_tables(self._rod))
+        return tables
 
     @property
     def tables(self) -> RodTables:
@@ -83,7 +93,7 @@ class CompiledRod:
         """
         sections = self.tables.sections
         twist = np.empty((4, sections.axial.size))
-        _, steps = self._find_minima(sections, own(tensions), twist)
+        _, steps = find_minima()(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -92,11 +102,13 @@ class CompiledRod:
         self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
         return readings.twist, readings.position, readings.quaternion
 
-    def settle(self, wanted: Condition, shape: Shape, spending: Spending) -> Solution | None:
-        """`Settle` of the rod."""
+    def settle(
+        self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
+    ) -> Solution | None:
+        """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`."""
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
-            wanted, shape, TOLERANCE, READINGS, readings, *self._not_asked
+            wanted, shape, TOLERANCE, kind, readings, *self._not_asked
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
@@ -116,7 +128,7 @@ class CompiledRod:
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))
         self._check(
-            self._differentiate(
+            differentiate()(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
@@ -128,7 +140,7 @@ class CompiledRod:
         tensions = condition.tensions
         tip = np.empty((6, 2 * tensions.size + 2))
         self._check(
-            self._differentiate_tip(
+            differentiate_tip()(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 state_of(shape), tip,
             )
@@ -170,7 +182,7 @@ class CompiledRod:
         orientation = np.array(shape.orientation)
         state.twist[:] = shape.twist
         tip_wrench = own(condition.tip_wrench)
-        known = next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
+        known = self._place_of(shape)
         place = next(self._places)
         if place == known:
             place = next(self._places)
@@ -185,6 +197,14 @@ class CompiledRod:
         if outcome.sign:
             self._twists[place] = state.twist
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
+
+    def system_about(self, shape: Shape) -> System | None:
+        """The system linearised about a balance that has this ``shape``, if it is kept."""
+        place = self._place_of(shape)
+        return None if place is None else self._systems[place]
+
+    def _place_of(self, shape: Shape) -> int | None:
+        return next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
 
 
 def state_of(shape: Shape) -> RodState:

@@ -38,6 +38,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
 # of its values. Positions, which are integrals of it, are far more exact.
 RESOLVED = 1e-6
+STRAIGHT = 1e-3  # angle over its length that an arm turns by at least for that [rad]
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
@@ -238,7 +239,7 @@ class LoadedRod:
             if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
                 return False
         size = np.abs(twist).max(axis=(1, 2))
-        size[:3] = size[:3].max()
+        size[:3] = max(size[:3].max(), STRAIGHT / self._own.length)
         return bool((self._tail(twist) <= RESOLVED * size).all())
 
     def _tail(self, values: FloatArray) -> FloatArray:
