@@ -29,7 +29,7 @@ from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
+from octo_arm_model.core.loaded.rod import RESOLVED_SLIDING
 from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
@@ -170,14 +170,14 @@ def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) ->
     """
     for tendon in np.flatnonzero(tensions):
         along = tables.sections.transmission[tendon]
-        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
+        if largest_tail(tables, along) > RESOLVED_SLIDING * tensions.max():
             return False
     size = np.empty(4)
     for k in range(4):
         size[k] = np.abs(twist[k]).max()
     angular = max(size[0], size[1], size[2])
     for k in range(4):
-        if largest_tail(tables, twist[k]) > RESOLVED * (angular if k < 3 else size[3]):
+        if largest_tail(tables, twist[k]) > RESOLVED_SLIDING * (angular if k < 3 else size[3]):
             return False
     return True
 

@@ -36,10 +36,13 @@ from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
-# of its values. Positions, which are integrals of it, are far more exact.
-RESOLVED = 1e-6
-# Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
-RESOLVED_TENSIONS = 1e-6
+# of its values. Positions, which are integrals of it, are far more exact: of a twentieth of that
+# part of the length at most, and of far less at the tip, where the error of Gauss points is of
+# twice the order.
+RESOLVED = 5e-5
+# Likewise of twist and tensions where tendons have friction: the rate of change of tensions is far
+# less exact.
+RESOLVED_SLIDING = 1e-6
 
 _KEPT = 64  # loads whose resultants are, and rods
 
@@ -235,11 +238,12 @@ class LoadedRod:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
             tensions = sliding.tensions
-            if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
+            if self._tail(tensions).max() > RESOLVED_SLIDING * tensions.max():
                 return False
+        least = RESOLVED if sliding is None else RESOLVED_SLIDING
         size = np.abs(twist).max(axis=(1, 2))
         size[:3] = size[:3].max()
-        return bool((self._tail(twist) <= RESOLVED * size).all())
+        return bool((self._tail(twist) <= least * size).all())
 
     def _tail(self, values: FloatArray) -> FloatArray:
         """Largest of the last Legendre coefficients of ``values`` (n, batch, points), (n,)."""
