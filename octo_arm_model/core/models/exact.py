@@ -34,7 +34,7 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
-COARSE = 4  # points in each of the elements in which an arm is followed from its unloaded shape
+COARSE = 3  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
