@@ -28,7 +28,7 @@ from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import TOLERANCE
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -82,7 +82,7 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self.tables, twist, turn)
+        self._find_turn(self._tables, twist, turn)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
@@ -91,7 +91,7 @@ class CompiledRod:
         Raises:
             SolveError: if there is none.
         """
-        sections = self.tables.sections
+        sections = self._tables.sections
         twist = np.empty((4, sections.axial.size))
         _, steps = find_minima()(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
@@ -104,7 +104,7 @@ class CompiledRod:
 
     def settle(
         self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
-    ) -> Solution | None:
+    ) -> Solution | Shape | None:
         """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`."""
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
@@ -112,7 +112,8 @@ class CompiledRod:
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
-            return None
+            is_stable = outcome.is_least and outcome.corrected <= MOST_CORRECTED
+            return found if is_stable else None
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
             (readings.position, readings.quaternion), None, readings.strains,
@@ -183,10 +184,10 @@ class CompiledRod:
         state.twist[:] = shape.twist
         tip_wrench = own(condition.tip_wrench)
         known = self._place_of(shape)
-        place = next(self._places)
-        if place == known:
-            place = next(self._places)
-        self._twists[place] = None
+        place = known or 0
+        if wanted != READ_ONLY:
+            place = next(other for other in self._places if other != known)
+            self._twists[place] = None
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,

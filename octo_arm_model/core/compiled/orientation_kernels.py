@@ -72,10 +72,11 @@ def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> None:
     rate, defect = np.empty((4, count)), np.empty((4, count))
     more, raw = np.empty((4, count)), np.empty((4, count))
     from_starts(tables, twist, half, turn, rate, raw)
-    rates, integrals = rate.reshape(-1, s), tables.from_start_columns
+    each = 4 * elements, s
+    rates, integrals = rate.reshape(each), tables.from_start_columns
     for _ in range(_MOST_SWEEPS):
         find_rate(twist, half, raw, rate)
-        np.dot(rates, integrals, defect.reshape(-1, s))
+        np.dot(rates, integrals, defect.reshape(each))
         size = 0.0
         for k in range(4):
             out, found, start = defect[k], raw[k], 0.0 if k else 1.0
@@ -84,7 +85,7 @@ def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> None:
                 size += out[j] * out[j]
         find_rate(twist, half, defect, rate)
         times_inverse(rate, raw, rate)
-        np.dot(rates, integrals, more.reshape(-1, s))
+        np.dot(rates, integrals, more.reshape(each))
         add_product(more, raw, defect)
         raw += defect
         if size <= _SETTLED:
@@ -103,7 +104,8 @@ def from_starts(
     """Fill in ``raw`` (4, points), what is given of ``turn`` nearly from each element's start."""
     s = tables.weights.size
     find_rate(twist, half, turn, rate)
-    for first in range(0, turn.shape[1], s):
+    for element in range(tables.step.size):
+        first = element * s
         w, x, y, z = turn[0, first], turn[1, first], turn[2, first], turn[3, first]
         for j in range(s):
             part = tables.from_start_columns[j, 0]
@@ -131,7 +133,8 @@ def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray
     """
     s = tables.weights.size
     start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
-    for first in range(0, raw.shape[1], s):
+    for element in range(tables.step.size):
+        first = element * s
         w, x, y, z = start[0, 0], start[1, 0], start[2, 0], start[3, 0]
         turn_all(w, x, y, z, raw[:, first : first + s], turn[:, first : first + s])
         for k in range(4):

@@ -7,7 +7,7 @@ import numpy as np
 from octo_arm_model.core.compiled.readout_kernels import read_changes
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import ParameterTables, RodTables
-from octo_arm_model.core.compiled.state_kernels import RodState, find_wrench, find_state
+from octo_arm_model.core.compiled.state_kernels import RodState, find_state, find_wrench
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (

@@ -71,7 +71,8 @@ def find_wrench(
         for element in range(elements):
             for j in range(s):
                 by_element[k, element, j] *= tables.step[element]
-    np.dot(carried.reshape(-1, s), tables.to_end_columns, levers.reshape(-1, s))
+    each = 3 * elements, s
+    np.dot(carried.reshape(each), tables.to_end_columns, levers.reshape(each))
     totals, lever = moment.reshape(3, elements, s), levers.reshape(3, elements, s)
     for k in range(3):
         beyond = tip[k]

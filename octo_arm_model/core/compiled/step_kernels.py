@@ -23,7 +23,8 @@ def find_step(
     s, elements, weights = tables.weights.size, tables.step.size, tables.weights
     bends, ends = np.empty((elements, 3 * s)), np.empty((elements, 6))
     carried, more = np.empty((elements, 3, s)), np.empty((elements, 3, s))
-    k, flat, summed = bends.reshape(elements, 3, s), carried.reshape(-1, s), more.reshape(-1, s)
+    k, each = bends.reshape(elements, 3, s), (3 * elements, s)
+    flat, summed = carried.reshape(each), more.reshape(each)
     # By element, and point of it.
     local, rotation = (
         system.at_points.reshape(10, elements, s),

@@ -137,7 +137,7 @@ def find_system(tables: RodTables, state: RodState, system: System) -> int:
             for element in range(elements):
                 for j in range(s):
                     turns[p, q, element, j] *= -tables.step[element]
-    rows = by_turn.reshape(-1, s)
+    rows = by_turn.reshape(9 * elements, s)
     side = np.dot(rows, tables.to_end_columns).reshape(3, 3, elements, s)
     twice = np.dot(rows, tables.twice).reshape(3, 3, elements, s, s)
     out = np.dot(rows * tables.weights, tables.from_start).reshape(3, 3, elements, s)

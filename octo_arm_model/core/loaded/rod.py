@@ -49,9 +49,9 @@ _KEPT = 64  # loads whose resultants are, and rods
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
 
-# From a condition and a shape nearby to the solution there; None where Newton's method leads to no
-# stable balance, or to one that elements do not resolve. Iterations are spent.
-Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | None]
+# From a condition and a shape nearby to the solution there, or to the shape of a stable balance
+# that elements do not resolve; None where Newton's method leads to neither. Iterations are spent.
+Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | Shape | None]
 
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]

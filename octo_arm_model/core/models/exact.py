@@ -144,11 +144,12 @@ class Exact:
         shape = start.shape if start else None
         if shape is None:
             shape = rod.unloaded(start.tensions.ravel() if start else tensions, wanted.before)
-        if rod.settle is not None:
-            solution = rod.settle(wanted, shape, spending)
-            if solution is not None:
-                return solution
-        if start is None:
+        found = rod.settle(wanted, shape, spending) if rod.settle is not None else None
+        if isinstance(found, Solution):
+            return found
+        if found is not None:
+            known, shape = wanted, found
+        elif start is None:
             known, shape = self._nearly(wanted, shape, spending)
         else:
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
