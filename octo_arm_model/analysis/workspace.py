@@ -22,7 +22,7 @@ from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_
 from octo_arm_model.core.section.tendon_sums import check_highest
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
-# set is solved set by set. Results depend on it by rounding.
+# set is solved in parts. Results depend on it by rounding.
 CHUNK = 64
 
 
