@@ -16,5 +16,15 @@ def test_a_linear_function_is_met_between_the_rows_and_held_beyond_the_ends() ->
     np.testing.assert_allclose(interpolated(at, X, ROWS), expected, atol=1e-15)
 
 
+def test_rows_and_places_may_have_more_axes() -> None:
+    rows = np.stack([ROWS, 2.0 * ROWS], axis=-1)
+    at = np.array([[0.15, 2.5], [-1.0, 9.0]])
+    found = interpolated(at, X, rows)
+    assert found.shape == (2, 2, 3, 2)
+    for place in np.ndindex(at.shape):
+        np.testing.assert_array_equal(found[place][:, 0], interpolated(at[place], X, ROWS))
+        np.testing.assert_array_equal(found[place][:, 1], interpolated(at[place], X, 2.0 * ROWS))
+
+
 def test_at_one_number_there_is_one_row() -> None:
     np.testing.assert_allclose(interpolated(2.5, X, ROWS), [2.6, -4.8, 1.55], atol=1e-15)
