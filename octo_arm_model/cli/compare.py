@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording
-from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.options import add_json, add_path, new_command
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
