@@ -84,7 +84,3 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _shown(values: Sequence[str]) -> str:
-    return shown(', '.join(values))
