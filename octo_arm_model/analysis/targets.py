@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import TargetError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
@@ -191,7 +192,7 @@ class BackboneShape:
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
     def _stations(self, backbone: Backbone) -> IntArray:
-        return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
+        return nearest(self.s, backbone.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Every point less that of the target."""

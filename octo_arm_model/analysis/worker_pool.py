@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -42,16 +43,16 @@ Results = Generator[tuple[int, Solved], None, None]
 
 def _solve(solver: Solver, tensions: FloatArray) -> Solved:
     """Tips of a chunk, without the sets that have no solution."""
-    try:
-        backbone = solver.solve(tensions)
-    except SolveError:
-        if len(tensions) == 1:
-            return Solved(np.zeros(1, bool), np.empty((0, 3)), np.empty((0, 3)))
-        parts = [_solve(solver, tensions[i : i + 1]) for i in range(len(tensions))]
-        return Solved(*map(np.concatenate, zip(*parts)))
-    tangent = Quaternions.from_xyzw(backbone.quaternion[:, -1]).matrix()[:, 0].T
-    # Copies: views would keep whole backbones in memory.
-    return Solved(np.ones(len(tensions), bool), backbone.tip.copy(), tangent.copy())
+    kept = np.ones(len(tensions), bool)
+    tips, directions = [np.empty((0, 3))], [np.empty((0, 3))]
+    for part, found in solve_parts(solver, tensions):
+        if isinstance(found, SolveError):
+            kept[part] = False
+            continue
+        tips.append(found.tip)
+        directions.append(Quaternions.from_xyzw(found.quaternion[:, -1]).matrix()[:, 0].T)
+    # Concatenation copies: views would keep whole backbones in memory.
+    return Solved(kept, np.concatenate(tips), np.concatenate(directions))
 
 
 def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.core.errors import BagError
+from octo_arm_model.core.errors import BagError, listed
 from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
@@ -128,5 +128,5 @@ def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
         BagError: if there are several.
     """
     if len(topics) > 1:
-        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(topics)}')
+        raise BagError(f'{reader.path}: several topics of {what}, name one of {listed(topics)}')
     return topics[0] if topics else None

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording
-from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.options import add_json, add_path, new_command
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.cli.read_experiment import read_options
+from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.csv_files import CsvFiles
-from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
@@ -62,17 +62,13 @@ def _run(options: argparse.Namespace) -> int:
     check_out(out, folder=True, draws=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
-    notes = [*observations.notes, *notes]
-    comparisons = []
-    for model in models:
-        try:
-            with Bar(f'steps of {model}') as bar:
-                shapes, values = observations.shapes, recording.parameters
-                comparisons.append(compare(shapes, values, model, alignment, bar.on_terminal))
-        except (ConfigError, SolveError) as error:
-            if model == models[-1] and not comparisons:
-                raise
-            notes.append(f'{model} is not compared: {error}')
+
+    def compared(model: str) -> ModelComparison:
+        with Bar(f'steps of {model}') as bar:
+            shapes, values = observations.shapes, recording.parameters
+            return compare(shapes, values, model, alignment, bar.on_terminal)
+
+    comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.compare_figures import pictures_of

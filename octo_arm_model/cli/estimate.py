@@ -18,12 +18,10 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     add_tendons,
-    check_out,
     new_command,
     read_config_option,
-    refuse_inside,
-    unwritten,
 )
+from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative

@@ -11,8 +11,8 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     new_command,
-    unwritten,
 )
+from octo_arm_model.cli.outputs import unwritten
 from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.presets import find_path
 

@@ -14,11 +14,11 @@ from octo_arm_model.cli.options import (
     add_json,
     add_number,
     add_path,
-    check_out,
     new_command,
     read_config,
     read_highest,
 )
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest

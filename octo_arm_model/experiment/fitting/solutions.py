@@ -24,7 +24,7 @@ class Solutions:
     def __init__(self, unknowns: Unknowns) -> None:
         """Of the steps whose readings ``unknowns`` has."""
         self._unknowns, self._readings = unknowns, unknowns.readings
-        self._at: FloatArray | None = None
+        self._at: FloatArray = np.empty(0)
         self._solver: Solver | None = None
         self._backbones: dict[int, Backbone] = {}
         self._wound: dict[int, Wound] = {}
@@ -56,8 +56,10 @@ class Solutions:
         return self._backbones[step]
 
     def _solver_at(self, x: FloatArray) -> Solver:
-        if self._solver is None or self._at is None or (x != self._at).any():
-            self._solver, self._at = self._unknowns.solver(x), x.copy()
+        # The arm does not depend on where the camera is.
+        of_arm = np.delete(x, self._unknowns.alignment_columns)
+        if self._solver is None or not np.array_equal(of_arm, self._at):
+            self._solver, self._at = self._unknowns.solver(x), of_arm
             self._backbones, self._changes, self._differences = {}, {}, None
         return self._solver
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from octo_arm_model.config.csv_files import NUMBER
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
-from octo_arm_model.core.errors import MeasurementError, shown
+from octo_arm_model.core.errors import MeasurementError, listed, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS, MAX_YAML_BYTES
 from octo_arm_model.experiment.recording.count import Count
@@ -26,7 +26,6 @@ FORCE = {'N': 1.0, 'mN': 1e-3}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _MISSING = ('', 'nan', 'NaN', 'NAN')
-_LISTED = 20
 _TOGETHER = 4096  # rows counted at a time
 
 
@@ -76,9 +75,7 @@ class CsvTable:
     @property
     def listing(self) -> str:
         """The names of the columns, of many not all."""
-        names = ', '.join(column.name for column in self.columns[:_LISTED])
-        more = len(self.columns) - _LISTED
-        return f'it has {names}' + (f' and {more} more' if more > 0 else '')
+        return f'it has {listed([column.name for column in self.columns])}'
 
     def numbers(self, name: str, units: Mapping[str, float], default: str) -> FloatArray:
         """Values of the column for ``name`` in the first of ``units``, NaN where there is none.

@@ -47,15 +47,6 @@ def is_at_tip(s: FloatArray, length: float) -> bool:
     return bool(s[-1] >= (1.0 - _TIP) * length)
 
 
-def marker_weights(s: FloatArray, stations: FloatArray) -> FloatArray:
-    """Weights (markers, stations) of linear interpolation at ``s`` between ``stations`` [m]."""
-    after = np.clip(np.searchsorted(stations, s), 1, len(stations) - 1)
-    part = (s - stations[after - 1]) / (stations[after] - stations[after - 1])
-    row, weights = np.arange(len(s)), np.zeros((len(s), len(stations)))
-    weights[row, after - 1], weights[row, after] = 1.0 - part, part
-    return weights
-
-
 def mean_markers(
     window: Window, frames: Sequence[FloatArray], s: FloatArray
 ) -> MeasuredShape | None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, listed
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
@@ -109,8 +109,8 @@ class TransformTree:
         """
         known = {*self._links, *(link.parent for link in self._links.values())}
         if frame not in known:
-            some = ', '.join(sorted(known)[:20]) or 'none'
-            raise MeasurementError(f'no frame {frame!r} among the transforms; there are {some}')
+            there = listed(sorted(known))
+            raise MeasurementError(f'no frame {frame!r} among the transforms; there are {there}')
         chain = [frame]
         while chain[-1] in self._links:
             chain.append(self._links[chain[-1]].parent)

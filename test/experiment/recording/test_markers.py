@@ -15,7 +15,6 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.experiment.recording.markers import (
     check_marker_s,
-    marker_weights,
     mean_markers,
 )
 from octo_arm_model.experiment.recording.steady_windows import Window
@@ -137,11 +136,7 @@ def test_an_outlier_of_one_marker_leaves_the_others_of_its_frame() -> None:
     assert mean_markers(window, list(hidden), np.array(MARKER_S)) is None
 
 
-def test_weights_interpolate_between_stations() -> None:
-    stations = np.array([0.0, 0.1, 0.3])
-    weights = marker_weights(np.array([0.0, 0.05, 0.1, 0.2, 0.3]), stations)
-    np.testing.assert_allclose(weights @ stations**1, [0.0, 0.05, 0.1, 0.2, 0.3], atol=1e-15)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+def test_how_many_markers_there_may_be_is_bounded() -> None:
     with pytest.raises(MeasurementError, match='at most 1000'):
         check_marker_s(list(np.linspace(0.0, 0.27, 1001)), 0.27)
 
