@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 
 import numpy as np
 
@@ -56,7 +55,7 @@ class CompiledRod:
         sizes = self._tables.step.size, self._tables.weights.size
         self._systems = [system_of(*sizes) for _ in range(_KEPT)]
         self._twists: list[FloatArray | None] = [None] * _KEPT
-        self._places = itertools.cycle(range(_KEPT))
+        self._places = list(range(_KEPT))  # from the one used longest ago
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_readings = empty_readings(0, 0)
@@ -186,7 +185,11 @@ class CompiledRod:
         known = self._place_of(shape)
         place = known or 0
         if wanted != READ_ONLY:
-            place = next(other for other in self._places if other != known)
+            if known is not None:
+                self._places.remove(known)
+                self._places.append(known)
+            place = self._places.pop(0)
+            self._places.append(place)
             self._twists[place] = None
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),

@@ -39,7 +39,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 # of its values. Positions, which are integrals of it, are far more exact: of a twentieth of that
 # part of the length at most, and of far less at the tip, where the error of Gauss points is of
 # twice the order.
-RESOLVED = 5e-5
+RESOLVED = 1e-4
 STRAIGHT = 1e-3  # angle over its length that an arm turns by at least for that [rad]
 # Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
