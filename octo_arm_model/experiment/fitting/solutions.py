@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
-from octo_arm_model.analysis.winding import Wound, tendon_compliance
+from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding import Wound, displacements_of, tendon_compliance
 from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
