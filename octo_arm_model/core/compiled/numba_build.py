@@ -77,6 +77,15 @@ wind = _made(
     np.zeros(1, np.bool_), np.zeros(1), np.ones((1, 1)), np.zeros(1), _FOUR, _FOUR, _POSITION,
     _QUATERNION,
 )  # fmt: skip
+find_step = _made(
+    winding_kernels.find_step,
+    np.ones((1, 1)),
+    np.zeros(1),
+    np.zeros(1),
+    np.zeros(1, np.bool_),
+    1.0,
+    np.zeros(1),
+)
 evaluate_sections = _made(
     section_kernels.evaluate_sections, no_exact().sections, _NONE, _FOUR, _FOUR,
     np.zeros((4, 4, 0)), _FOUR,

@@ -165,7 +165,6 @@ def test_derivatives_are_those_of_differences(has_cells: bool) -> None:
     ('fits', 'changes', 'message'),
     [
         (STRETCH, {'displacements': None}, 'shows in encoder readings of tendons under tension'),
-        (['axial_stiffness', 'friction'], {}, 'tendons without friction: how encoder readings'),
         (['tension_scale'], {'is_driven': True}, 'tension_scale is of load cells, and there are'),
     ],
 )
