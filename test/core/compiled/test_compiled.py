@@ -46,11 +46,14 @@ from octo_arm_model.core.compiled import (
 )
 from octo_arm_model.core.compiled.section_tables import section_tables
 from octo_arm_model.core.compiled.tables import own
+from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
 from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.logs import show_logs
 
@@ -675,3 +678,39 @@ def test_a_step_from_the_last_balance_ends_where_one_from_its_copy_does() -> Non
         one, other = (solver.solve(part * tensions, start=start) for start in (last, copy))
         np.testing.assert_allclose(one.position, other.position, atol=1e-12)
         np.testing.assert_allclose(one.k, other.k, atol=1e-10)
+
+
+def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it() -> None:
+    solver = Solver(HELICAL, 'exact', loads=Loads(gravity=(0.0, 2.0, -5.0)), compiled=True)
+    tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
+    last = solver.solve(tensions)
+    statics = solver._statics
+    assert isinstance(statics, Exact) and last.shape is not None
+    settle = statics._rod(0).settle
+    assert isinstance(settle, types.MethodType)
+    for part in np.linspace(1.0, 1.1, 40):
+        solver.solve(part * tensions, start=last)
+    assert settle.__self__.system_about(last.shape) is not None
+
+
+def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:
+    arm = TABLE_4.arm.with_density(5000.0)
+    loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
+    solver = Solver(arm, 'exact', 21, TABLE_4.base, loads=loads, compiled=True)
+    statics, tensions = solver._statics, np.array(FETCHING_IN_SPACE)
+    assert isinstance(statics, Exact)
+    rod, spending = statics._rod(0), Spending(Budget())
+    assert rod.settle is not None
+    known = rod.unloaded(tensions.ravel())
+    wanted = Condition(tensions.ravel(), np.zeros(6), 1.0)
+    state = follow(
+        rod.equilibrium, rod.newton, wanted._replace(factor=0.0), known, wanted, spending
+    )
+    found = rod.settle(wanted, state.shape, Spending(Budget()))
+    assert isinstance(found, Shape) and not rod.resolves(found)
+    # So that no more than a few steps on finer elements are left.
+    fine = solver.solve(tensions)
+    assert fine.shape is not None and fine.shape.twist.shape[1] > rod.points
+    again = solver.solve(tensions, start=dataclasses.replace(fine, shape=found))
+    assert again.iterations < 8
+    np.testing.assert_allclose(again.position, fine.position, atol=1e-10)
