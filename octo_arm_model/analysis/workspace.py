@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
-from octo_arm_model.core.section.tendon_sums import check_highest
+from octo_arm_model.core.section.tendon_sums import check_tensions
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
 # set is solved in parts. Results depend on it by rounding.
@@ -85,7 +86,7 @@ def sample_workspace(
                 f'processes is {processes} and scheduler is {scheduler!r}, expected one of them'
             )
     solver = config.solver()
-    box = check_highest(config.arm, highest, allow_zero=True).reshape(config.arm.tension_shape)
+    box = _box(config.arm, highest)
     tensions = box * _sobol(box.size, count, number).reshape(-1, *box.shape)
     chunks = [tensions[first : first + CHUNK] for first in range(0, count, CHUNK)]
     if scheduler is None:
@@ -118,6 +119,19 @@ def _whole(name: str, value: object, low: int, high: int | None = None) -> int:
     if isinstance(value, bool) or number < low or (high is not None and number > high):
         raise ConfigError(f'{name} is {shown(value)}, expected {limits}')
     return number
+
+
+def _box(arm: Arm, highest: ArrayLike) -> FloatArray:
+    shape = arm.tension_shape
+    if isinstance(highest, (int, float, np.number)) and not isinstance(highest, bool):
+        highest = np.full(shape, highest)
+    try:
+        box = check_tensions(arm, highest)
+    except TensionError as error:
+        raise TensionError(f'highest: {error}') from error
+    if box.shape != shape:
+        raise TensionError(f'highest has shape {box.shape}, expected one number or {shape}')
+    return box.copy()
 
 
 def _sobol(dimensions: int, count: int, seed: int) -> FloatArray:

@@ -58,7 +58,7 @@ from octo_arm_model.cli.main import main
         (('inverse', 'renda2012_table4', '--tip', '0.2', '0', '0', '--highest', 'true'),
          'highest is True, expected one number or shape (3, 4)'),
         (('workspace', 'renda2012_table4', '--json', '--highest', '[[1,1,1,true],[1],[1]]'),
-         'highest is [[1, 1, 1, True], [1], [1]], expected one number or shape (3, 4)'),
+         'highest: tensions must be numbers'),
         (('play', 'rotating', '--csv', 'x.csv', '--highest', 'true'), 'highest is True, expected'),
         (('play', 'rotating', '--csv', 'x.csv', '--speed', '1e-9'), 'rotating is '),
         (('play', 'rotating', '--csv', 'x.csv', '--speed', '1e-320'), 'rotating is inf rows'),

@@ -143,21 +143,26 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     return array
 
 
-def check_highest(arm: Arm, highest: ArrayLike, *, allow_zero: bool = False) -> FloatArray:
+def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
     """Return largest tensions, one number or of `Arm.tension_shape`, as (tendons,) [N].
 
     Raises:
-        TensionError: if they are not such, or one is not finite and > 0, or >= 0 if zero is
-            allowed.
+        TensionError: if they are not such, or one is not finite and > 0.
     """
-    given, shape = real_numbers(highest), arm.tension_shape
-    if given is None or given.shape not in ((), shape):
-        raise TensionError(f'highest is {shown(highest)}, expected one number or shape {shape}')
-    limits = np.broadcast_to(given, shape).ravel()
+    given = real_numbers(highest)
+    try:
+        limits = np.broadcast_to(np.nan if given is None else given, arm.tension_shape).ravel()
+    except ValueError:
+        given = None
+    if given is None:
+        raise TensionError(
+            f'highest is {shown(highest)}, expected one number or shape {arm.tension_shape}'
+        )
     for name, value in zip(arm.tendon_names, limits.tolist(), strict=True):
-        if not 0.0 <= value < np.inf or (value == 0.0 and not allow_zero):
-            expected = f'a finite number {">=" if allow_zero else ">"} 0'
-            raise TensionError(f'highest tension of {name} is {value!r} N, expected {expected}')
+        if not 0.0 < value < np.inf:
+            raise TensionError(
+                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
+            )
     return limits
 
 
