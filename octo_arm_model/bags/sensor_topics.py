@@ -27,8 +27,8 @@ NONE = '-'  # in place of a topic that is not to be used
 MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
 
 
-class Measured(NamedTuple):
-    """Something measured.
+class StampedMeasurement(NamedTuple):
+    """A measurement, when it was made and when it was recorded.
 
     Attributes:
         stamp_ns: when [ns].
@@ -171,14 +171,14 @@ def read_measured(
     arm: MeasuredArm,
     refusals: Refusals,
     done: Callable[[int], None] = lambda count: None,
-) -> list[list[Measured]]:
+) -> list[list[StampedMeasurement]]:
     """Everything measured, by its stamp: what has the same one is together.
 
     Raises:
         BagError: if the bag is damaged.
     """
     found = [
-        Measured(int(stamp), int(received), Tensions(row, arm.noise.tension))
+        StampedMeasurement(int(stamp), int(received), Tensions(row, arm.noise.tension))
         for stamp, received, row in zip(*tensions)
     ]
     rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
@@ -193,6 +193,6 @@ def read_measured(
         if measurement is None:
             refusals.count(record.topic, reason)
         else:
-            found.append(Measured(stamp.ns, record.received_ns, measurement))
+            found.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
     found.sort(key=lambda one: one.stamp_ns)
     return [list(group) for _, group in itertools.groupby(found, key=lambda one: one.stamp_ns)]

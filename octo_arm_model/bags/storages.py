@@ -43,8 +43,15 @@ class BoundedMcapReader(McapReader):
         with self.path.open('rb') as file:
             chunks = _chunks(file, self.path.stat().st_size)
         super().open()
-        if self.chunks and {chunk.chunk_start_offset for chunk in self.chunks} != chunks:
-            raise ValueError(f'its index has {len(self.chunks)} chunks, and it has {len(chunks)}')
+        try:
+            self._check(chunks)
+        except BaseException:
+            self.close()
+            raise
+
+    def _check(self, found: set[int]) -> None:
+        if self.chunks and {chunk.chunk_start_offset for chunk in self.chunks} != found:
+            raise ValueError(f'its index has {len(self.chunks)} chunks, and it has {len(found)}')
         changes: list[tuple[int, int]] = []
         for chunk in self.chunks:
             check_size(max(chunk.compressed_size, chunk.uncompressed_size), 'a chunk')

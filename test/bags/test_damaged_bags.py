@@ -156,6 +156,14 @@ def test_chunks_of_one_moment_are_bounded_together(
     assert 'chunks of more than 1000 bytes in all are of the same time' in problem_of(path)
 
 
+def test_a_refused_file_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = storages.BoundedMcapReader(single(tmp_path / 'bag'))
+    monkeypatch.setattr(storages, 'LARGEST_OVERLAP', 1000)
+    with pytest.raises(ValueError, match='of the same time'):
+        file.open()
+    assert file.bio is None
+
+
 @pytest.mark.parametrize('storage', STORAGES)
 def test_compressed_messages_are_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str

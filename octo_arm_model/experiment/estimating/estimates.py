@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from octo_arm_model.bags.sensor_topics import Measured
+from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.core.errors import MeasurementError, OctoArmError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.prediction import ArmModel
@@ -45,7 +45,7 @@ class TimedEstimate(NamedTuple):
 
 
 def filtered(
-    groups: Sequence[Sequence[Measured]],
+    groups: Sequence[Sequence[StampedMeasurement]],
     settings: EstimatorSettings,
     models: Mapping[str, ArmModel],
     failed: Failed,
@@ -68,12 +68,12 @@ def filtered(
 
 
 def _tracked(
-    groups: Sequence[Sequence[Measured]],
+    groups: Sequence[Sequence[StampedMeasurement]],
     settings: EstimatorSettings,
     models: Mapping[str, ArmModel],
     failed: Failed,
     progress: Progress,
-) -> Iterator[tuple[Sequence[Measured], Tracked]]:
+) -> Iterator[tuple[Sequence[StampedMeasurement], Tracked]]:
     """What a `Tracker` makes of each of ``groups`` that has an estimate; see `filtered`."""
     tracker = Tracker.from_settings(settings, models, 0.0)
     for number, group in enumerate(groups):
@@ -87,13 +87,13 @@ def _tracked(
     progress(len(groups), len(groups))
 
 
-def _stamps_of(group: Sequence[Measured]) -> tuple[int, int]:
+def _stamps_of(group: Sequence[StampedMeasurement]) -> tuple[int, int]:
     """When a ``group`` was measured, and when the recorder had received all of it [ns]."""
     return group[0].stamp_ns, max(one.received_ns for one in group)
 
 
 def smoothed(
-    groups: Sequence[Sequence[Measured]],
+    groups: Sequence[Sequence[StampedMeasurement]],
     settings: EstimatorSettings,
     models: Mapping[str, ArmModel],
     failed: Failed,
@@ -115,7 +115,7 @@ def smoothed(
         )
     ((name, model),) = models.items()
     times: list[float] = []
-    kept: list[Sequence[Measured]] = []
+    kept: list[Sequence[StampedMeasurement]] = []
     starts, total = [0], 2 * len(groups)  # by the filter that finds where to begin, then by this
 
     def advanced(before: int) -> Callable[..., None]:

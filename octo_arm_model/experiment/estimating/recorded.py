@@ -11,9 +11,9 @@ import numpy as np
 from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
-    Measured,
     RecordedTensions,
     SensorTopics,
+    StampedMeasurement,
     find_sensors,
     read_measured,
     read_tension_rows,
@@ -82,7 +82,7 @@ class Recorded:
     sensors: SensorTopics
     settings: EstimatorSettings
     models: Mapping[str, ArmModel]
-    groups: Sequence[Sequence[Measured]]
+    groups: Sequence[Sequence[StampedMeasurement]]
     origin_ns: int
     camera: CameraCheck | None
     camera_topic: str | None
