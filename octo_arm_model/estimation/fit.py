@@ -16,7 +16,7 @@ import numpy as np
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Belief, gain, normalised_square
-from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of, turned
+from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
@@ -80,8 +80,7 @@ def fit(
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
-    turns = known is not None and not is_new and known.is_near(jacobian, stddev)
-    if known is not None and turns:
+    if known is not None and not is_new and known.is_near(jacobian, stddev):
         known = known._replace(jacobian=jacobian)
     else:
         after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
@@ -123,10 +122,8 @@ def fit(
             if renewals == _RENEWALS:
                 break
             renewals += 1
-        if turns or not is_right:
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
-            learn = turned if is_right else renewed
-            known, turns = learn(known, measurements, at, after), False
+            known = renewed(known, measurements, at, after)
         local = Local(x, left, jacobian, known.second)
         step = posterior.step(local, x)
         if step.size <= TOLERANCE and step.cost <= first + _RISE:
