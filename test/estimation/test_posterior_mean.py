@@ -13,8 +13,9 @@ from scipy.stats import chi2
 from octo_arm_model.estimation.belief import Belief, Gain, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.fit import fit
+from octo_arm_model.estimation.fit import fit, fit_at_mode
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
+from octo_arm_model.estimation.mode import most_probable
 from octo_arm_model.estimation.posterior_mean import Agreement, agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -100,6 +101,20 @@ def test_what_is_known_of_innovations_outlives_a_search_for_the_state() -> None:
     assert found.agreed.information > 399.0
     assert found.second.shape == (3, at.x.size, at.x.size)
     assert np.abs(found.second).max() > 0.0
+
+
+def test_the_mode_that_a_search_finds_is_near_the_mean_of_what_is_nearly_linear() -> None:
+    stddev = np.array([2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4])
+    at, tip, *_ = bent(1e-4, stddev.tolist())
+    prior = Belief(at.x + 0.5 * stddev, np.diag(stddev))
+    start = Prediction(at.model, prior.mean, at.solved)
+    mode, square = most_probable(prior, [tip], [start], 1e3)
+    found, mean = fit_at_mode(prior, [tip], mode), fit(prior, [tip], at, None)
+    assert np.linalg.norm(found.belief.whitened(found.belief.mean - mean.belief.mean)) < 0.3
+    # The same covariance, in standard deviations.
+    one = np.linalg.solve(mean.belief.root, found.belief.root)
+    np.testing.assert_allclose(one, np.eye(one.shape[0]), atol=0.05)
+    np.testing.assert_allclose([found.square, square], mean.square, rtol=0.1)
 
 
 def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:
