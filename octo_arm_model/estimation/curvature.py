@@ -1,8 +1,8 @@
 """How what measurements predict bends: second derivatives, learnt while a filter runs.
 
-They change slowly, so that a step needs few of them anew: every two Jacobians tell the second
-derivatives along the way from one to the other (symmetric secant update, Powell 1970), and in
-each step those by one component of the state, in turn, are found by differences.
+They change slowly: every two Jacobians tell the second derivatives along the way from one to the
+other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly all are found
+anew by differences, for which the arm is solved once for each component of the state.
 """
 
 from __future__ import annotations
@@ -30,19 +30,17 @@ class Curvature(NamedTuple):
     Attributes:
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
-        turn: how many components have had their turn.
         agreed: how innovations drew the mode so far.
     """
 
     second: FloatArray
     jacobian: FloatArray
-    turn: int = 0
     agreed: Agreement = Agreement()
 
     @classmethod
     def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
         """None, of what is predicted with a ``jacobian``."""
-        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed=agreed)
+        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed)
 
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""
@@ -87,26 +85,12 @@ def renewed(
     Raises:
         SolveError: if the arm has no trustworthy shape nearby.
     """
-    for _ in at.model.state.shaping:
-        known = turned(known, measurements, at, stddev)
-    return known
-
-
-def turned(
-    known: Curvature, measurements: Sequence[Measurement], at: Prediction, stddev: FloatArray
-) -> Curvature:
-    """What is ``known`` ``at`` a state, with derivatives by the next component anew.
-
-    Raises:
-        SolveError: if the arm has no trustworthy shape nearby.
-    """
-    shaping = at.model.state.shaping
-    component = shaping[known.turn % len(shaping)]
-    moved = at.x.copy()
-    # Upwards, as a slack tendon cannot pull less.
-    moved[component] += _STEP * stddev[component]
-    jacobian = jacobians(measurements, Prediction(at.model, moved, at.shape))
-    by_component = (jacobian - known.jacobian) / (moved[component] - at.x[component])
     second = known.second.copy()
-    second[:, component] = second[:, :, component] = by_component
-    return known._replace(second=second, turn=known.turn + 1)
+    for component in at.model.state.shaping:
+        moved = at.x.copy()
+        # Upwards, as a slack tendon cannot pull less.
+        moved[component] += _STEP * stddev[component]
+        jacobian = jacobians(measurements, Prediction(at.model, moved, at.shape))
+        by_component = (jacobian - known.jacobian) / (moved[component] - at.x[component])
+        second[:, component] = second[:, :, component] = by_component
+    return known._replace(second=second)

@@ -15,8 +15,8 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Belief, gain
-from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of, turned
+from octo_arm_model.estimation.belief import Belief, gain, normalised_square
+from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
@@ -49,7 +49,7 @@ class Fit(NamedTuple):
         innovation: measured less predicted before, by that linearisation, (m,).
         innovation_root: of its covariance, (m, m).
         square: least sum of squares of noise and change of the state that explains them.
-        curvature: of what they predict.
+        curvature: of what they predict, if that was asked for.
     """
 
     belief: Belief
@@ -57,7 +57,7 @@ class Fit(NamedTuple):
     innovation: FloatArray
     innovation_root: FloatArray
     square: float
-    curvature: Curvature
+    curvature: Curvature | None
 
 
 def fit(
@@ -67,13 +67,11 @@ def fit(
     known: Curvature | None,
     *,
     is_new: bool = False,
-    to_mode: bool = False,
 ) -> Fit:
     """The mean of the posterior of ``prior``, from the ``last`` prediction on.
 
     Second derivatives are those ``known`` if they are of states nearby, and found anew if
-    ``is_new``. Leads to the most probable state if ``to_mode``, which even a posterior has that is
-    far from normal.
+    ``is_new``.
 
     Raises:
         SolveError: if there is no trustworthy shape on the way, or no convergence.
@@ -82,8 +80,7 @@ def fit(
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
-    turns = known is not None and not is_new and known.is_near(jacobian, stddev)
-    if known is not None and turns:
+    if known is not None and not is_new and known.is_near(jacobian, stddev):
         known = known._replace(jacobian=jacobian)
     else:
         after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
@@ -91,7 +88,7 @@ def fit(
         known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
     renewals = 0
-    posterior = Posterior(prior, noise, at.model, 0.0 if to_mode else known.agreed.weight)
+    posterior = Posterior(prior, noise, at.model, known.agreed.weight)
     step = posterior.step(local, local.x)
     first = step.cost
     for _ in range(_MOST):
@@ -125,10 +122,8 @@ def fit(
             if renewals == _RENEWALS:
                 break
             renewals += 1
-        if turns or not is_right:
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
-            learn = turned if is_right else renewed
-            known, turns = learn(known, measurements, at, after), False
+            known = renewed(known, measurements, at, after)
         local = Local(x, left, jacobian, known.second)
         step = posterior.step(local, x)
         if step.size <= TOLERANCE and step.cost <= first + _RISE:
@@ -145,3 +140,16 @@ def _fit(step: Step, at: Prediction, known: Curvature) -> Fit:
     agreed = known.agreed.after(agreement(by, step.innovation, known.second))
     known = known._replace(agreed=agreed)
     return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)
+
+
+def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
+    """The `Fit` ``at`` the most probable state, which is near the mean or all that is known of it.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape there.
+    """
+    jacobian = jacobians(measurements, at)
+    by = gain(prior.root, jacobian, noise_root(measurements))
+    innovation = residuals(measurements, at) + jacobian @ (at.x - prior.mean)
+    square = normalised_square(innovation, by.innovation_root)
+    return Fit(Belief(at.x, by.root), at, innovation, by.innovation_root, square, None)

@@ -10,8 +10,8 @@ The innovation w draws the mode by w' S^-1 (dS / 2) S^-1 w, whose expected value
 Where what happens is less than its prior allows, as of tendons that hold still, innovations are
 smaller at every step and the mode is hardly drawn: the whole shift would sum up to the other side.
 How they compare is their agreement, and the shift is weighted with the mean of it: no less than
-chance may have taken off that mean, since a weight that is often too small sums up too. The first
-update leads to the mode, as nothing is known of it then.
+chance may have taken off that mean, since a weight that is often too small sums up too, and where
+innovations tell little of it prior and noise are believed. The first update leads to the mode.
 """
 
 from __future__ import annotations
@@ -24,36 +24,40 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Gain, solve_lower
 
-_LARGEST = 5.0  # agreement of one update that counts
+_LARGEST = 5.0  # standard deviations by which one agreement may be off
 _LATELY = 1000  # updates over which agreements are averaged
-_CHANCE = 1.0  # standard deviation of one, about, where all is as told
 
 
 class Agreement(NamedTuple):
-    """How much innovations drew the mode over many updates, in parts of what is expected.
+    """How much innovations draw the mode along the shift, in parts of what is expected of them.
+
+    Of one update or, weighted with their information, of many.
 
     Attributes:
-        mean: of `agreement`, 0 of none.
-        updates: that it is the mean of, at most `_LATELY`.
+        value: 1 on average where prior and noise are as told.
+        information: inverse of its variance where they are; 0 of none.
     """
 
-    mean: float = 0.0
-    updates: int = 0
+    value: float = 0.0
+    information: float = 0.0
 
     @property
     def weight(self) -> float:
-        """Weight of the shift from mode to mean, 0 to 1: the mean and its standard deviation.
+        """Weight of the shift from mode to mean, 0 to 1: the value and its standard deviation.
 
         Innovations larger than told do not add to it.
         """
-        if not self.updates:
+        if not self.information:
             return 0.0
-        return min(max(0.0, self.mean + _CHANCE / math.sqrt(self.updates)), 1.0)
+        return min(max(0.0, self.value + 1.0 / math.sqrt(self.information)), 1.0)
 
-    def after(self, now: float) -> Agreement:
-        """The same with one of ``now``."""
-        updates = min(self.updates + 1, _LATELY)
-        return Agreement(self.mean + (now - self.mean) / updates, updates)
+    def after(self, now: Agreement) -> Agreement:
+        """The same with that of one more update."""
+        information = self.information * (1.0 - 1.0 / _LATELY) + now.information
+        if not information:
+            return self
+        change = now.information / information * (now.value - self.value)
+        return Agreement(self.value + change, information)
 
 
 def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
@@ -70,17 +74,18 @@ def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
 
 
-def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> float:
-    """How much an ``innovation`` (m,) draws the mode, in parts of what is expected of it.
-
-    Along the shift, within [-5, 5]; 1 on average where prior and noise are as told.
-    """
-    white = solve_lower(by.innovation_root, innovation)
-    multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
-    drawn = np.tensordot(multiplier, second, axes=1) @ (by.gain @ innovation)
+def agreement(by: Gain, innovation: FloatArray, second: FloatArray) -> Agreement:
+    """That of one ``innovation`` (m,), by how it draws the mode along the shift."""
+    root = by.innovation_root
     expected = by.root.T @ gradient(by.gain, second)
     square = float(expected @ expected)
-    if not square:
-        return 1.0
-    found = float(expected @ (by.root.T @ drawn)) / square
-    return min(max(found, -_LARGEST), _LARGEST)
+    # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
+    form = solve_lower(root, (second @ (by.root @ expected)) @ by.gain @ root)
+    form = 0.5 * (form + form.T)
+    stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
+    if not square or not stddev:
+        return Agreement()
+    white = solve_lower(root, innovation)
+    off = (float(white @ form @ white) - square) / stddev
+    off = min(max(off, -_LARGEST), _LARGEST)
+    return Agreement(1.0 + off * stddev / square, (square / stddev) ** 2)

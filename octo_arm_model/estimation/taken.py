@@ -22,7 +22,7 @@ from octo_arm_model.estimation.belief import (
     normalised_square,
 )
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.fit import Fit, fit
+from octo_arm_model.estimation.fit import Fit, fit, fit_at_mode
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
 from octo_arm_model.estimation.mode import most_probable
 from octo_arm_model.estimation.posterior import nearest_possible
@@ -104,12 +104,16 @@ def take_others(
     accepted = _within(measurements, squares, gate)
     if not accepted:
         return Taken(prior, at, (), squares)
+    square, limit = min(squares.values()), _limit(accepted, gate)
     if len(measurements) > 1:
-        start, _ = most_probable(prior, accepted, starts, _limit(accepted, gate))
+        start, square = most_probable(prior, accepted, starts, limit)
     try:
         found = fit(prior, accepted, start, known, is_new=True)
     except SolveError:
-        found = fit(prior, accepted, start, known, is_new=True, to_mode=True)
+        # The mean of a posterior that is far from normal may not be found, or be none of its.
+        if square > limit:
+            raise
+        found = fit_at_mode(prior, accepted, start)
     return _all(accepted, found)._replace(squares=squares)
 
 

@@ -13,8 +13,9 @@ from scipy.stats import chi2
 from octo_arm_model.estimation.belief import Belief, Gain, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.fit import fit
+from octo_arm_model.estimation.fit import fit, fit_at_mode
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
+from octo_arm_model.estimation.mode import most_probable
 from octo_arm_model.estimation.posterior_mean import Agreement, agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -58,35 +59,62 @@ def test_the_shift_is_the_gradient_of_the_determinant() -> None:
 
 def test_innovations_agree_on_average_with_what_is_expected() -> None:
     *_, by, second = bent(1e-3, [2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3])
-    # Points at the square root of 3 along each axis have the covariance of the innovation.
-    points = np.sqrt(3.0) * by.innovation_root.T
-    assert np.mean([agreement(by, one, second) for one in points]) == pytest.approx(1.0)
+    count = 2000
+    white = np.random.default_rng(2).normal(size=(count, 3))
+    found = [agreement(by, by.innovation_root @ one, second) for one in white]
+    informations = {one.information for one in found}
+    assert len(informations) == 1
+    values, stddev = [one.value for one in found], informations.pop() ** -0.5
+    assert np.std(values) == pytest.approx(stddev, rel=0.15)
+    assert np.mean(values) == pytest.approx(1.0, abs=4.0 * stddev / np.sqrt(count))
     # Of innovations of half the size, a quarter.
-    smaller = [agreement(by, 0.5 * one, second) for one in points]
-    assert np.mean(smaller) == pytest.approx(0.25)
+    smaller = [agreement(by, 0.5 * by.innovation_root @ one, second).value for one in white]
+    assert np.mean(smaller) == pytest.approx(0.25, abs=stddev / np.sqrt(count))
 
 
 def test_a_single_update_hardly_changes_the_weight_of_the_shift() -> None:
     agreed = Agreement()
     assert agreed.weight == 0.0
-    for one in 50 * [0.0, 2.0]:
-        agreed = agreed.after(one)
-    assert agreed.mean == pytest.approx(1.0)
-    assert agreed.after(-5.0).weight == 1.0
+    for value in 50 * [0.0, 2.0]:
+        agreed = agreed.after(Agreement(value, 1.0))
+    assert agreed.value == pytest.approx(1.0, abs=0.01)
+    assert agreed.after(Agreement(-5.0, 1.0)).weight == 1.0
     for _ in range(900):
-        agreed = agreed.after(0.25)
+        agreed = agreed.after(Agreement(0.25, 1.0))
     assert 0.25 < agreed.weight < 0.4
+
+
+def test_where_innovations_tell_little_prior_and_noise_are_believed() -> None:
+    agreed = Agreement(1.0, 1e-6)
+    for _ in range(100):
+        agreed = agreed.after(Agreement(-0.2, 1e-4))
+    assert agreed.value == pytest.approx(-0.2, abs=0.01)
+    assert agreed.weight == 1.0
 
 
 def test_what_is_known_of_innovations_outlives_a_search_for_the_state() -> None:
     at, tip, by, _ = bent(1e-3, [2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3])
-    prior, agreed = Belief(at.x, by.root), Agreement(0.8, 400)
+    prior, agreed = Belief(at.x, by.root), Agreement(0.8, 400.0)
     # Second derivatives of more measurements than are accepted in the end.
     known = Curvature.flat(np.zeros((6, at.x.size)), agreed)
     found = fit(prior, [tip], at, known, is_new=True).curvature
-    assert found.agreed.updates == 401
+    assert found.agreed.information > 399.0
     assert found.second.shape == (3, at.x.size, at.x.size)
     assert np.abs(found.second).max() > 0.0
+
+
+def test_the_mode_that_a_search_finds_is_near_the_mean_of_what_is_nearly_linear() -> None:
+    stddev = np.array([2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4])
+    at, tip, *_ = bent(1e-4, stddev.tolist())
+    prior = Belief(at.x + 0.5 * stddev, np.diag(stddev))
+    start = Prediction(at.model, prior.mean, at.solved)
+    mode, square = most_probable(prior, [tip], [start], 1e3)
+    found, mean = fit_at_mode(prior, [tip], mode), fit(prior, [tip], at, None)
+    assert np.linalg.norm(found.belief.whitened(found.belief.mean - mean.belief.mean)) < 0.3
+    # The same covariance, in standard deviations.
+    one = np.linalg.solve(mean.belief.root, found.belief.root)
+    np.testing.assert_allclose(one, np.eye(one.shape[0]), atol=0.05)
+    np.testing.assert_allclose([found.square, square], mean.square, rtol=0.1)
 
 
 def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:
