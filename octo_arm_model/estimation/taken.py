@@ -132,6 +132,13 @@ def take_together(
     return _agreed(prior, measurements, start, None, gate) if square <= limit else None
 
 
+def take_nearby(
+    prior: Belief, measurements: Sequence[Measurement], last: Last, gate: float
+) -> Taken | None:
+    """`take_together` if the ``last`` state leads to where they agree; None if not."""
+    return _agreed(prior, measurements, *last, gate)
+
+
 def _starts(at: Prediction, last: Last | None) -> list[Start]:
     """Where to look for a state: nearby first."""
     nearby: list[Start] = [] if last is None else [(last[0], FROM_NEARBY)]

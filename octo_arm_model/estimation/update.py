@@ -9,7 +9,8 @@ import numpy as np
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.judgement import judge, without_one
+from octo_arm_model.estimation.judgement import judge
+from octo_arm_model.estimation.lying_cell import nearby, without_one
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.taken import Kinds, Taken, kinds_of, volume_of
@@ -33,9 +34,11 @@ def update(
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
         MeasurementError: if a measurement does not fit the arm.
     """
-    judged = judge(model, belief, measurements, last, gate)
-    if judged.refused:
-        judged = without_one(model, belief, judged, last, gate) or judged
+    judged = nearby(model, belief, measurements, last, gate)
+    if judged is None:
+        judged = judge(model, belief, measurements, last, gate)
+        if judged.refused:
+            judged = without_one(model, belief, judged, last, gate) or judged
     linear, found, squares = judged.linear, judged.found, judged.squares
     accepted = {id(one) for one in judged.accepted}
     innovations, size = [], 0
@@ -52,6 +55,9 @@ def update(
         else:
             root = np.asarray(np.linalg.cholesky(covariance), np.float64)
             log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
+    # A load cell is not refused any more where all of its kind are used.
+    heard = {one.name for one in innovations}
+    heard |= {single.name for one in linear.accepted for _, single in one.each_apart(found.at)}
     return Updated(
         found.belief,
         found.at,
@@ -62,7 +68,7 @@ def update(
         log_likelihood,
         _kept(last, found),
         frozenset(one.name for one in innovations if not one.is_accepted).union(
-            () if last is None else last.refused - {one.name for one in innovations}
+            () if last is None else last.refused - heard
         ),
     )
 
