@@ -59,13 +59,13 @@ def next_step(
 ) -> Step:
     """From the ``last`` one, or from nothing but the prior, to ``time`` [s]; see `update`.
 
-    The state is looked for from that of the last one, or of another step ``near``.
+    The state is looked for from that of the last one; where there is none, of a step ``near``.
     """
     belief, refused = prior(model), frozenset[str]()
     if last is not None:
         belief = predict(model, last.updated.belief, time - last.time)
         refused = last.updated.refused
-    start = near or last
+    start = last or near
     found = None if start is None else start.updated._replace(refused=refused)
     return Step(time, measurements, update(model, belief, measurements, found, gate))
 

@@ -75,6 +75,8 @@ def without_one(
 ) -> Judged | None:
     """All measurements but one load cell, where all but that agree; None where there is none.
 
+    Looked for from afar: what a load cell lies by may have led anywhere.
+
     A force explains whatever a single sensor of the shape says beside load cells that lie: if no
     load cells are refused there have to be two of them to contradict one.
     """
@@ -85,7 +87,7 @@ def without_one(
     known = start if last is None else (last.at, last.curvatures.get(kinds_of(others)))
 
     def take(linear: Taken) -> Taken | None:
-        return take_together(linear.belief, others, linear.at, known, gate)
+        return take_together(linear.belief, others, linear.at, known, gate, is_far=True)
 
     at = Prediction(model, belief.mean, last and last.shape)
     apart = _each_apart(judged.refused if len(others) < 2 else judged.measurements, at)

@@ -27,8 +27,8 @@ class Timed(Protocol):
 
 
 S = TypeVar('S', bound=Timed)
-# The next step: after the last one, if any, of a time [s] and what was measured then; found from
-# another one nearby, if that is given.
+# The next step: after the last one, if any, of a time [s] and what was measured then. Where there
+# is no last one it is found from another one nearby, if that is given.
 Advance = Callable[[S | None, float, tuple[Measurement, ...], S | None], S]
 
 
