@@ -7,12 +7,14 @@ correct until a step reduces the error too little; then they are computed anew.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
+from octo_arm_model.core.compiled.numba_build import find_step
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -109,12 +111,16 @@ class Winding:
         self._tip_wrench = tip_wrench
         self._length = solver.arm.length
         self._compliance = tendon_compliance(solver)
+        self._find_step: Callable[..., bool] | None = None
 
     def follow(self, tensions: FloatArray, start: Wound) -> Wound:
         """What holds the wanted displacements, from another solution.
 
         ``tensions`` (tendons,) [N] are those of ``start``, or others where tendons are not driven.
         """
+        if self._solver.is_compiled:
+            # From there few tendons become slack or taut.
+            self._find_step = find_step()
         # By the derivatives of the solution before.
         moved = tensions - start.backbone.tensions.ravel()
         displacement = start.displacement.ravel() + start.changes @ moved
@@ -205,9 +211,14 @@ class Winding:
         self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
     ) -> FloatArray:
         """Newton's step of all tensions; zero but for those that are free."""
-        free = np.flatnonzero(self._free(tensions, displacement))
         step = np.zeros_like(tensions)
-        wrong = self._wanted - displacement
+        wrong = np.where(self._driven, self._wanted - displacement, 0.0)
+        if self._find_step is not None and self._find_step(
+            changes, wrong, tensions, self._driven, self._rounding, step
+        ):
+            return step
+        free = np.flatnonzero(self._free(tensions, displacement))
+        step[:] = 0.0
         step[free] = np.linalg.lstsq(changes[np.ix_(free, free)], wrong[free], rcond=1e-10)[0]
         if (tensions + step >= 0.0).all():
             return step

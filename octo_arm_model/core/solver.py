@@ -29,7 +29,7 @@ from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_lengths import TendonLengths, offset_weights
+from octo_arm_model.core.section.tendon_lengths import TendonLengths
 from octo_arm_model.core.section.tendon_sums import check_tensions
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
@@ -277,8 +277,8 @@ class Solver:
 
     @functools.cached_property
     def offset_weights(self) -> FloatArray:
-        """See `tendon_lengths.offset_weights`."""
-        return offset_weights(self.arm, self.grid)
+        """See `TendonLengths.offset_weights`."""
+        return self._lengths.offset_weights(self.arm)
 
     @functools.cached_property
     def _lengths(self) -> TendonLengths:

@@ -5,6 +5,8 @@ Shapes are those of NumPy to rounding.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
@@ -78,8 +80,7 @@ class Compiled:
         ):
             self._sliding = CompiledSliding(statics, self._grid)
             if isinstance(statics, Exact):
-                _make_loaded()
-                find_sliding_balance()
+                _make(balance, find_turn, find_sliding_balance)
                 statics.use(_speed_up_sliding)
         elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
@@ -89,7 +90,10 @@ class Compiled:
             assert isinstance(statics, Exact)
             self._find_shapes = find_exact_shapes()
             self._tables = own(exact_tables(statics))
-            _make_loaded()
+            _make(
+                balance, find_turn, find_minima, evaluate_sections, differentiate,
+                differentiate_tip,
+            )  # fmt: skip
             statics.use(_speed_up)
 
     def read_out(
@@ -142,11 +146,9 @@ class Compiled:
         return np.flatnonzero(results.iterations < 0).tolist() if without else []
 
 
-def _make_loaded() -> None:
-    """Compile what is not kept here, not in the middle of the first loaded solve."""
-    for made in (
-        balance, find_turn, find_minima, evaluate_sections, differentiate, differentiate_tip,
-    ):  # fmt: skip
+def _make(*kernels: Callable[[], object]) -> None:
+    """Compile ``kernels`` here where they are not kept, not in the middle of the first solve."""
+    for made in kernels:
         made()
 
 
@@ -154,7 +156,8 @@ def _speed_up_sliding(rod: LoadedRod) -> None:
     """Have a ``rod`` whose tendons have friction iterate in machine code; see `SlidingRod`."""
     if not rod.equilibrium.loads.others:
         sliding = SlidingRod(rod)
-        rod.newton, rod.equilibrium.frames = sliding.newton, sliding.frames
+        rod.newton, rod.settle = sliding.newton, sliding.settle
+        rod.equilibrium.frames = sliding.frames
 
 
 def _speed_up(rod: LoadedRod) -> None:

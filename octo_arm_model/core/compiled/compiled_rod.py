@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import functools
 
 import numpy as np
 
@@ -15,14 +15,19 @@ from octo_arm_model.core.compiled.numba_build import (
 )
 from octo_arm_model.core.compiled.readout_kernels import Readings, empty_readings
 from octo_arm_model.core.compiled.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
-from octo_arm_model.core.compiled.rod_tables import RodTables, parameter_tables, rod_tables
+from octo_arm_model.core.compiled.rod_tables import (
+    ParameterTables,
+    RodTables,
+    parameter_tables,
+    rod_tables,
+)
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
-from octo_arm_model.core.compiled.system_kernels import system_of
+from octo_arm_model.core.compiled.system_kernels import System, system_of
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import TOLERANCE
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -43,20 +48,24 @@ class CompiledRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._tables, self._parameters = own(rod_tables(rod)), own(parameter_tables(rod))
+        self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = balance(), rod.equilibrium.loads
         # Systems of the balances found last, and the twists of these.
         sizes = self._tables.step.size, self._tables.weights.size
         self._systems = [system_of(*sizes) for _ in range(_KEPT)]
         self._twists: list[FloatArray | None] = [None] * _KEPT
-        self._places = itertools.cycle(range(_KEPT))
+        self._places = list(range(_KEPT))  # from the one used longest ago
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_readings = empty_readings(0, 0)
-        self._differentiate, self._differentiate_tip = differentiate(), differentiate_tip()
-        self._find_turn, self._find_minima = find_turn(), find_minima()
+        self._find_turn = find_turn()
         self._minimum = rod.minimum  # which says why there is none
+
+    @functools.cached_property
+    def _parameters(self) -> ParameterTables:
+        tables: ParameterTables = own(parameter_tables(self._rod))
+        return tables
 
     @property
     def tables(self) -> RodTables:
@@ -72,7 +81,7 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self.tables, twist, turn)
+        self._find_turn(self._tables, twist, turn)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
@@ -81,9 +90,9 @@ class CompiledRod:
         Raises:
             SolveError: if there is none.
         """
-        sections = self.tables.sections
+        sections = self._tables.sections
         twist = np.empty((4, sections.axial.size))
-        _, steps = self._find_minima(sections, own(tensions), twist)
+        _, steps = find_minima()(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -92,15 +101,18 @@ class CompiledRod:
         self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
         return readings.twist, readings.position, readings.quaternion
 
-    def settle(self, wanted: Condition, shape: Shape, spending: Spending) -> Solution | None:
-        """`Settle` of the rod."""
+    def settle(
+        self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
+    ) -> Solution | Shape | None:
+        """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`."""
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
-            wanted, shape, TOLERANCE, READINGS, readings, *self._not_asked
+            wanted, shape, TOLERANCE, kind, readings, *self._not_asked
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
-            return None
+            is_stable = outcome.is_least and outcome.corrected <= MOST_CORRECTED
+            return found if is_stable else None
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
             (readings.position, readings.quaternion), None, readings.strains,
@@ -116,7 +128,7 @@ class CompiledRod:
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))
         self._check(
-            self._differentiate(
+            differentiate()(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
             )
@@ -128,7 +140,7 @@ class CompiledRod:
         tensions = condition.tensions
         tip = np.empty((6, 2 * tensions.size + 2))
         self._check(
-            self._differentiate_tip(
+            differentiate_tip()(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 state_of(shape), tip,
             )
@@ -170,11 +182,15 @@ class CompiledRod:
         orientation = np.array(shape.orientation)
         state.twist[:] = shape.twist
         tip_wrench = own(condition.tip_wrench)
-        known = next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
-        place = next(self._places)
-        if place == known:
-            place = next(self._places)
-        self._twists[place] = None
+        known = self._place_of(shape)
+        place = known or 0
+        if wanted != READ_ONLY:
+            if known is not None:
+                self._places.remove(known)
+                self._places.append(known)
+            place = self._places.pop(0)
+            self._places.append(place)
+            self._twists[place] = None
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
@@ -185,6 +201,14 @@ class CompiledRod:
         if outcome.sign:
             self._twists[place] = state.twist
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
+
+    def system_about(self, shape: Shape) -> System | None:
+        """The system linearised about a balance that has this ``shape``, if it is kept."""
+        place = self._place_of(shape)
+        return None if place is None else self._systems[place]
+
+    def _place_of(self, shape: Shape) -> int | None:
+        return next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
 
 
 def state_of(shape: Shape) -> RodState:

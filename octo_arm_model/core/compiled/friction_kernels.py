@@ -11,8 +11,10 @@ import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.friction import SAME
+from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.formulas import tendon_direction
 from octo_arm_model.core.section.tendon_tangents import curvature, kink_angle
@@ -20,12 +22,11 @@ from octo_arm_model.core.section.tendon_tangents import curvature, kink_angle
 
 def find_tensions(
     tables: FrictionTables, tensions: FloatArray, before: FloatArray, pulled: IntArray,
-    angle: FloatArray, kept: FloatArray, slip: FloatArray,
+    angle: FloatArray, slip: FloatArray,
 ) -> bool:  # fmt: skip
     """Fill in tensions at the points and which way tendons ``slip`` there, for an ``angle``.
 
-    And what is ``kept`` of a tension over that angle, all (tendons, points); ``before`` likewise,
-    or (0, 0) for slack ones.
+    Both (tendons, points); ``before`` likewise, or (0, 0) for slack ones.
 
     Returns:
         Whether any tendon sticks.
@@ -35,7 +36,7 @@ def find_tensions(
         rate = tables.coefficient[tendon]
         for i in range(angle.shape[1]):
             given = tables.transmission[tendon, i] * tensions[tendon]
-            part = kept[tendon, i] = np.exp(-rate * angle[tendon, i])
+            part = np.exp(-rate * angle[tendon, i])
             low = given * part
             slip[tendon, i] = -1.0
             if before.size:
@@ -49,53 +50,59 @@ def find_tensions(
 
 
 def find_turning(
-    tables: FrictionTables,
-    twist: FloatArray,
-    tendon: np.integer[Any],
-    rate: FloatArray,
-    angle: FloatArray,
-) -> None:
-    """Fill in how a ``tendon`` turns under ``twist`` (4, points): see `Turning`, (points,)."""
-    sections, s = tables.sections, tables.weights.size
-    unit, slope = np.empty((3, s)), np.zeros((3, s))
-    total, end = 0.0, np.empty(3)
+    tables: FrictionTables, twist: FloatArray, strain: FloatArray, tendon: np.integer[Any],
+    path: FloatArray, rate: FloatArray, angle: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in how a ``tendon`` turns under ``twist`` (4, points): see `Turning`, (points,).
+
+    And its ``path`` (6, points), the unit tangent and the derivative of this; ``strain`` is that
+    of `find_strain`. In loops along all points, which are vectorised.
+    """
+    sections, s, count = tables.sections, tables.weights.size, rate.size
+    x, y, dx, dy = sections.x[tendon], sections.y[tendon], sections.dx[tendon], sections.dy[tendon]
+    e_t, e_n, e_b, c_t, c_n, c_b = path[0], path[1], path[2], path[3], path[4], path[5]
+    t, n, b = strain[0], strain[1], strain[2]
+    for i in range(count):
+        u_t, u_n, u_b, length = tendon_direction(
+            t[i], n[i], b[i], strain[3, i], strain[4, i], x[i], y[i], dx[i], dy[i]
+        )
+        over = 1.0 / length
+        e_t[i], e_n[i], e_b[i] = over * u_t, over * u_n, over * u_b
+    path[3:] = 0.0
+    total, jump, end = 0.0, np.empty(3), np.zeros(3)
     for element in range(tables.step.size):
-        first, step = element * s, tables.step[element]
-        across = 0.0
-        for j in range(s):
-            i = first + j
-            width = incompressible_widening(twist[3, i])[0] if sections.widens else 1.0
-            u_t, u_n, u_b, length = tendon_direction(
-                width * twist[0, i], width * twist[1, i], width * twist[2, i], twist[3, i], width,
-                sections.x[tendon, i], sections.y[tendon, i],
-                sections.dx[tendon, i], sections.dy[tendon, i],
-            )  # fmt: skip
-            over = 1.0 / length
-            unit[0, j], unit[1, j], unit[2, j] = u_t * over, u_n * over, u_b * over
-            across += abs(u_n) + abs(u_b)
-        if across > 0.0:
-            for k in range(3):
-                add_products(unit[k], tables.differentiate_columns, slope[k])
-        jump = np.zeros(3)
+        first, over = element * s, 1.0 / tables.step[element]
         for k in range(3):
+            unit, slope = path[k, first : first + s], path[3 + k, first : first + s]
+            add_products(unit, tables.differentiate_columns, slope)
             start, stop = 0.0, 0.0
             for j in range(s):
-                start += tables.ends[0, j] * unit[k, j]
-                stop += tables.ends[1, j] * unit[k, j]
+                slope[j] *= over
+                start += tables.ends[0, j] * unit[j]
+                stop += tables.ends[1, j] * unit[j]
             jump[k], end[k] = start - end[k], stop
-        if element:
-            total += kink_angle(jump[0], jump[1], jump[2])
-        own, over = rate[first : first + s], 1.0 / step
-        for j in range(s):
-            i = first + j
-            c_t, c_n, c_b = curvature(
-                twist[0, i], twist[1, i], twist[2, i], unit[0, j], unit[1, j], unit[2, j],
-                over * slope[0, j], over * slope[1, j], over * slope[2, j],
-            )  # fmt: skip
-            own[j] = np.sqrt(c_t * c_t + c_n * c_n + c_b * c_b)
-        total = integrate(tables, element, own, total, angle)
-        if across > 0.0:
-            slope[:] = 0.0
+        # Until it is integrated, what is added at the start of the element.
+        angle[first] = kink_angle(jump[0], jump[1], jump[2]) if element else 0.0
+    t, n, b = twist[0], twist[1], twist[2]
+    for i in range(count):
+        c_t[i], c_n[i], c_b[i] = curvature(
+            t[i], n[i], b[i], e_t[i], e_n[i], e_b[i], c_t[i], c_n[i], c_b[i]
+        )
+        rate[i] = np.sqrt(c_t[i] * c_t[i] + c_n[i] * c_n[i] + c_b[i] * c_b[i])
+    for element in range(tables.step.size):
+        first = element * s
+        total += angle[first]
+        total = integrate(tables, element, rate[first : first + s], total, angle)
+
+
+def find_strain(sections: SectionTables, twist: FloatArray, strain: FloatArray) -> None:
+    """Fill in the scaled ``strain`` (5, points) under ``twist`` (4, points), and the widening."""
+    strain[:4], strain[4] = twist, 1.0
+    if sections.widens:
+        for i in range(twist.shape[1]):
+            width = strain[4, i] = incompressible_widening(twist[3, i])[0]
+            for k in range(3):
+                strain[k, i] *= width
 
 
 def integrate(
@@ -113,44 +120,6 @@ def integrate(
     return start + step * whole
 
 
-def growth(kept: float, slip: float) -> float:
-    """What a tension changes to over an angle over which ``kept`` is left of one that falls."""
-    if slip < 0.0:
-        return kept
-    return 1.0 / kept if slip > 0.0 else 1.0
-
-
-def improve(
-    tables: FrictionTables, tendon: np.integer[Any], is_first: bool, kept: FloatArray,
-    slip: FloatArray, rate: FloatArray, turned: FloatArray, angle: FloatArray,
-) -> float:  # fmt: skip
-    """Bring the ``angle`` (points,) of a ``tendon`` nearer, as `Friction.next_angle` does.
-
-    Returns:
-        The largest change, but of the first time.
-    """
-    s, mu = tables.weights.size, tables.coefficient[tendon]
-    largest = 0.0
-    if is_first:
-        for i in range(angle.size):
-            angle[i] = np.log1p(mu * turned[i]) / mu if mu > 0.0 else turned[i]
-        return 0.0
-    left, moved, total = np.empty(s), np.empty(angle.size), 0.0
-    for element in range(tables.step.size):
-        for j in range(s):
-            i = element * s + j
-            grows = growth(kept[i], slip[0])
-            left[j] = slip[i] * rate[i] * (turned[i] - angle[i]) / grows
-        total = integrate(tables, element, left, total, moved)
-    for i in range(angle.size):
-        new = max(turned[i] + mu * growth(kept[i], slip[0]) * moved[i], 0.0)
-        largest = max(largest, abs(new - angle[i]))
-        if np.isnan(new):
-            return np.nan
-        angle[i] = new
-    return largest
-
-
 def largest_tail(tables: FrictionTables, values: FloatArray) -> float:
     """Largest of the last Legendre coefficients of ``values`` (points,)."""
     s, largest = tables.weights.size, 0.0
@@ -161,3 +130,15 @@ def largest_tail(tables: FrictionTables, values: FloatArray) -> float:
             other += tables.tail[1, j] * values[first + j]
         largest = max(largest, abs(one), abs(other))
     return largest
+
+
+def resolves_tensions(tables: FrictionTables, tensions: FloatArray) -> bool:
+    """Whether points resolve those along tendons of ``tensions`` at the base, which do not stick.
+
+    As `LoadedRod.resolves_twist`.
+    """
+    for tendon in np.flatnonzero(tensions):
+        along = tables.sections.transmission[tendon]
+        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
+            return False
+    return True

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.core.compiled import (
+    coupling_kernels,
     dense_kernels,
     exact_kernels,
     frame_kernels,
@@ -62,7 +63,7 @@ _KERNELS = (
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels,
     orientation_kernels, response_kernels, dense_kernels, readout_kernels, products,
     friction_kernels, sliding_kernels, length_kernels, sliding_rod_kernels, winding_kernels,
-    sensitivity_kernels, step_kernels, stability_kernels,
+    sensitivity_kernels, step_kernels, stability_kernels, coupling_kernels,
 )  # fmt: skip
 
 

@@ -70,10 +70,6 @@ find_sliding_shapes = _made(
     sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,
     _TABLE, np.zeros((0, 0, 0)),
 )  # fmt: skip
-find_sliding_balance = _made(
-    sliding_rod_kernels.find_sliding_balance, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0,
-    1.0, _STATE, _TABLE,
-)  # fmt: skip
 read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
 find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)
 wind = _made(
@@ -81,6 +77,15 @@ wind = _made(
     np.zeros(1, np.bool_), np.zeros(1), np.ones((1, 1)), np.zeros(1), _FOUR, _FOUR, _POSITION,
     _QUATERNION,
 )  # fmt: skip
+find_step = _made(
+    winding_kernels.find_step,
+    np.ones((1, 1)),
+    np.zeros(1),
+    np.zeros(1),
+    np.zeros(1, np.bool_),
+    1.0,
+    np.zeros(1),
+)
 evaluate_sections = _made(
     section_kernels.evaluate_sections, no_exact().sections, _NONE, _FOUR, _FOUR,
     np.zeros((4, 4, 0)), _FOUR,
@@ -88,6 +93,10 @@ evaluate_sections = _made(
 find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
 find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, _FOUR)
 _NO_SYSTEM = system_kernels.system_of(0, 0)
+find_sliding_balance = _made(
+    sliding_rod_kernels.find_sliding_balance, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0,
+    1.0, False, _NO_SYSTEM, _STATE, _TABLE,
+)  # fmt: skip
 balance = _made(
     rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM,
     np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)), np.zeros((4, 0, 6)),

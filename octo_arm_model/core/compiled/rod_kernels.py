@@ -28,12 +28,13 @@ from octo_arm_model.core.compiled.system_kernels import System, find_system
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, MOST, NEAR, PROGRESS, QUICK, SAME
-from octo_arm_model.core.loaded.rod import RESOLVED
+from octo_arm_model.core.loaded.rod import RESOLVED, STRAIGHT
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
-# What is wanted: a balance; one that is read out if it is stable; what is given read out.
-BALANCE, READINGS, READ_ONLY = 0, 1, 2
+# What is wanted: a balance; one that is read out if it is stable and resolved, or whether resolved
+# or not; what is given read out.
+BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
@@ -175,15 +176,16 @@ def search(
     is_least = has_energy and sign > 0 and is_minimum(system)
     # Under moments without an energy the sign is all that is known.
     if (
-        wanted == READINGS and corrected <= MOST_CORRECTED
+        wanted != BALANCE and corrected <= MOST_CORRECTED
         and (is_least or (sign > 0 and not has_energy))
-        and is_resolved(tables, state.twist) and has_fibres(tables.sections, state.twist)
+        and (wanted == ANY_READINGS or is_resolved(tables, state.twist))
+        and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
         is_read = readings.twist[3].min() > 0.0
         return Outcome(residual, iterations, corrected, sign, is_least, False, is_read)
-    if is_least:
-        return Outcome(residual, iterations, corrected, sign, True, False, False)
+    if is_least or wanted != BALANCE:
+        return Outcome(residual, iterations, corrected, sign, is_least, False, False)
     find_compliance(tables, state, system, compliance, change)
     is_tip_stable = is_definite(compliance)
     return Outcome(residual, iterations, corrected, sign, False, is_tip_stable, False)
@@ -219,7 +221,7 @@ def is_resolved(tables: RodTables, twist: FloatArray) -> bool:
                 one += value * tables.tail[i, 0]
                 other += value * tables.tail[i, 1]
             last[k] = max(last[k], max(abs(one), abs(other)))
-    angular = max(size[0], max(size[1], size[2]))
+    angular = max(max(size[0], size[1]), max(size[2], STRAIGHT / tables.length))
     for k in range(4):
         if not last[k] <= RESOLVED * (angular if k < 3 else size[3]):
             return False

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.coupling_kernels import (
+    empty_turning,
+    find_couplings,
+    find_turnings,
+    improve,
+)
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.friction_kernels import (
     find_tensions,
-    find_turning,
-    improve,
     largest_tail,
+    resolves_tensions,
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.minimum_kernels import (
@@ -23,18 +28,18 @@ from octo_arm_model.core.compiled.minimum_kernels import (
     set_twist,
 )
 from octo_arm_model.core.compiled.products import add_runs
-from octo_arm_model.core.compiled.section_kernels import set_scales
+from octo_arm_model.core.compiled.section_kernels import evaluate_sections, set_scales
 from octo_arm_model.core.compiled.section_rows import WIDTH, T, set_strain
 from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.rod import RESOLVED, RESOLVED_TENSIONS
+from octo_arm_model.core.loaded.rod import RESOLVED, STRAIGHT
 from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 
-GUESSES = 2  # sweeps with cross sections as `set_start` has them, before they are balanced
+SECTION_STEPS = 2  # of Newton's method for cross sections, before tendons are turned anew
 NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
 UNRESOLVED = -2  # instead of a number of iterations
 
@@ -103,64 +108,43 @@ def slide(
     """
     count = twist.shape[1]
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
-    angle, kept = np.zeros((tensions.size, count)), np.empty((tensions.size, count))
-    slip = np.empty_like(kept)
-    rate, turned = np.empty(count), np.empty(count)
+    turning = empty_turning(tensions.size, count)
     rows = np.zeros(ROWS)
     rows[WIDTH : WIDTH + LANES] = 1.0
     tables.sections.transmission[:] = 0.0
     last, left, is_found = 0.0, 0.0, False
     for sweep in range(MOST):
-        sticks = find_tensions(tables, tensions, before, pulled, angle, kept, slip)
-        residual, is_possible = find_sections(tables, ones, pulled, sweep < GUESSES, twist, rows)
+        sticks = find_tensions(tables, tensions, before, pulled, turning.angle, turning.slip)
+        if sweep == 0:
+            find_sections(tables, ones, pulled, True, twist, rows)
+        residual, is_possible = 0.0, True
+        for _ in range(SECTION_STEPS):
+            residual, is_possible = find_sections(tables, ones, pulled, False, twist, rows)
+            if residual <= TOLERANCE:
+                break
         if is_found and residual <= TOLERANCE:
             return residual, sweep if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
-        last, left = left, 0.0
-        for tendon in pulled:
-            find_turning(tables, twist, tendon, rate, turned)
-            change = improve(
-                tables, tendon, sweep == 0, kept[tendon], slip[tendon], rate, turned,
-                angle[tendon],
-            )  # fmt: skip
-            left = max(left, change)
-            if np.isnan(change):
-                return np.inf, -1, False
-        is_found = sweep > 0 and has_converged(left, last)
-    return np.inf, -1, False
-
-
-def slide_along(
-    tables: FrictionTables, tensions: FloatArray, before: FloatArray, is_first: bool,
-    twist: FloatArray, angle: FloatArray, slip: FloatArray,
-) -> float:  # fmt: skip
-    """Fill in the tensions at the points, of an arm of ``twist`` (4, points), and the ``slip``.
-
-    ``angle`` (tendons, points) is what tendons have turned by with the tensions that led to that
-    twist, and becomes what `improve` makes of it; unless it ``is_first``, that by the twist alone.
-
-    Returns:
-        The largest change of the angle.
-    """
-    pulled, largest = np.flatnonzero(tensions), 0.0
-    kept, count = np.empty_like(angle), twist.shape[1]
-    rate, turned = np.empty(count), np.empty(count)
-    for tendon in pulled:
-        find_turning(tables, twist, tendon, rate, turned)
-        if is_first:
-            largest = np.inf
-            angle[tendon] = turned
+        find_turnings(tables, twist, pulled, turning)
+        if sweep == 0:
+            for tendon in pulled:
+                mu = tables.coefficient[tendon]
+                for i in range(count):
+                    turned = turning.turned[tendon, i]
+                    turning.angle[tendon, i] = np.log1p(mu * turned) / mu if mu > 0.0 else turned
             continue
-        for i in range(count):
-            kept[tendon, i] = np.exp(-tables.coefficient[tendon] * angle[tendon, i])
-        change = improve(
-            tables, tendon, False, kept[tendon], slip[tendon], rate, turned, angle[tendon]
-        )
-        largest = max(largest, change) if np.isfinite(change) else np.inf
-    tables.sections.transmission[:] = 0.0
-    find_tensions(tables, tensions, before, pulled, angle, kept, slip)
-    return largest
+        if sweep == 1:
+            hessian = np.empty((4, 4, count))
+            evaluate_sections(
+                tables.sections, ones, twist, np.empty((4, count)), hessian, np.empty((4, count))
+            )
+            find_couplings(tables, twist, hessian, pulled, turning)
+        last, left = left, improve(tables, pulled, turning)
+        if np.isnan(left):
+            return np.inf, -1, False
+        is_found = has_converged(left, last)
+    return np.inf, -1, False
 
 
 def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
@@ -168,14 +152,12 @@ def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) ->
 
     For ``tensions`` at the base; of tendons that do not stick.
     """
-    for tendon in np.flatnonzero(tensions):
-        along = tables.sections.transmission[tendon]
-        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
-            return False
+    if not resolves_tensions(tables, tensions):
+        return False
     size = np.empty(4)
     for k in range(4):
         size[k] = np.abs(twist[k]).max()
-    angular = max(size[0], size[1], size[2])
+    angular = max(size[0], size[1], size[2], STRAIGHT / tables.step.sum())
     for k in range(4):
         if largest_tail(tables, twist[k]) > RESOLVED * (angular if k < 3 else size[3]):
             return False

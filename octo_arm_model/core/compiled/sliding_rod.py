@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod, quaternions_of, state_of
 from octo_arm_model.core.compiled.friction_tables import friction_tables
 from octo_arm_model.core.compiled.numba_build import find_sliding_balance
+from octo_arm_model.core.compiled.rod_kernels import ANY_READINGS, READINGS
+from octo_arm_model.core.compiled.system_kernels import system_of
 from octo_arm_model.core.compiled.tables import own
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
-from octo_arm_model.core.rod.solution import Shape
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+
+
+class _Found(NamedTuple):
+    """A balance.
+
+    Attributes:
+        held: its condition with tensions that stay, those of the tables.
+        shape: its shape.
+        slip: as in `Sliding`, (tendons, points).
+        systems: iterations of Newton's method.
+        corrected: how far all but the first have turned the arm [rad].
+        is_resolved: whether elements are as fine as tensions along tendons need.
+        sticks: whether any tendon sticks, so that no elements are for strains.
+    """
+
+    held: Condition
+    shape: Shape
+    slip: FloatArray
+    systems: int
+    corrected: float
+    is_resolved: bool
+    sticks: bool
 
 
 class SlidingRod:
-    """`Newton` of one rod."""
+    """`Newton` and `Settle` of one rod."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Tabulate ``rod``.
@@ -27,28 +56,57 @@ class SlidingRod:
         self._compiled, self._newton = CompiledRod(rod), rod.newton
         self._friction = own(friction_tables(rod, None))
         self._find_balance = find_sliding_balance()
+        self._no_system = system_of(0, 0)
         self.frames = self._compiled.frames
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
+        balance = self._balance(condition, shape, tolerance)
+        if balance is None:
+            return self._newton(condition, shape, tolerance)
+        # With tensions that stay it is balanced, and only judged.
+        found = self._compiled.newton(balance.held, balance.shape, tolerance)
+        along = self._compiled.tables.sections.transmission
+        sliding = Sliding(along[:, np.newaxis].copy(), balance.slip[:, np.newaxis])
+        return Iterate(
+            found.state._replace(condition=condition, sliding=sliding),
+            balance.systems + found.iterations, balance.corrected + found.corrected, found.system,
+        )  # fmt: skip
+
+    def settle(
+        self, wanted: Condition, shape: Shape, spending: Spending
+    ) -> Solution | Shape | None:
+        """`Settle` of the rod."""
+        balance = self._balance(wanted, shape, TOLERANCE)
+        if balance is None or balance.corrected > MOST_CORRECTED:
+            return None
+        spending.add(balance.systems, 0.0, TOLERANCE, balance.shape.twist)
+        if not (balance.sticks or balance.is_resolved):
+            return None
+        kind = ANY_READINGS if balance.sticks else READINGS
+        solution = self._compiled.settle(balance.held, balance.shape, spending, kind)
+        if not isinstance(solution, Solution):
+            return solution
+        tables = self._compiled.tables
+        along, at_stations = tables.sections.transmission, tables.station_sections.transmission
+        return solution._replace(tendons=TendonTensions(along.copy(), at_stations.copy()))
+
+    def _balance(self, condition: Condition, shape: Shape, tolerance: float) -> _Found | None:
+        """`find_sliding_balance`."""
         tensions, before = own(condition.tensions), np.zeros((0, 0))
         if condition.before is not None:
             before = own(condition.before)
-        tables, state = self._compiled.tables, state_of(shape)
+        tables, tip_wrench = self._compiled.tables, own(condition.tip_wrench)
         slip = np.full(tables.sections.transmission.shape, -1.0)
-        systems, corrected = self._find_balance(
-            tables, self._friction, tensions, before, own(condition.tip_wrench),
-            float(condition.factor), tolerance, state, slip,
-        )  # fmt: skip
-        if systems < 0:
-            return self._newton(condition, shape, tolerance)
-        # With tensions that stay it is balanced, and only judged.
-        near = Shape(state.twist, quaternions_of(state.turn))
-        along = tables.sections.transmission
-        held = condition._replace(tensions=(tensions > 0.0).astype(np.float64), before=None)
-        found = self._compiled.newton(held, near, tolerance)
-        sliding = Sliding(along[:, np.newaxis].copy(), slip[:, np.newaxis])
-        return Iterate(
-            found.state._replace(condition=condition, sliding=sliding),
-            systems + found.iterations, corrected + found.corrected, found.system,
-        )  # fmt: skip
+        near = self._compiled.system_about(shape)
+        for known in (None,) if near is None else (near, None):
+            state = state_of(shape)
+            systems, corrected, sticks, is_resolved = self._find_balance(
+                tables, self._friction, tensions, before, tip_wrench, float(condition.factor),
+                tolerance, known is not None, known or self._no_system, state, slip,
+            )  # fmt: skip
+            if systems >= 0:
+                held = condition._replace(tensions=np.sign(tensions), before=None)
+                found = Shape(state.twist, quaternions_of(state.turn))
+                return _Found(held, found, slip, systems, corrected, is_resolved, sticks)
+        return None

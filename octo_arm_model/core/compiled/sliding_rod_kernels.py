@@ -1,27 +1,34 @@
 """Loaded rods whose tendons have friction: what `numba_build` compiles.
 
 Steps of Newton's method at tensions that stay, each followed by those tensions along the tendons
-that the new shape leaves. How far a tendon turns depends most on its own tension, which
-`friction_kernels.improve` takes into account, so that few steps more are enough.
+that the new shape leaves. How far tendons turn depends most on the tensions at the same place,
+which `coupling_kernels.improve` takes into account, so that few steps more are enough.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.coupling_kernels import (
+    empty_turning,
+    find_couplings,
+    find_turnings,
+    improve,
+)
+from octo_arm_model.core.compiled.friction_kernels import find_tensions, resolves_tensions
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
-from octo_arm_model.core.compiled.orientation_kernels import find_turn
-from octo_arm_model.core.compiled.response_kernels import respond
+from octo_arm_model.core.compiled.orientation_kernels import find_turn, turn_by
+from octo_arm_model.core.compiled.products import add_runs
 from octo_arm_model.core.compiled.rod_kernels import turn_of
 from octo_arm_model.core.compiled.rod_tables import RodTables
-from octo_arm_model.core.compiled.sliding_kernels import slide_along
 from octo_arm_model.core.compiled.state_kernels import (
     RodState,
     copy_state,
     empty_state,
     find_state,
 )
-from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
+from octo_arm_model.core.compiled.step_kernels import find_step
+from octo_arm_model.core.compiled.system_kernels import System, empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS
 
@@ -33,47 +40,63 @@ STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
 
 def find_sliding_balance(
     tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
-    tip_wrench: FloatArray, factor: float, tolerance: float, state: RodState, slip: FloatArray,
-) -> tuple[int, float]:  # fmt: skip
+    tip_wrench: FloatArray, factor: float, tolerance: float, is_known: bool, known: System,
+    state: RodState, slip: FloatArray,
+) -> tuple[int, float, bool, bool]:  # fmt: skip
     """Balance the ``state``, of which twist and orientations are given, and its tendons.
 
     These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
-    they end as the ``transmission`` of both tables, with their ``slip`` (tendons, points).
+    they end as the ``transmission`` of both tables and of those at the stations, with their
+    ``slip`` (tendons, points). If ``is_known``, the ``known`` system of a balance nearby makes
+    steps as long as it leaves little.
 
     Returns:
         How many systems it took, as iterations of Newton's method count; -1 where there is no
-        balance; and how far all steps but the first have turned the arm [rad].
+        balance; how far all steps but the first have turned the arm [rad]; whether any tendon
+        sticks; and whether elements are fine enough for the tensions.
     """
-    count, corrected, systems = state.twist.shape[1], 0.0, 0
-    system, new = empty_system(tables), empty_state(count)
-    side, step = np.empty((4, count, 1)), np.empty((4, count, 1))
-    turn, angle = np.empty((3, count, 1)), np.zeros(slip.shape)
+    count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
+    pulled, turning = np.flatnonzero(tensions), empty_turning(tensions.size, count)
+    new, current, own = empty_state(count), known, empty_system(tables)
+    step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
-    for tendon in range(tensions.size):
-        held[tendon] = 1.0 if tensions[tendon] > 0.0 else 0.0
-    along = tables.sections.transmission
-    changed = slide_along(friction, tensions, before, True, state.twist, angle, slip)
+    held[pulled] = 1.0
+    along, changed = tables.sections.transmission, np.inf
+    friction.sections.transmission[:] = 0.0
+    find_turnings(friction, state.twist, pulled, turning)
+    for tendon in pulled:
+        turning.angle[tendon] = turning.turned[tendon]
+    sticks = find_tensions(friction, tensions, before, pulled, turning.angle, turning.slip)
     along[:] = friction.sections.transmission
-    residual, is_slow = find_state(tables, held, tip_wrench, factor, state), True
+    residual = find_state(tables, held, tip_wrench, factor, state)
+    find_couplings(friction, state.twist, state.hessian, pulled, turning)
+    is_slow = not is_known
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= SETTLED:
-            return systems, corrected
+            slip[:] = turning.slip
+            at_stations = tables.station_sections.transmission
+            at_stations[:] = 0.0
+            each = tables.weights.size
+            add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
+            return systems, corrected, sticks, resolves_tensions(friction, tensions)
         if is_slow:
             systems += 1
-            if not find_system(tables, state, system):
-                return -1, corrected
-        side[:, :, 0] = state.imbalance
-        respond(tables, system, side, step, turn)
-        new.twist[:] = state.twist + step[:, :, 0]
-        new.turn[:] = state.turn
+            current = own
+            if not find_system(tables, state, own):
+                break
+        find_step(tables, current, state.imbalance, step, turn)
+        new.twist[:] = state.twist + step
+        turn_by(turn, state.turn, new.turn)
         find_turn(tables, new.twist, new.turn)
-        changed = slide_along(friction, tensions, before, False, new.twist, angle, slip)
+        find_turnings(friction, new.twist, pulled, turning)
+        changed = improve(friction, pulled, turning)
+        sticks = find_tensions(friction, tensions, before, pulled, turning.angle, turning.slip)
         along[:] = friction.sections.transmission
         found = find_state(tables, held, tip_wrench, factor, new)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
-            return -1, corrected
+            break
         is_slow, residual = found > SLOW * residual, found
         copy_state(new, state)
         if number:
-            corrected += turn_of(tables, step[:, :, 0])
-    return -1, corrected
+            corrected += turn_of(tables, step)
+    return -1, corrected, False, False

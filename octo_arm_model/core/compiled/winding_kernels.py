@@ -18,7 +18,7 @@ from octo_arm_model.core.hints import FloatArray
 
 MOST_STEPS = 6
 PROGRESS = 0.1  # what each step must leave less than of the error
-EXCHANGES = 8  # of slack and taut tendons in one step
+EXCHANGES = 40  # of slack and taut tendons in one step
 SINGULAR = 1e-10  # pivot over the largest, from which on tensions are not determined
 TENSIONS_MET = 1e-9  # change of tensions, relative, that is none
 MET, ROUNDING = 1e-9, 1e-13  # of the lengths: error that is none before such a change, and at all
@@ -70,32 +70,37 @@ def find_step(
 ) -> bool:  # fmt: skip
     """Fill in Newton's ``step`` of the tensions, after which tendons are taut or slack.
 
-    Taut ones that would have to push become slack, and slack ones whose path would be too short
-    taut, until there are none (block principal pivoting: Kostreva 1978).
+    One after another, the taut one that would have to push most becomes slack or the slack one
+    whose path would be shortest taut, until there are none (principal pivoting). Of tendons that
+    hold each other, whose tensions are not determined, the least taut becomes slack.
 
     Returns:
         Whether there is one.
     """
-    taut = driven & ((tensions > 0.0) | (wrong > rounding))
+    taut = driven & (tensions > 0.0)
     for _ in range(EXCHANGES):
         step[:] = 0.0
         for k in range(step.size):
             if driven[k] and not taut[k]:
                 step[k] = -tensions[k]
         if not solve_some(changes, wrong, taut, step):
-            return False
-        exchanged = False
+            least = np.argmin(np.where(taut, tensions, np.inf))
+            taut[least] = False
+            continue
+        worst, most = -1, 0.0
         for k in range(step.size):
             if not driven[k]:
                 continue
-            left = wrong[k]
+            excess = wrong[k] - rounding
             for j in range(step.size):
-                left -= changes[k, j] * step[j]
-            is_taut = tensions[k] + step[k] > 0.0 if taut[k] else left > rounding
-            exchanged = exchanged or is_taut != taut[k]
-            taut[k] = is_taut
-        if not exchanged:
+                excess -= changes[k, j] * step[j]
+            if taut[k]:
+                excess = -changes[k, k] * (tensions[k] + step[k])
+            if excess > most:
+                worst, most = k, excess
+        if worst < 0:
             return True
+        taut[worst] = not taut[worst]
     return False
 
 

@@ -28,7 +28,7 @@ from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 
 # A compliance this many times the others is that of a rigid-body motion.
 _FREE = 1e6
@@ -53,12 +53,7 @@ def evaluate_local(
     energy: SectionEnergy, local_tensions: FloatArray, twist: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """`Evaluate` for tensions at the points, (tendons, 1, points)."""
-    strain = to_scaled(energy.law, twist[:, np.newaxis])
-    gradient, hessian = energy.material(strain)
-    pulled, across = energy.tendon_derivatives(strain, local_tensions)
-    gradient += pulled
-    hessian += across
-    gradient, hessian = unscale(energy, twist[:, np.newaxis], gradient, hessian)
+    gradient, hessian = derivatives_by_twist(energy, twist[:, np.newaxis], local_tensions)
     return gradient[:, 0], hessian[:, :, 0], force_scale(energy, local_tensions)[:, 0]
 
 

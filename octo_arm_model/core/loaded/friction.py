@@ -104,7 +104,9 @@ class Friction:
 
         Their ``local_tensions`` (tendons, batch, points) [N] count where sheaths give way.
         """
-        placed = self.energy.placed(to_scaled(self.energy.law, twist), local_tensions)
+        placed = self.energy
+        if self._gives_way:
+            placed = placed.placed(to_scaled(placed.law, twist), local_tensions)
         found = tangents(placed, twist)
         slope, kinks = self.slope(found.unit)
         bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
@@ -155,26 +157,6 @@ class Friction:
         slip = np.where(held >= high * (1.0 - SAME), 1.0, 0.0)
         slip[held <= low * (1.0 + SAME)] = -1.0
         return np.clip(held, low, high), slip
-
-    def first_angle(self, turning: Turning) -> FloatArray:
-        """What the angles nearly are that tendons turn by, had they no friction in ``turning``.
-
-        Exact for a curvature in proportion to the tension of a tendon that is drawn in.
-        """
-        return np.log1p(self.mu * turning.angle) / self.mu
-
-    def next_angle(self, angle: FloatArray, slip: FloatArray, turning: Turning) -> FloatArray:
-        """Nearer angles than ``angle``, with which tendons slip and turn.
-
-        Newton's method for theta' = c where a tendon bends the arm by itself, c in proportion to
-        its tension: dc = sigma mu c dtheta, for sigma of -1, 1, or 0 where it sticks. Angles that
-        stay are right whatever c depends on.
-        """
-        left = turning.angle - angle
-        # The integrating factor, where a tendon slips as at its base.
-        grows = np.exp(self.mu * slip[..., :1] * angle)
-        moved = self.collocation.integrate_from_base(slip * turning.rate * left / grows)
-        return np.asarray(np.maximum(turning.angle + self.mu * grows * moved, 0.0))
 
     def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative by s of vectors in the axes of cross sections, and jumps between elements."""

@@ -1,4 +1,14 @@
-"""Balance of an arm that tendons with friction alone load."""
+"""Balance of an arm that tendons with friction alone load.
+
+The unknowns are the angles theta_j that the tendons turn by since the base. The rate c_j of each
+follows from the tensions T_k of all at the same place, and these from the angles, dT_k = sigma_k
+mu_k T_k dtheta_k, for sigma_k of -1 or 1 where a tendon slips and 0 where it sticks. So the change
+of angles that leaves nothing of left_j = int_0^s c_j ds - theta_j solves
+
+    dtheta_j(s) = left_j(s) + int_0^s sum_k (dc_j / dT_k) sigma_k mu_k T_k dtheta_k ds
+
+(Volterra's equation), and Newton's method takes few steps.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +18,23 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.friction import Friction, Sliding
+from octo_arm_model.core.loaded.friction import Friction, Sliding, Turning
+from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
+from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
+from octo_arm_model.core.section.strain_measures import (
+    check_fibres,
+    derivatives_by_twist,
+    to_scaled,
+    to_twist,
+    unscale_gradient,
+)
 
 TOLERANCE = 1e-9  # of the angles by which tendons turn [rad]
 MOST = 100  # steps
+# A change of the angles is found to this part of it, in so many iterations at most.
+EXACT, MOST_INNER = 1e-2, 20
 
 
 class Sections(Protocol):
@@ -56,15 +76,57 @@ def balance(
         twist = sections(local_tensions)
         turning = friction.turning(twist, local_tensions)
         if iteration == 1:
-            angle = friction.first_angle(turning)
+            # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+            angle = np.log1p(friction.mu * turning.angle) / friction.mu
             continue
-        new = friction.next_angle(angle, slip, turning)
+        if iteration == 2:
+            # From here on it hardly changes.
+            coupling = couplings(friction.energy, twist, local_tensions, turning)
+        by_angle = slip * friction.mu * local_tensions
+        new = next_angle(friction, angle, turning.angle, coupling, by_angle)
         last, left = left, float(np.abs(new - angle).max(initial=0.0))
         angle = new
         if has_converged(left, last):
             local_tensions, slip = friction.tensions(tensions, before, angle)
             return sections(local_tensions), Sliding(local_tensions, slip, turning), iteration
     raise ConvergenceError('the tension along the tendons', left, MOST)
+
+
+def couplings(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray, turning: Turning
+) -> FloatArray:
+    """Derivatives of the rates that tendons turn by with each tension at the same place.
+
+    Of cross sections in balance, ``twist`` (n, batch, points), in which the directions of tendons
+    hardly change; (tendons, tendons, batch, points) [rad / (N m)].
+    """
+    strain = to_scaled(energy.law, twist)
+    towards = energy.lengthening(strain, local_tensions)[1]
+    _, hessian = derivatives_by_twist(energy, twist, local_tensions)
+    bends = substitute(factorise(hessian), unscale_gradient(energy, twist, towards))[:3]
+    # |kappa x e| changes by this times a change of kappa.
+    rate = np.where(turning.rate > 0.0, turning.rate, np.inf)
+    across = cross(turning.tangents.unit, turning.curvature / rate)
+    return -np.asarray(np.einsum('ijbn,ikbn->jkbn', across, bends))
+
+
+def next_angle(
+    friction: Friction, angle: FloatArray, turned: FloatArray, coupling: FloatArray,
+    by_angle: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Nearer angles than ``angle``, at whose tensions tendons have ``turned`` otherwise.
+
+    ``coupling`` is that of `couplings`, and ``by_angle`` the derivative of each tension by the
+    angle, (tendons, batch, points) [N/rad]. Angles that stay are right whatever these are.
+    """
+    left = turned - angle
+    moved, small = left, EXACT * np.abs(left).max(initial=0.0)
+    for _ in range(MOST_INNER):
+        rate = np.einsum('jkbn,kbn->jbn', coupling, by_angle * moved)
+        last, moved = moved, left + friction.collocation.integrate_from_base(rate)
+        if np.abs(moved - last).max(initial=0.0) <= small:
+            break
+    return np.asarray(np.maximum(angle + moved, 0.0))
 
 
 def has_converged(left: float, last: float) -> bool:

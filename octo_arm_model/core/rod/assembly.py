@@ -83,13 +83,13 @@ class Results:
         twist = solution.twist
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
+        if solution.tendons is not None:
+            self.add_tendons(part, solution.tendons)
         if solution.strains is not None and solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
             self.strains[:] = solution.strains
             return
         self._check(twist[3])
-        if solution.tendons is not None:
-            self.add_tendons(part, solution.tendons)
         if solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
         elif self._read_out is not None:

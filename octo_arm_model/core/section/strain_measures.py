@@ -31,6 +31,21 @@ def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
     return strain
 
 
+def derivatives_by_twist(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) by the ``twist``.
+
+    Of the energy of the sections and their tendons of ``local_tensions`` (tendons, batch, nodes).
+    """
+    strain = to_scaled(energy.law, twist)
+    gradient, hessian = energy.material(strain)
+    pulled, across = energy.tendon_derivatives(strain, local_tensions)
+    gradient += pulled
+    hessian += across
+    return unscale(energy, twist, gradient, hessian)
+
+
 def unscale(
     energy: SectionEnergy, twist: FloatArray, gradient: FloatArray, hessian: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

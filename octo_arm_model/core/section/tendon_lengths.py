@@ -13,8 +13,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.quadrature import integration_weights
 from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.strain_measures import to_scaled
-from octo_arm_model.core.section.tendon_sums import transmission
 
 # From a twist (n, nodes) and tensions (tendons, nodes) [N] to every length [m], (tendons,).
 Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
@@ -53,19 +53,21 @@ class TendonLengths:
     @functools.cached_property
     def at_rest(self) -> FloatArray:
         """Those of the unloaded arm."""
+        return self.under(self._straight, np.zeros_like(self.weights))
+
+    def offset_weights(self, arm: Arm) -> FloatArray:
+        """Weights of integrals that are d(unloaded length)/d(distance from midline).
+
+        (tendons, nodes), of the tendons of ``arm``; zero of those that do not wind about it.
+        """
+        by_offset = ParameterDerivatives(self.sections, arm).length_by_offset(
+            self._straight[:, np.newaxis], np.zeros_like(self.weights)[:, np.newaxis]
+        )
+        return by_offset * self.weights
+
+    @property
+    def _straight(self) -> FloatArray:
+        """Twist of the unloaded arm, (4 or 6, nodes)."""
         twist = np.zeros((self.sections.strains, self.weights.shape[1]))
         twist[3] = 1.0
-        return self.under(twist, np.zeros_like(self.weights))
-
-
-def offset_weights(arm: Arm, grid: StationGrid) -> FloatArray:
-    """Weights of integrals (tendons, nodes) that are d(unloaded length)/d(distance from midline).
-
-    Zero of tendons that do not wind about it.
-    """
-    slope, outward = arm.tendon_slopes(grid.nodes), arm.tendon_outward_slopes(grid.nodes)
-    along = slope[0] * outward[0] + slope[1] * outward[1]
-    along /= np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
-    passes = transmission(arm, grid.nodes, grid.node_section) > 0.0
-    weights: FloatArray = passes * along * integration_weights(grid)
-    return weights
+        return twist

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
-from octo_arm_model.analysis.winding import Wound, tendon_compliance
+from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding import Wound, displacements_of, tendon_compliance
 from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -24,12 +25,12 @@ class Solutions:
     def __init__(self, unknowns: Unknowns) -> None:
         """Of the steps whose readings ``unknowns`` has."""
         self._unknowns, self._readings = unknowns, unknowns.readings
-        self._at: FloatArray | None = None
+        self._at: FloatArray = np.empty(0)
         self._solver: Solver | None = None
         self._backbones: dict[int, Backbone] = {}
         self._wound: dict[int, Wound] = {}
         self._changes: dict[int, tuple[Sensitivity, Change | None]] = {}
-        self._differences: FloatArray | None = None
+        self._differences: _Differences | None = None
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:
         """Solution for a ``step`` at ``x``.
@@ -56,15 +57,25 @@ class Solutions:
         return self._backbones[step]
 
     def _solver_at(self, x: FloatArray) -> Solver:
-        if self._solver is None or self._at is None or (x != self._at).any():
-            self._solver, self._at = self._unknowns.solver(x), x.copy()
+        # The arm does not depend on where the camera is.
+        of_arm = np.delete(x, self._unknowns.alignment_columns)
+        if self._solver is None or not np.array_equal(of_arm, self._at):
+            self._solver, self._at = self._unknowns.solver(x), of_arm
             self._backbones, self._changes, self._differences = {}, {}, None
         return self._solver
 
     def _sequence(self, x: FloatArray, solver: Solver) -> list[Backbone]:
         """Solutions for all steps at ``x``, one after the other."""
-        tensions = self._readings.tensions
-        return followed(solver, [self._unknowns.tensions(x, read) for read in tensions])
+        readings, unknowns = self._readings, self._unknowns
+        if not readings.are_lengths:
+            return followed(solver, [unknowns.tensions(x, read) for read in readings.tensions])
+        zeros, names = unknowns.zeros(x), solver.arm.tendon_names
+        found: list[Backbone] = []
+        last: Wound | None = None
+        for read in readings.displacements:
+            last = solve_displacements(solver, lengths_of(names, read - zeros), start=last)
+            found.append(last.backbone)
+        return found
 
     def position_change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of the stations of a ``step`` by x, (n, 3, unknowns)."""
@@ -73,19 +84,37 @@ class Solutions:
             return np.zeros((*backbone.position.shape, x.size))
         if not unknowns.slides:
             return self._change(x, step, lambda change: change.pose[:, :3])
+        return np.asarray(self._sequence_change(x).position[step])
+
+    def _sequence_change(self, x: FloatArray) -> _Differences:
+        """Differences of whole sequences: where a tendon sticks there are no other derivatives."""
+        unknowns = self._unknowns
         if self._differences is None:
-            # Where a tendon sticks there are no others: differences of whole sequences.
-            steps = range(len(self._readings.tensions))
-            here = np.array([self.backbone(x, n).position for n in steps])
-            self._differences = np.zeros((*here.shape, x.size))
+            here = [self.backbone(x, step) for step in range(len(self._readings.tensions))]
+            begun = self._observed(x, self._solver_at(x), here)
+            found = _Differences(*(np.zeros((*part.shape, x.size)) for part in begun))
             for number in range(x.size):
                 if number in unknowns.alignment_columns:
                     continue
                 moved, by = x.copy(), unknowns.difference(x, number)
                 moved[number] += by
-                there = [b.position for b in self._sequence(moved, unknowns.solver(moved))]
-                self._differences[..., number] = (np.array(there) - here) / by
-        return np.asarray(self._differences[step])
+                solver = unknowns.solver(moved)
+                there = self._observed(moved, solver, self._sequence(moved, solver))
+                for out, new, old in zip(found, there, begun, strict=True):
+                    out[..., number] = (new - old) / by
+            self._differences = found
+        return self._differences
+
+    def _observed(
+        self, x: FloatArray, solver: Solver, backbones: Sequence[Backbone]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Stations (steps, n, 3) [m] and what encoders read (steps, tendons) [m] at ``x``."""
+        positions = np.array([backbone.position for backbone in backbones])
+        return positions, np.array([self._read(x, solver, backbone) for backbone in backbones])
+
+    def _read(self, x: FloatArray, solver: Solver, backbone: Backbone) -> FloatArray:
+        """What encoders read at ``x``, (tendons,) [m]."""
+        return displacements_of(solver, backbone).ravel() + self._unknowns.zeros(x)
 
     def _change(self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]) -> FloatArray:
         """Derivative of what ``of`` takes of a `Change`, (..., unknowns), at fixed alignment."""
@@ -145,12 +174,13 @@ class Solutions:
     def encoder_residuals(self, x: FloatArray, step: int) -> FloatArray:
         """What encoders of taut tendons read less what they should, (taut,) [m]."""
         solver, backbone = self._solver_at(x), self.backbone(x, step)
-        expected = displacements_of(solver, backbone).ravel() + self._unknowns.zeros(x)
-        away = self._readings.displacements[step] - expected
+        away = self._readings.displacements[step] - self._read(x, solver, backbone)
         return np.asarray(away[self._unknowns.taut[step]])
 
     def encoder_change(self, x: FloatArray, step: int) -> FloatArray:
         """Derivative of `encoder_residuals` by x, (taut, unknowns)."""
+        if self._unknowns.slides:
+            return -self._sequence_change(x).reading[step, self._unknowns.taut[step]]
         solver, backbone = self._solver_at(x), self.backbone(x, step)
         compliance, unloaded = tendon_compliance(solver), unloaded_by_offset(solver, backbone)
         expected = compliance[:, np.newaxis] * self._tension_change(x, step)
@@ -164,6 +194,18 @@ class Solutions:
             elif name == AXIAL:
                 expected[:, number] += self._stretch_by_softness(backbone, solver)
         return -expected[self._unknowns.taut[step]]
+
+
+class _Differences(NamedTuple):
+    """Derivatives of all steps by x.
+
+    Attributes:
+        position: of the stations, (steps, n, 3, unknowns).
+        reading: of what encoders read, (steps, tendons, unknowns).
+    """
+
+    position: FloatArray
+    reading: FloatArray
 
 
 def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:

@@ -93,12 +93,11 @@ class Unknowns:
         self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
         self._pulled = readings.tensions.max(axis=0, initial=0.0) > self.slack
         self.taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
-        if 'friction' in fits and readings.are_lengths:
+        if AXIAL in fits and not self.taut.any():
             raise ConfigError(
-                'friction is fitted to tensions that were read, and this recording has lengths'
+                f'{AXIAL} shows in encoder readings of tendons under tension, and this recording '
+                'has none'
             )
-        if AXIAL in fits:
-            self._check_stretch(bool(self.taut.any()), 'friction' in fits)
         # What encoders read is weighed where nothing else shows what is fitted.
         self.reads_encoders = AXIAL in fits and not readings.are_lengths
         names = np.array(self.arm.tendon_names)
@@ -114,23 +113,6 @@ class Unknowns:
             raise ConfigError('nothing to fit: no tendon is pulled')
         self.start = np.array([unknown.start for unknown in self.unknowns])
         self.names = tuple(unknown.name for unknown in self.unknowns)
-
-    def _check_stretch(self, is_read: bool, slides: bool) -> None:
-        """Check that what tendons stretch is known and was read.
-
-        Raises:
-            ConfigError: if not.
-        """
-        if not is_read:
-            raise ConfigError(
-                f'{AXIAL} shows in encoder readings of tendons under tension, and this recording '
-                'has none'
-            )
-        if slides or self.arm.friction:
-            raise ConfigError(
-                f'{AXIAL} is fitted to tendons without friction: how encoder readings change '
-                'with it is not known of others'
-            )
 
     def value(self, x: FloatArray, name: str, default: float) -> float:
         """Value of the unknown ``name`` at ``x``; ``default`` where it is none."""

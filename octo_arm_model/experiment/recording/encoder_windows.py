@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.analysis.displacement import solve_displacements
 from octo_arm_model.analysis.winding import Wound
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import Window
@@ -38,17 +38,12 @@ def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
 
     Args:
         windows: with ``displacements``; their tensions do not count.
-        config: of the arm as it is known so far. A tendon without an encoder is slack.
+        config: of the arm as it is known so far. A tendon without an encoder is slack, and those
+            with friction slide from window to window, to the first from slack.
 
     Raises:
         SolveError: if lengths of a window cannot be held.
-        ConfigError: if tendons have friction.
     """
-    if config.arm.friction:
-        raise ConfigError(
-            'lengths held by tendons with friction: what was held before the first window is not '
-            'known, and with it the tensions'
-        )
     solver, names = config.solver('exact'), config.arm.tendon_names
     found: list[Window] = []
     last: Wound | None = None

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
-from experiments import PARAMETERS, TRUE, one_tendon, shapes
+from experiments import PARAMETERS, TRUE, one_tendon, shapes, with_encoders
 
+from octo_arm_model.analysis.displacement import displacements_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.compare import compare
@@ -15,6 +17,7 @@ from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.solutions import followed
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.curves import resample
+from octo_arm_model.experiment.recording.encoder_windows import by_length
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 
 LOOP = tuple(map(one_tendon, (1.0, 2.0, 3.0, 3.6, 3.0, 2.0, 1.0)))
@@ -22,14 +25,15 @@ ROUGH = {'material.youngs_modulus': TRUE, 'tendons.friction': [0.2]}
 
 
 def loop(model: str, noise: float = 0.0, **changes: Any) -> list[MeasuredShape]:
-    """Steps up and down of an arm with friction."""
+    """Steps up and down of an arm with friction, with encoders whose slack tendons are loose."""
     values = {**PARAMETERS, **ROUGH, **changes, 'model': model, 'stations': 201}
     solver = Config.from_parameters(values).solver()
-    lines = [
-        resample(backbone.position, np.linspace(0.0, 1.0, 61))
-        for backbone in followed(solver, LOOP)
+    backbones = followed(solver, LOOP)
+    lines = [resample(backbone.position, np.linspace(0.0, 1.0, 61)) for backbone in backbones]
+    return [
+        with_encoders(step, displacements_of(solver, backbone).ravel() - 3e-3 * (pull == 0.0))
+        for step, pull, backbone in zip(shapes(lines, LOOP, noise=noise), LOOP, backbones)
     ]
-    return shapes(lines, LOOP, noise=noise)
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
@@ -60,6 +64,28 @@ def test_a_comparison_follows_the_steps() -> None:
     assert rough.percent('tip').max() < 0.02
     smooth = {**PARAMETERS, **ROUGH, 'tendons.friction': []}
     assert compare(steps, smooth, 'exact', Alignment.none()).percent('tip').max() > 1.0
+
+
+def test_friction_and_the_stretch_of_tendons_are_found_together() -> None:
+    steps = loop('exact', 1e-4, **{'tendons.axial_stiffness': [400.0]})
+    guess = {**PARAMETERS, 'material.youngs_modulus': TRUE, 'tendons.axial_stiffness': [700.0]}
+    fitted = identify(steps, guess, 'exact', ['friction', 'axial_stiffness'], Alignment.none())
+    for name, true in (('friction', 0.2), ('axial_stiffness', 400.0)):
+        assert fitted.estimates[name].value == pytest.approx(true, rel=0.02)
+
+
+def test_friction_is_found_without_load_cells() -> None:
+    """It makes the arm lag behind its tendons, whose tensions nobody reads."""
+    guess = {**PARAMETERS, **ROUGH, 'tendons.friction': [0.1], 'tendons.axial_stiffness': [400.0]}
+    steps = loop('exact', 1e-5, **{'tendons.axial_stiffness': [400.0]})
+    windows = by_length([step.window for step in steps], Config.from_parameters(guess))
+    steps = [
+        dataclasses.replace(step, window=window)
+        for step, window in zip(steps, windows, strict=True)
+    ]
+    fitted = identify(steps, guess, 'exact', ['friction'], Alignment.none())
+    assert fitted.estimates['friction'].value == pytest.approx(0.2, rel=0.02)
+    np.testing.assert_allclose(fitted.tensions[:, 0], [pull[0] for pull in LOOP], rtol=0.01)
 
 
 def test_the_papers_model_cannot_be_fitted_with_friction() -> None:
