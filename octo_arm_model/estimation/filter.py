@@ -55,13 +55,19 @@ def next_step(
     time: float,
     measurements: tuple[Measurement, ...],
     gate: float,
+    near: Step | None = None,
 ) -> Step:
-    """From the ``last`` one, or from nothing but the prior, to ``time`` [s]; see `update`."""
-    if last is None:
-        belief, updated = prior(model), None
-    else:
-        belief, updated = predict(model, last.updated.belief, time - last.time), last.updated
-    return Step(time, measurements, update(model, belief, measurements, updated, gate))
+    """From the ``last`` one, or from nothing but the prior, to ``time`` [s]; see `update`.
+
+    The state is looked for from that of the last one; where there is none, of a step ``near``.
+    """
+    belief, refused = prior(model), frozenset[str]()
+    if last is not None:
+        belief = predict(model, last.updated.belief, time - last.time)
+        refused = last.updated.refused
+    start = last or near
+    found = None if start is None else start.updated._replace(refused=refused)
+    return Step(time, measurements, update(model, belief, measurements, found, gate))
 
 
 class Filter:
@@ -88,7 +94,7 @@ class Filter:
         self.refused: dict[str, int] = {}
         self.innovations: tuple[Innovation, ...] = ()
         self._window: Window[Step] = Window(
-            lambda last, time, made: next_step(model, last, time, made, gate), window
+            lambda last, time, made, near: next_step(model, last, time, made, gate, near), window
         )
 
     @property
@@ -110,8 +116,10 @@ class Filter:
             MeasurementError: if they come later than the window, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape, or the estimate does not converge.
         """
-        added, newest = self._window.add(time, measurements)
-        self.innovations = added.updated.innovations
+        step, before, newest = self._window.add(time, measurements)
+        self.innovations = step.updated.innovations_after(
+            None if before is None else before.updated
+        )
         for one in self.innovations:
             if not one.is_accepted:
                 self.refused[one.name] = self.refused.get(one.name, 0) + 1

@@ -99,7 +99,7 @@ class Hypotheses:
             MeasurementError: if they come later than the window, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape by any hypothesis.
         """
-        added, newest = self._window.add(time, measurements)
+        added, before, newest = self._window.add(time, measurements)
         ranked = []
         for number, (name, model) in enumerate(self._models.items()):
             then, now = added.steps[number], newest.steps[number]
@@ -108,15 +108,24 @@ class Hypotheses:
             if now is not None and newest.has_shape[number]:
                 estimate = now.estimate(model, self._window.first)
             if then is not None and added.has_shape[number]:
-                innovations = then.updated.innovations
+                earlier = None
+                if before is not None and before.has_shape[number]:
+                    earlier = before.steps[number]
+                innovations = then.updated.innovations_after(
+                    None if earlier is None else earlier.updated
+                )
             probability = float(newest.probability[number])
             ranked.append(Ranked(name, probability, estimate, innovations))
         return sorted(ranked, key=lambda one: -one.probability)
 
     def _next(
-        self, last: _Step | None, time: float, measurements: tuple[Measurement, ...]
+        self,
+        last: _Step | None,
+        time: float,
+        measurements: tuple[Measurement, ...],
+        near: _Step | None,
     ) -> _Step:
-        """From the ``last`` step to ``time`` [s].
+        """From the ``last`` step to ``time`` [s]; see `next_step`.
 
         Raises:
             SolveError: if the arm has no trustworthy shape by any hypothesis.
@@ -130,7 +139,8 @@ class Hypotheses:
         likelihoods, failure = np.full(count, -math.inf), None
         for number, model in enumerate(self._models.values()):
             try:
-                found = next_step(model, steps[number], time, measurements, self._gate)
+                nearby = None if near is None else near.steps[number]
+                found = next_step(model, steps[number], time, measurements, self._gate, nearby)
             except SolveError as error:
                 failure = error
                 continue

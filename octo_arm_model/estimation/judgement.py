@@ -1,18 +1,18 @@
 """Which measurements of one time are used.
 
 Linear measurements come first, then the others, see `taken`; those that the others contradict are
-refused too. Where any is refused, but all agree without a single load cell, that cell is.
+refused too. `lying_cell` has what is done where all but one load cell agree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.estimation.belief import Belief, normalised_square, solve_lower
+from octo_arm_model.estimation.belief import Belief, solve_lower
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.taken import (
@@ -21,7 +21,6 @@ from octo_arm_model.estimation.taken import (
     kinds_of,
     take_linear,
     take_others,
-    take_together,
 )
 from octo_arm_model.estimation.updated import Updated
 
@@ -88,45 +87,23 @@ def judge(
         contradicted[id(worst[0])] = worst[1]
 
 
-def without_one(
-    model: ArmModel, belief: Belief, judged: Judged, last: Updated | None, gate: float
+def agreeing(
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    at: Prediction,
+    take: Callable[[Taken], Taken | None],
+    gate: float,
 ) -> Judged | None:
-    """All measurements but one load cell, where all but that agree; None where there is none.
-
-    Looked for from afar: what a load cell lies by may have led anywhere.
-
-    A force explains whatever a single sensor of the shape says beside load cells that lie: if no
-    load cells are refused there have to be two of them to contradict one.
-    """
-    others = [one for one in judged.measurements if not one.is_linear]
-    if last is not None and all(one.name in last.refused for one in judged.refused):
-        return None  # as at the last time, when there was none either
-    at = Prediction(model, belief.mean, last and last.shape)
-    best, start = None, (judged.found.at, None)  # not far from what that cell shows
-    known = start if last is None else (last.at, last.curvatures.get(kinds_of(others)))
-    for one in judged.measurements:
-        if not one.is_linear or (one not in judged.refused and len(others) < 2):
-            continue
-        for rest, single in one.each_apart(judged.linear.at):
-            kept = [rest if other is one else other for other in judged.measurements]
-            linear_ones = [other for other in kept if other.is_linear]
-            linear = take_linear(belief, linear_ones, at, gate)
-            if len(linear.accepted) < len(linear_ones):
-                continue
-            found = take_together(linear.belief, others, linear.at, known, gate, is_far=True)
-            if found is None:
-                continue
-            told = single.jacobian(found.at) @ found.belief.root
-            root = np.sqrt(told @ told.T + single.covariance)
-            square = normalised_square(single.innovation(found.at), root)
-            without = Judged([*kept, single], linear, found, {id(single): square})
-            if (
-                square > chi_square_limit(gate, 1)
-                and _contradicted(without, gate) is None
-                and (best is None or without.square < best.square)
-            ):
-                best = without
-    return best
+    """``measurements`` if all agree, those that are not linear as ``take`` takes them."""
+    linear_ones = [one for one in measurements if one.is_linear]
+    linear = take_linear(belief, linear_ones, at, gate)
+    if len(linear.accepted) < len(linear_ones):
+        return None
+    found = take(linear)
+    if found is None:
+        return None
+    judged = Judged(measurements, linear, found, {})
+    return judged if _contradicted(judged, gate) is None else None
 
 
 def _take_all(

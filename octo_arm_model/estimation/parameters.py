@@ -11,6 +11,7 @@ from octo_arm_model.estimation.filter import GATE
 
 CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
+MAX_MARKERS = 300  # whose coordinates are one measurement
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
 RECOVER_AFTER = 1.0  # [s]
@@ -58,7 +59,7 @@ ESTIMATOR_PARAMETERS = (
               'standard deviation of tendon_displacements [m]', 2e-4, range='> 0'),
     Parameter('estimator.marker_s', float,
               'arc coordinates of the markers of measured/markers, from the base on [m]', (),
-              is_array=True, range='in [0, body.length]'),
+              is_array=True, range=f'in [0, body.length], at most {MAX_MARKERS}'),
     Parameter('estimator.marker_stddev', float,
               'standard deviation of each coordinate of a marker [m]', 1e-3, range='> 0'),
     Parameter('estimator.tip_position_stddev', float,

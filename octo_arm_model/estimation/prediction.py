@@ -17,7 +17,13 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
-from octo_arm_model.core.errors import ConfigError, ConvergenceError
+from octo_arm_model.core.errors import (
+    ConfigError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    TensionError,
+)
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
@@ -230,9 +236,13 @@ class Prediction:
         """Shape, of the arm as described.
 
         Raises:
-            OctoArmError: as `Solver.solve`.
+            SolveError: if there is no trustworthy one, or none under tensions and loads so large.
         """
-        return self.model.solve(self.x, self._start)
+        try:
+            return self.model.solve(self.x, self._start)
+        except (TensionError, LoadError) as error:
+            # Of a state that a search came to, not of anything that was given.
+            raise SolveError(f'no shape that explains what was measured: {error}') from error
 
     @property
     def change(self) -> Change:

@@ -146,6 +146,13 @@ def take_together(
     return _agreed(prior, measurements, start, known, gate, is_new=True)
 
 
+def take_nearby(
+    prior: Belief, measurements: Sequence[Measurement], last: Last, gate: float
+) -> Taken | None:
+    """`take_together` if the ``last`` state leads to where they agree; None if not."""
+    return _agreed(prior, measurements, *last, gate)
+
+
 def _limit(measurements: Sequence[Measurement], gate: float) -> float:
     """The largest square of all ``measurements`` together that is within the ``gate``."""
     return chi_square_limit(gate, sum(one.value.size for one in measurements))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import LARGEST, SMALLEST
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 
@@ -35,8 +36,13 @@ class Walk:
     def __post_init__(self) -> None:
         """Validate."""
         for name, value, is_fine, expected in (
-            ('stddev', self.stddev, 0.0 < self.stddev < math.inf, 'a finite number > 0'),
-            ('rate', self.rate, 0.0 <= self.rate < math.inf, 'a finite number >= 0'),
+            (
+                'stddev',
+                self.stddev,
+                SMALLEST <= self.stddev <= LARGEST,
+                f'{SMALLEST:g} to {LARGEST:g}',
+            ),
+            ('rate', self.rate, 0.0 <= self.rate <= LARGEST, f'0 to {LARGEST:g}'),
             ('correlation_time', self.correlation_time, self.correlation_time > 0.0, '> 0 [s]'),
         ):
             if not is_fine:

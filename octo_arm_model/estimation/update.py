@@ -11,7 +11,8 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.judgement import judge, without_one
+from octo_arm_model.estimation.judgement import judge
+from octo_arm_model.estimation.lying_cell import nearby, without_one
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.taken import Kinds, Taken, kinds_of, volume_of
@@ -38,11 +39,13 @@ def update(
         MeasurementError: if a measurement does not fit the arm.
     """
     with model.within(ITERATIONS) as effort:
-        judged = judge(model, belief, measurements, last, gate)
-        effort.check()  # what is refused may be so for want of iterations
-        if judged.refused:
-            with contextlib.suppress(SolveError):
-                judged = without_one(model, belief, judged, last, gate) or judged
+        judged = nearby(model, belief, measurements, last, gate)
+        if judged is None:
+            judged = judge(model, belief, measurements, last, gate)
+            effort.check()  # what is refused may be so for want of iterations
+            if judged.refused:
+                with contextlib.suppress(SolveError):
+                    judged = without_one(model, belief, judged, last, gate) or judged
     linear, found, squares = judged.linear, judged.found, judged.squares
     accepted = {id(one) for one in judged.accepted}
     innovations, size = [], 0
@@ -59,6 +62,9 @@ def update(
         else:
             root = np.asarray(np.linalg.cholesky(covariance), np.float64)
             log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
+    # A load cell is not refused any more where all of its kind are used.
+    heard = {one.name for one in innovations}
+    heard |= {single.name for one in linear.accepted for _, single in one.each_apart(found.at)}
     return Updated(
         found.belief,
         found.at,
@@ -69,7 +75,7 @@ def update(
         log_likelihood,
         _kept(last, found),
         frozenset(one.name for one in innovations if not one.is_accepted).union(
-            () if last is None else last.refused - {one.name for one in innovations}
+            () if last is None else last.refused - heard
         ),
     )
 

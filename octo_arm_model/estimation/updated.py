@@ -64,3 +64,8 @@ class Updated(NamedTuple):
     log_likelihood: float
     curvatures: Mapping[Kinds, Curvature]
     refused: frozenset[str]
+
+    def innovations_after(self, before: Updated | None) -> tuple[Innovation, ...]:
+        """Of what was not measured yet where this was ``before``."""
+        known = () if before is None else {one.name for one in before.innovations}
+        return tuple(one for one in self.innovations if one.name not in known)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Callable, Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -27,12 +27,31 @@ class Timed(Protocol):
 
 
 S = TypeVar('S', bound=Timed)
-# The next step: after the last one, if any, of a time [s] and what was measured then.
-Advance = Callable[[S | None, float, tuple[Measurement, ...]], S]
+# The next step: after the last one, if any, of a time [s] and what was measured then. Where there
+# is no last one it is found from another one nearby, if that is given.
+Advance = Callable[[S | None, float, tuple[Measurement, ...], S | None], S]
+
+
+class Added(NamedTuple, Generic[S]):
+    """What measurements made of a window.
+
+    Attributes:
+        step: theirs.
+        before: the step in whose place it is, of what else was measured at that time; None of
+            none.
+        newest: the newest one.
+    """
+
+    step: S
+    before: S | None
+    newest: S
 
 
 class Window(Generic[S]):
     """Steps by their times. What is late is put in its place, and what followed is done again.
+
+    What different sensors measured at one time is one step, so that they are judged together
+    whichever of their messages comes first.
 
     Attributes:
         late: how many times came later than the window.
@@ -49,6 +68,7 @@ class Window(Generic[S]):
             raise MeasurementError(f'window is {length!r}, expected a finite number >= 0 [s]')
         self._advance, self._length = advance, length
         self._steps: list[S] = []
+        self._is_cut = False  # whether there were steps before these
         self.late, self.first = 0, np.nan
 
     @property
@@ -56,8 +76,8 @@ class Window(Generic[S]):
         """The newest step."""
         return self._steps[-1] if self._steps else None
 
-    def add(self, time: float, measurements: Sequence[Measurement]) -> tuple[S, S]:
-        """The step of ``measurements`` made at ``time`` [s], and the newest one.
+    def add(self, time: float, measurements: Sequence[Measurement]) -> Added[S]:
+        """Take ``measurements`` made at ``time`` [s].
 
         Where it fails all is as it was.
 
@@ -75,13 +95,27 @@ class Window(Generic[S]):
                 f'measured at {time:.6g} s, before the window, which begins at '
                 f'{steps[0].time:.6g} s'
             )
-        new = steps[:index]
-        for at, made in [(time, taken), *((s.time, s.measurements) for s in steps[index:])]:
-            new.append(self._advance(new[-1] if new else None, at, made))
-        added, newest = new[index], new[-1]
+        before = None
+        # Without the step before it a step cannot be done again.
+        if index > self._is_cut and _goes_with(steps[index - 1], time, taken):
+            before = steps[index - 1]
+            taken = before.measurements + taken
+        place = index - (before is not None)
+        new = steps[:place]
+        new.append(self._advance(new[-1] if new else None, time, taken, before))
+        for later in steps[index:]:
+            new.append(self._advance(new[-1], later.time, later.measurements, None))
+        added, newest = new[place], new[-1]
         since = bisect.bisect_left([step.time for step in new], newest.time - self._length)
         # The step before the window is what a late measurement begins from.
-        self._steps = new[max(0, since - 1, len(new) - MAX_STEPS) :]
+        first = max(0, since - 1, len(new) - MAX_STEPS)
+        self._steps, self._is_cut = new[first:], self._is_cut or first > 0
         if not steps:
             self.first = time
-        return added, newest
+        return Added(added, before, newest)
+
+
+def _goes_with(step: Timed, time: float, measurements: Sequence[Measurement]) -> bool:
+    """Whether ``measurements`` of a ``time`` [s] are of other sensors than a ``step`` of it."""
+    names = {one.name for one in step.measurements}
+    return step.time == time and not any(one.name in names for one in measurements)

@@ -260,6 +260,13 @@ def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
             Filter(model, window, gate)
 
 
+def test_a_tip_that_no_tension_and_no_force_explains_is_refused() -> None:
+    own = Filter(rubber(FORCE_AT_TIP))
+    own.add(0.0, [Tensions(TENSIONS, 0.01)])
+    found = own.add(0.1, [TipPosition([1e5, 0.0, 0.0], 1e-3)])
+    assert own.refused == {'tip position': 1} and found.normalised_square[1] == 0
+
+
 def test_everything_unknown_at_once_converges() -> None:
     model = rubber(EVERYTHING, loads=WEIGHT)
     rng = np.random.default_rng(5)

@@ -155,7 +155,8 @@ def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
     ('make', 'message'),
     [
         (lambda: TipPosition([0.0, np.nan, 0.0], 1.0), 'finite'),
-        (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), 'standard deviations > 0'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), 'standard deviations of at least 1e-30'),
+        (lambda: TipPosition([0.0, -1e31, 0.0], 1e-3), r'expected numbers of at most 1e\+30'),
         (lambda: TipPosition([0.0, 0.0, 0.0], [1.0, 1.0]), '3 standard deviations'),
         (lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)), 'positive definite'),
         (lambda: TipPose(np.zeros(3), [0.0, 0.0, 0.0, 2.0], 1.0), 'length 1'),

@@ -108,6 +108,7 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
         ({'contact': 'somewhere', 'contact_s': [0.1] * 51}, '51 values, at most 50'),
         ({'marker_s': [float('nan')]}, 'marker_s has nan, expected from 0 to 0.27 m'),
         ({'force_stddev': -1.0}, r'force_stddev is -1.0, expected a finite value >= 0 \[N\]'),
+        ({'marker_s': [0.1] * 301}, 'estimator.marker_s has 301 values, at most 300'),
         ({'force_time': 0.0}, r'force_time is 0.0, expected a finite number > 0 \[s\]'),
         ({'marker_stddev': float('inf')}, r'marker_stddev is inf, .* > 0 \[m\]'),
         ({'gate': 1.0}, r'gate is 1.0, expected within \(0, 1\)'),

@@ -11,7 +11,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 from octo_arm_model import Solver
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
+from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
@@ -115,6 +115,78 @@ def test_a_sensor_that_lies_is_thrown_out_and_counted() -> None:
     assert (kind.accepted, kind.refused) == (4, 2)
     assert kind.refused_from == ORIGIN + 3 * SECOND // 10
     assert kind.refused_to == ORIGIN + 4 * SECOND // 10
+
+
+CELL, PLACE, LIE = 0.01, 5e-4, 0.3  # noise [N], [m], and what a load cell shows too much [N]
+LIAR = f'load cell {RUBBER.tendon_names[2]}'
+
+
+def sensors(lie: float = 0.0) -> list[Measurement]:
+    """What load cells, three markers and a camera that sees the tip measure of one shape."""
+    shape = Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(PUSH, np.zeros(3)))
+    at = np.array([10, 20, 30])
+    readings = TENSIONS + np.array([0.0, 0.0, lie, 0.0])
+    markers = Markers(shape.s[at], shape.position[at], PLACE)
+    return [Tensions(readings, CELL), markers, TipPosition(shape.tip, PLACE)]
+
+
+def quick() -> Tracker:
+    """Of an arm whose tensions may change by far more than what a load cell lies."""
+    return Tracker({'tip': rubber(Unknowns(Walk(5.0, 5.0), tip_force=LIKELY))})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('order', [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
+    order: tuple[int, ...],
+) -> None:
+    """Whether in one message or in several, and a load cell that lies is found in both."""
+    together, apart = quick(), quick()
+    for tracker in (together, apart):
+        tracker.add(ORIGIN, sensors())
+    for step in range(1, 5):
+        stamp, given = ORIGIN + step * SECOND // 10, sensors(LIE if step in (2, 3) else 0.0)
+        expected = together.add(stamp, given).estimate
+        for number in order:
+            found = apart.add(stamp, [given[number]]).estimate
+        stddev = np.sqrt(np.diag(expected.covariance))
+        # As exactly as either of them converges.
+        assert (np.abs(found.mean - expected.mean) < 0.15 * stddev).all()
+        np.testing.assert_allclose(
+            np.sqrt(np.diag(found.covariance)), stddev, rtol=0.05, atol=1e-9
+        )
+        assert np.abs(found.tensions - TENSIONS).max() < 0.1 * LIE
+    for tracker in (together, apart):
+        counts = {name: (one.accepted, one.refused) for name, one in tracker.consistency.items()}
+        assert counts.pop(LIAR) == (0, 2)
+        # Of a load cell that lies for the first time and one sensor nobody knows which is right.
+        assert sum(refused for _, refused in counts.values()) <= (tracker is apart)
+        assert {sum(count) for count in counts.values()} == {5} and len(counts) == 3
+
+
+@pytest.mark.slow
+def test_a_load_cell_that_lied_is_doubted_until_it_agrees() -> None:
+    """By itself it is refused as long as it is off, however fast tensions may change."""
+    own = quick()
+    own.add(ORIGIN, sensors())
+    own.add(ORIGIN + SECOND // 10, sensors(LIE))
+    doubted = own.add(ORIGIN + 2 * SECOND // 10, sensors(LIE)[:1])
+    assert [(one.name, one.is_accepted) for one in doubted.innovations] == [
+        ('tensions', True), (LIAR, False)
+    ]  # fmt: skip
+    right = own.add(ORIGIN + 3 * SECOND // 10, sensors()[:1])
+    assert [(one.name, one.is_accepted) for one in right.innovations] == [('tensions', True)]
+    # It is believed again, as all are that contradict nobody.
+    moved = own.add(ORIGIN + 4 * SECOND // 10, sensors(LIE)[:1])
+    assert [(one.name, one.is_accepted) for one in moved.innovations] == [('tensions', True)]
+
+
+def test_a_sensor_that_measures_twice_at_one_time_counts_twice() -> None:
+    own = Tracker({'tip': rubber(Unknowns(Walk(1e4)))})
+    for count in range(1, 6):
+        found = own.add(ORIGIN, [Tensions(TENSIONS, 0.02)])
+        variance = np.diag(found.estimate.covariance)[:4]
+        np.testing.assert_allclose(variance, 0.02**2 / count, rtol=1e-6)
 
 
 def test_a_failure_changes_nothing_but_the_counts() -> None:

@@ -14,6 +14,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
 _DEEPEST = 32  # axes of an array, at least, that NumPy can make
+# Larger and smaller numbers describe nothing, and their powers are beyond the range of floats.
+LARGEST, SMALLEST = 1e30, 1e-30
 _NUMBERS, _LISTS = {float, int}, {list, tuple}
 
 
@@ -21,7 +23,8 @@ def finite(name: str, value: object, expected: str = 'a finite number') -> float
     """Return ``value`` as a float.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number; ``expected`` says what is.
+        ArmDefinitionError: if it is not a finite number, of which ``expected`` says more, or
+            beyond `LARGEST`.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
@@ -31,6 +34,8 @@ def finite(name: str, value: object, expected: str = 'a finite number') -> float
         number = math.inf
     if not math.isfinite(number):
         raise ArmDefinitionError(name, value, expected)
+    if abs(number) > LARGEST:
+        raise ArmDefinitionError(name, value, f'{expected} of at most {LARGEST:g}')
     return number
 
 
@@ -38,12 +43,14 @@ def positive(name: str, value: object, unit: str) -> float:
     """Return ``value`` as a float > 0.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number > 0 in ``unit``.
+        ArmDefinitionError: if it is not a finite number > 0 in ``unit``, `SMALLEST` to `LARGEST`.
     """
     expected = f'a finite number > 0 [{unit}]'
     number = finite(name, value, expected)
     if number <= 0.0:
         raise ArmDefinitionError(name, value, expected)
+    if number < SMALLEST:
+        raise ArmDefinitionError(name, value, f'{expected} of at least {SMALLEST:g}')
     return number
 
 

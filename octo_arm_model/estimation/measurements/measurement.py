@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.arm.validation import LARGEST, SMALLEST, real_numbers
 from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.prediction import Prediction
@@ -46,11 +46,16 @@ class Measurement(abc.ABC):
         if not 0 < size <= _LARGEST:
             expected = f'1 to {_LARGEST} numbers'
             raise MeasurementError(f'{self.name}: value has {size} numbers, expected {expected}')
+        if (np.abs(self.value) > LARGEST).any():
+            raise MeasurementError(
+                f'{self.name}: value is {shown(value)}, expected numbers of at most {LARGEST:g}'
+            )
         given = numbers(f'{self.name}: noise', noise)
         if given.ndim < 2 and given.size in (1, size):
-            if not (given > 0.0).all():
+            if not (given >= SMALLEST).all():
                 raise MeasurementError(
-                    f'{self.name}: noise is {shown(noise)}, expected standard deviations > 0'
+                    f'{self.name}: noise is {shown(noise)}, expected standard deviations of at '
+                    f'least {SMALLEST:g}'
                 )
             self.covariance = np.diag(np.broadcast_to(given, size) ** 2)
             self.noise_root: FloatArray = np.sqrt(self.covariance)

@@ -22,7 +22,7 @@ class EstimatePublishers(BackbonePublishers):
     """Publishes estimates on all topics of one node."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publishers on ``node``."""
+        """Create the publishers on ``node``; raises ConfigError as `BackbonePublishers`."""
         super().__init__(node)
         self._covariance = self._open(BackboneCovariance, COVARIANCE)
         self._tip_wrench = self._open(WrenchStamped, TIP_WRENCH)

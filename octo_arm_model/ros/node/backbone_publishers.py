@@ -14,10 +14,11 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.node.frames import make_broadcaster
+from octo_arm_model.ros.node.frames import TF_QOS, TF_TOPIC, frames_class
 from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
 from octo_arm_model.ros.node.tension_subscription import message_class
@@ -41,7 +42,11 @@ class BackbonePublishers:
     """Publishes solved backbones on all topics of one node."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publishers on ``node``."""
+        """Create the publishers on ``node``.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be; then there are none.
+        """
         self._node = node
         self._opened: list[Publisher] = []
         self._publishers = [
@@ -52,22 +57,33 @@ class BackbonePublishers:
         self._profiles = self._open(PointCloud2, PROFILES_TOPIC)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
-        self._transforms = make_broadcaster(node)
-        if self._transforms is not None:
-            self._opened.append(self._transforms)
+        kind = frames_class(node)
+        self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
         self._writer: BackboneWriter | None = None
         self._profiles_writer: TensionProfilesWriter | None = None
         self._frames: FramesWriter | None = None
         self._solver: Solver | None = None
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
-        """A publisher of its own."""
-        self._opened.append(create_publisher(self._node, kind, topic, qos))
-        return self._opened[-1]
+        """Another publisher; where it cannot be there are none.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        try:
+            publisher = create_publisher(self._node, kind, topic, qos)
+        except ConfigError:
+            self._destroy()
+            raise
+        self._opened.append(publisher)
+        return publisher
 
     def close(self) -> None:
         """Destroy the publishers."""
         self._drawing.stop()
+        self._destroy()
+
+    def _destroy(self) -> None:
         for publisher in self._opened:
             self._node.destroy_publisher(publisher)
 

@@ -1,20 +1,19 @@
-"""The publisher of the arm's frames on /tf; `FramesWriter` serialises them."""
+"""The arm's frames on /tf; `FramesWriter` serialises them."""
 
 from __future__ import annotations
 
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from typing import Any
 
-from octo_arm_model.ros.qos import create_publisher
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 # As in tf2_ros; frames of many nodes share the topic.
 TF_TOPIC = '/tf'
 TF_QOS = QoSProfile(depth=100)
 
 
-def make_broadcaster(node: Node) -> Publisher | None:
-    """Publisher of ``tf2_msgs/msg/TFMessage`` on ``/tf``; None, and a log line, without tf2_msgs.
+def frames_class(node: Node) -> Any | None:
+    """The class ``tf2_msgs/msg/TFMessage``; None, and a log line of ``node``, without tf2_msgs.
 
     tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
     """
@@ -25,4 +24,4 @@ def make_broadcaster(node: Node) -> Publisher | None:
             'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
         )
         return None
-    return create_publisher(node, TFMessage, TF_TOPIC, TF_QOS)
+    return TFMessage

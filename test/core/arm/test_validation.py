@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.arm.validation import LARGEST, SMALLEST, finite, positive, real_numbers
+from octo_arm_model.core.errors import ArmDefinitionError
 
 numbers = st.floats(-1e9, 1e9) | st.integers(-1000, 1000)
 rows = st.integers(1, 4).flatmap(
@@ -54,3 +55,13 @@ def test_an_element_that_only_numpy_takes_for_an_array_is_one() -> None:
 
     np.testing.assert_array_equal(real_numbers([Pair(), [3, 4.0]]), [[1.0, 2.0], [3.0, 4.0]])
     assert real_numbers([Pair(), [3, True]]) is None
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_number_is_bounded_so_that_its_powers_are_numbers_too(sign: float) -> None:
+    assert finite('E', sign * LARGEST) == sign * LARGEST
+    with pytest.raises(ArmDefinitionError, match=r'E is -?1e\+31, expected .* of at most 1e\+30'):
+        finite('E', 10.0 * sign * LARGEST)
+    assert positive('E', SMALLEST, 'Pa') == SMALLEST
+    with pytest.raises(ArmDefinitionError, match=r'E is 1e-31, expected .* of at least 1e-30'):
+        positive('E', 0.1 * SMALLEST, 'Pa')

@@ -195,6 +195,9 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
     def unmeasured(message):
         message.pose.pose.position.x = math.inf
 
+    def boundless(message):
+        message.pose.pose.position.x = 1e300
+
     def unturned(message):
         message.pose.pose.orientation.w = 7.0
 
@@ -220,6 +223,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('tendon_displacements', long, '5000 displacements, this arm has 4'),
         ('measured/tip_pose', elsewhere, "its frame is 'camera', and no frame"),
         ('measured/tip_pose', unmeasured, 'tip pose: position is'),
+        ('measured/tip_pose', boundless, 'tip pose: value is'),
         ('measured/tip_pose', unturned, 'tip pose: quaternion is'),
         ('measured/tip_pose', impossible, 'tip pose: noise is'),
         ('measured/markers', many, 'it has 20000 marker(s), expected 2'),
@@ -232,7 +236,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
     client.measure(1001.0 + 0.05 * np.arange(8), [*INPUTS])
     assert_is_true(client)
     _, values = client.status('input')
-    assert int(values['refused']) >= 11
+    assert int(values['refused']) >= 12
 
 
 def test_what_a_camera_sees_is_taken_from_its_frame_once_that_is_known(client):
@@ -335,6 +339,8 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
         ('contact', 'elbow', "estimator.contact is 'elbow', expected one of tip"),
         ('gate', 2.0, 'estimator.gate is 2.0'),
         ('window', -1.0, 'estimator.window is -1.0'),
+        ('force_stddev', 1e300, 'estimator.force_stddev is 1e+300, expected'),
+        ('displacement_stddev', 1e-300, 'estimator.displacement_stddev is 1e-300, expected'),
         ('marker_s', [1.0], 'estimator.marker_s has 1, expected from 0 to'),
     ):
         done, why = client.change(**{f'estimator__{name}': value})
@@ -398,3 +404,36 @@ def test_a_load_cell_that_jumps_is_refused_alone_and_named(client):
     assert values[f'load cell {NAMES[2]} refused'] == '1' and values['tensions refused'] == '0'
     found = client.newest('tendon_tension_estimates')
     np.testing.assert_allclose(found.tension, TENSIONS, atol=0.1)
+
+
+def test_a_load_cell_that_lies_by_less_than_tensions_may_change_is_refused_alone(client):
+    """What sensors measured at one time is judged together, whichever message comes first."""
+    sensors = ('tendon_tensions', 'measured/tip_pose', 'measured/markers')
+
+    def lie(message):
+        message.tension[2] += 0.4
+
+    def tell(time, order, change=None):
+        for topic in order:
+            client.tell(topic, time, change if topic == 'tendon_tensions' else None)
+
+    assert client.change(estimator__tension_rate=2.0) == (True, '')
+    try:
+        client.force = FORCE
+        for step in range(4):
+            tell(1000.0 + 0.05 * step, sensors)
+        for step in range(4):
+            tell(1000.3 + 0.05 * step, sensors[::-1] if step % 2 else sensors, lie)
+            found = client.newest('tendon_tension_estimates')
+            np.testing.assert_allclose(found.tension, TENSIONS, atol=0.15)
+            assert_is_true(client)
+        client.log(f'contradicts the estimate: load cell {NAMES[2]}')
+        _, values = client.status('estimate')
+        assert values[f'load cell {NAMES[2]} refused'] == '4'
+        # One other sensor that contradicts it for the first time does not tell who lies.
+        others = ('tensions', 'tip pose', 'markers')
+        assert sum(int(values[f'{name} refused']) for name in others) <= 1
+        for name in others:
+            assert int(values[f'{name} refused']) + int(values[f'{name} accepted']) == 8
+    finally:
+        assert client.change(estimator__tension_rate=0.05) == (True, '')

@@ -14,7 +14,7 @@ from rotations import matrix_of
 from tf2_msgs.msg import TFMessage
 
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.ros.node.frames import make_broadcaster
+from octo_arm_model.ros.node.frames import frames_class
 
 pytestmark = pytest.mark.slow
 
@@ -87,6 +87,6 @@ def test_without_tf2_msgs_there_is_no_broadcaster_but_a_line_in_the_log(monkeypa
     monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
     node = Recorder()
-    assert make_broadcaster(node) is None
+    assert frames_class(node) is None
     assert len(node.lines) == 1
     assert 'tf2_msgs' in node.lines[0]

@@ -73,3 +73,19 @@ def test_a_managed_node_refuses_a_transition_that_is_none_and_goes_on(managed):
     for impossible in (Transition.TRANSITION_ACTIVATE, 200):
         assert not managed.transition(impossible)
     assert managed.transition(Transition.TRANSITION_CONFIGURE)
+
+
+def test_a_managed_node_that_cannot_publish_leaves_no_publisher_behind():
+    for name, module, topic in (
+        ('octo_arm', 'ros.node.lifecycle', 'markers'),
+        ('octo_arm_estimator', 'ros.estimator.lifecycle', 'tension_bias'),
+    ):
+        given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
+        with running(module, *given, node=name) as client:
+            for _ in range(2):
+                assert not client.transition(Transition.TRANSITION_CONFIGURE)
+                client.log('not configured: qos_overrides')
+                client.wait(
+                    lambda client=client: client.node.count_publishers('backbone/path') == 0,
+                    'a node without publishers',
+                )
