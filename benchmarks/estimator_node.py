@@ -18,13 +18,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import rclpy
 from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from node import DEADLINE, processor_time, running
+from node import Participant, processor_time, running
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
@@ -58,16 +55,12 @@ KINDS: dict[str, Any] = {
 }
 
 
-class Client:
+class Client(Participant):
     """Tells a node what is measured, and waits for what it makes of it."""
 
     def __init__(self, domain: int) -> None:
         """In a ``domain`` in which a node is started."""
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = Node('client', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__(domain)
         self._publishers = {
             topic: self._node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()
         }
@@ -79,20 +72,15 @@ class Client:
         self._solver = CONFIG.solver('exact', STATIONS)
         self._random, self._number = np.random.default_rng(1), 0
 
-    def close(self) -> None:
-        """Leave."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
     def connect(self) -> None:
         """Wait until the node answers."""
-        end = time.monotonic() + DEADLINE
-        while not self._answers:
-            if time.monotonic() > end:
-                raise SystemExit('the node did not answer')
-            self._send('tendon_tensions')
-            self._executor.spin_once(timeout_sec=0.1)
+
+        def is_answered() -> bool:
+            if not self._answers:
+                self._send('tendon_tensions')
+            return bool(self._answers)
+
+        self.wait(is_answered, 'the node did not answer')
         while self._spin(0.5):
             pass
 
@@ -100,11 +88,7 @@ class Client:
         """Tell of one measurement, and wait for the estimate."""
         self._answers.clear()
         self._send(topic)
-        end = time.monotonic() + DEADLINE
-        while not self._answers:
-            if time.monotonic() > end:
-                raise SystemExit(f'{topic} was not answered')
-            self._executor.spin_once(timeout_sec=1.0)
+        self.wait(lambda: bool(self._answers), f'{topic} was not answered')
 
     def _spin(self, seconds: float) -> bool:
         count = len(self._answers)

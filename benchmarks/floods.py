@@ -17,11 +17,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import rclpy
 from brief import IS_BRIEF, make_parser
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from node import CONFIG, DEADLINE, IN_AIR, OURS, question, running
+from node import CONFIG, IN_AIR, OURS, Participant, question, running
 from octo_arm_msgs.msg import TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
@@ -36,16 +35,12 @@ WAITING = 50  # requests that wait
 FORCE = 10.0  # [N] on the tip, for which there is no balance
 
 
-class Flooder:
+class Flooder(Participant):
     """Floods a node, and asks it for parameters meanwhile."""
 
     def __init__(self, domain: int) -> None:
         """Wait for the node in ``domain``."""
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node('flooder', context=self._context)
-        self._executor = make_executor(self._context)
-        self._executor.add_node(self._node)
+        super().__init__(domain, make_executor)
         make = self._node.create_publisher
         self._tensions = make(TendonTensions, 'tendon_tensions', 10)
         self._wrench = make(WrenchStamped, 'tip_wrench', 10)
@@ -58,18 +53,11 @@ class Flooder:
             DiagnosticArray, '/diagnostics', lambda _: self._heard.append(time.monotonic()), 10
         )
         self._number = itertools.count(1)
-        end = time.monotonic() + DEADLINE
         services = (self._parameters, self._solve, self._find)
-        while not all(service.service_is_ready() for service in services):
-            if time.monotonic() > end:
-                raise SystemExit('the node did not start')
-            self._executor.spin_once(timeout_sec=0.1)
-
-    def close(self) -> None:
-        """Leave."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        self.wait(
+            lambda: all(service.service_is_ready() for service in services),
+            'the node did not start',
+        )
 
     def tensions(self) -> None:
         """Send tensions, which are feasible."""

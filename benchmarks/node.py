@@ -26,7 +26,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -158,18 +158,43 @@ def take(subscription: Subscription) -> bytes | None:
     return None if taken is None else taken[0]
 
 
-class Client:
-    """Asks a node, in a domain of its own."""
+class Participant:
+    """A node in the domain of the one that is measured."""
 
-    def __init__(self, domain: int) -> None:
-        """Wait until a node is there and answers."""
+    def __init__(
+        self, domain: int, executor: Callable[[rclpy.Context], Executor] | None = None
+    ) -> None:
+        """In ``domain``, with an ``executor`` of one thread by default."""
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = Node('client', context=self._context)
+        make = executor or (lambda context: SingleThreadedExecutor(context=context))
+        self._executor = make(self._context)
+        self._executor.add_node(self._node)
+
+    def close(self) -> None:
+        """Leave."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def wait(self, is_there: Callable[[], bool], what: str) -> None:
+        """Spin until something ``is_there``, or else end with the error ``what``."""
+        end = time.monotonic() + DEADLINE
+        while not is_there():
+            if time.monotonic() > end:
+                raise SystemExit(what)
+            self._executor.spin_once(timeout_sec=0.1)
+
+
+class Client(Participant):
+    """Asks a node."""
+
+    def __init__(self, domain: int) -> None:
+        """Wait until a node is there and answers."""
+        super().__init__(domain)
         # In bursts nothing is taken from this subscription: it costs the client only transport.
         self._unread = Node('unread', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         self._publisher = self._node.create_publisher(TendonTensions, 'tendon_tensions', 10)
         self._answers: list[bytes] = []
         self._poses = self._node.create_subscription(
@@ -179,20 +204,20 @@ class Client:
             self._unread.create_subscription(kind, topic, print, 1, raw=True)
             for kind, topic in ((Path, 'backbone/path'), (SectionStrains, 'strains'))
         ]
-        end = time.monotonic() + DEADLINE
-        while not self._answers or not all(it.get_publisher_count() for it in self._others):
-            if time.monotonic() > end:
-                raise SystemExit('the node did not answer')
+
+        def is_answered() -> bool:
+            if self._answers and all(it.get_publisher_count() for it in self._others):
+                return True
             self._publisher.publish(question(0))
-            self._executor.spin_once(timeout_sec=0.1)
+            return False
+
+        self.wait(is_answered, 'the node did not answer')
         self._drain(0.5)
 
     def close(self) -> None:
         """Leave."""
-        self._executor.shutdown()
-        self._node.destroy_node()
         self._unread.destroy_node()
-        rclpy.shutdown(context=self._context)
+        super().close()
 
     def one_by_one(self, stamped: bool) -> np.ndarray:
         """Time from a question to its answer [s]; ``stamped`` is whether answers tell which."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from typing import Any
 
 import pytest
 
@@ -25,3 +26,9 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
     """Exit status, output and errors of a command."""
     status = main(arguments)
     return status, *capsys.readouterr()
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
+    """The JSON that a command prints which is done."""
+    assert main(arguments) == 0
+    return json.loads(capsys.readouterr().out)

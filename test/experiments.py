@@ -8,7 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from recordings import START, TYPES, Sample, header, make, tensions_data, text_sample, write_bag
+from recordings import (
+    START,
+    Sample,
+    header,
+    make,
+    message,
+    pose,
+    tensions_data,
+    text_sample,
+    write_bag,
+)
 
 from octo_arm_model import Arm
 from octo_arm_model.config.config import Config, load_parameters, parameters_as_yaml
@@ -131,38 +141,19 @@ def path_sample(
     points: np.ndarray, stamp_ns: int, topic: str = '/camera/midline', frame: str = 'arm_base'
 ) -> Sample:
     """A nav_msgs/Path."""
-    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
     about = header(stamp_ns, frame)
-    poses = [
-        make(
-            'geometry_msgs/msg/PoseStamped',
-            header=about,
-            pose=make(
-                'geometry_msgs/msg/Pose',
-                position=make('geometry_msgs/msg/Point', x=float(x), y=float(y), z=float(z)),
-                orientation=level,
-            ),
-        )
-        for x, y, z in points
-    ]
-    name = 'nav_msgs/msg/Path'
-    data = TYPES.serialize_cdr(make(name, header=about, poses=poses), name)
-    return Sample(topic, name, stamp_ns, bytes(data))
+    poses = [make('geometry_msgs/msg/PoseStamped', header=about, pose=pose(at)) for at in points]
+    return message(topic, 'nav_msgs/msg/Path', stamp_ns, header=about, poses=poses)
 
 
 def pose_sample(
     point: np.ndarray, stamp_ns: int, topic: str = '/tracker/tip', frame: str = 'arm_base'
 ) -> Sample:
     """A geometry_msgs/PoseStamped."""
-    x, y, z = (float(value) for value in point)
-    pose = make(
-        'geometry_msgs/msg/Pose',
-        position=make('geometry_msgs/msg/Point', x=x, y=y, z=z),
-        orientation=make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
+    about = header(stamp_ns, frame)
+    return message(
+        topic, 'geometry_msgs/msg/PoseStamped', stamp_ns, header=about, pose=pose(point)
     )
-    name = 'geometry_msgs/msg/PoseStamped'
-    message = make(name, header=header(stamp_ns, frame), pose=pose)
-    return Sample(topic, name, stamp_ns, bytes(TYPES.serialize_cdr(message, name)))
 
 
 def nanoseconds(time: float) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from checkout import ROOT
 from experiments import ARM, bag_of, description, nanoseconds, staircase, tension_samples
-from recordings import TYPES, Sample, header, make
+from recordings import Sample, header, make, message, point, pose, quaternion
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
@@ -54,33 +54,16 @@ def at_any(tension: float, s: Sequence[float]) -> np.ndarray:
     return np.asarray(CubicSpline(STATIONS, shape)(np.array(s)))
 
 
-def message(topic: str, kind: str, stamp_ns: int, **fields: Any) -> Sample:
-    """A message of a ``kind``."""
-    data = TYPES.serialize_cdr(make(kind, **fields), kind)
-    return Sample(topic, kind, stamp_ns, bytes(data))
-
-
-def _point(point: np.ndarray, kind: str = 'Point') -> Any:
-    x, y, z = (float(value) for value in point)
-    return make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
-
-
-def _pose(point: np.ndarray) -> Any:
-    level = make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
-    return make('geometry_msgs/msg/Pose', position=_point(point), orientation=level)
-
-
 def transform(
-    stamp_ns: int, child: str, point: np.ndarray, parent: str = 'arm_base',
-    quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+    stamp_ns: int, child: str, at: np.ndarray, parent: str = 'arm_base',
+    turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
 ) -> Any:  # fmt: skip
-    """A transform from ``child`` to ``parent``; the quaternion is x, y, z, w."""
-    turn = make('geometry_msgs/msg/Quaternion', **dict(zip('xyzw', map(float, quaternion))))
+    """A transform from ``child`` to ``parent``, ``turned`` by the quaternion x, y, z, w."""
     return make(
         'geometry_msgs/msg/TransformStamped', header=header(stamp_ns, parent),
         child_frame_id=child,
-        transform=make('geometry_msgs/msg/Transform', translation=_point(point, 'Vector3'),
-                       rotation=turn),
+        transform=make('geometry_msgs/msg/Transform', translation=point(at, 'Vector3'),
+                       rotation=quaternion(turned)),
     )  # fmt: skip
 
 
@@ -91,23 +74,23 @@ def tf_message(transforms: Sequence[Any], stamp_ns: int, topic: str = '/tf') -> 
 
 def pose_array(points: np.ndarray, stamp_ns: int) -> list[Sample]:
     kind = 'geometry_msgs/msg/PoseArray'
-    poses = [_pose(point) for point in points]
+    poses = [pose(one) for one in points]
     about = header(stamp_ns, 'arm_base')
     return [message('/mocap/markers', kind, stamp_ns, header=about, poses=poses)]
 
 
 def one_topic_each(points: np.ndarray, stamp_ns: int, kind: str = 'PoseStamped') -> list[Sample]:
     about = header(stamp_ns, 'arm_base')
-    field, of = {'PoseStamped': ('pose', _pose), 'PointStamped': ('point', _point)}[kind]
+    field, of = {'PoseStamped': ('pose', pose), 'PointStamped': ('point', point)}[kind]
     return [
         message(f'/mocap/m{number}', f'geometry_msgs/msg/{kind}', stamp_ns, header=about,
-                **{field: of(point)})
-        for number, point in enumerate(points)
+                **{field: of(one)})
+        for number, one in enumerate(points)
     ]  # fmt: skip
 
 
 def tf(points: np.ndarray, stamp_ns: int) -> list[Sample]:
-    frames = [transform(stamp_ns, f'm{n}', point) for n, point in enumerate(points)]
+    frames = [transform(stamp_ns, f'm{n}', one) for n, one in enumerate(points)]
     frames.append(transform(stamp_ns, 'of something else', np.ones(3)))
     return [tf_message(frames, stamp_ns)]
 

@@ -88,10 +88,43 @@ def samples(
     ]  # fmt: skip
 
 
+def message(topic: str, kind: str, received_ns: int, **fields: Any) -> Sample:
+    """A message of a ``kind``."""
+    return Sample(topic, kind, received_ns, bytes(TYPES.serialize_cdr(make(kind, **fields), kind)))
+
+
+def point(at: Sequence[float], kind: str = 'Point') -> Any:
+    """A geometry_msgs/Point, or another ``kind`` with x, y and z."""
+    x, y, z = map(float, at)
+    return make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
+
+
+def quaternion(turned: Sequence[float]) -> Any:
+    """A geometry_msgs/Quaternion."""
+    x, y, z, w = map(float, turned)
+    return make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)
+
+
+def pose(at: Sequence[float], turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Any:
+    """A geometry_msgs/Pose."""
+    return make('geometry_msgs/msg/Pose', position=point(at), orientation=quaternion(turned))
+
+
+def displacement_sample(
+    names: Sequence[str], displacements: Any, stamp_ns: int,
+    topic: str = '/tendon_displacements', delay: int = 0,
+) -> Sample:  # fmt: skip
+    """What encoders read, received a ``delay`` [ns] after the stamp."""
+    none = np.zeros(0)
+    return message(
+        topic, JOINT_STATE, stamp_ns + delay, header=header(stamp_ns), name=list(names),
+        position=np.array(displacements, float), velocity=none, effort=none,
+    )  # fmt: skip
+
+
 def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:
     """A std_msgs/String."""
-    data = TYPES.serialize_cdr(make('std_msgs/msg/String', data=text), 'std_msgs/msg/String')
-    return Sample(topic, 'std_msgs/msg/String', received_ns, bytes(data))
+    return message(topic, 'std_msgs/msg/String', received_ns, data=text)
 
 
 def write_bag(

@@ -37,8 +37,8 @@ def touched(**changes: Any) -> Experiment:
 def record(path: Path, **changes: Any) -> Path:
     """A bag of `touched` at ``path``."""
     experiment = touched(**changes)
-    with BagWriter(path, custom=custom_data(experiment, 0)) as writer:
-        add_demo(writer, PARAMETERS, experiment, 0)
+    with BagWriter(path, custom=custom_data(experiment)) as writer:
+        add_demo(writer, PARAMETERS, experiment)
     return path
 
 

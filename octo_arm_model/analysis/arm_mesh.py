@@ -9,6 +9,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
 SIDES = 12
@@ -129,7 +130,7 @@ def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
     ``s`` [m], (stations,), are those of a solver of ``arm``, which has one at every anchorage.
     """
     anchorages = np.array([section.anchorage for section in arm.sections])
-    return np.abs(s[:, np.newaxis] - anchorages).argmin(axis=0)
+    return nearest(anchorages, s)
 
 
 def tension_colours(tensions: FloatArray, largest: float | None = None) -> FloatArray:

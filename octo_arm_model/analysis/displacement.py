@@ -20,13 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.sliding_winding import SlidingWinding
-from octo_arm_model.analysis.winding import Winding, Wound, displacements_of
+from octo_arm_model.analysis.winding import Winding, Wound
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-
-__all__ = ['check_displacements', 'displacements_of', 'solve_displacements']
 
 
 def solve_displacements(

@@ -159,6 +159,7 @@ class _Search:
         jacobian = self._target.jacobian(backbone, sensitivity.by_tension)
         if self._stiffness is not None:
             # Finite differences of the stiffness, which is analytic.
+            solved, last = self._solved, self._last
             here = np.log(self._stiffness.of(sensitivity))
             row = np.empty(part.size)
             for j in range(part.size):
@@ -167,7 +168,7 @@ class _Search:
                 changed = np.log(self._stiffness.of(self._evaluate(moved)[1]))
                 row[j] = (changed - here) / (moved[j] - part[j]) / self._limit[j]
             jacobian = np.vstack([jacobian, row * self._solver.arm.length])
-            self._evaluate(part)
+            self._solved, self._last = solved, last
         return jacobian * self._limit
 
     def distance(self, part: FloatArray) -> float:

@@ -15,9 +15,12 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import TargetError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+
+_LARGEST = 1e9  # number of a target; squares of larger ones may overflow
 
 
 class Target(Protocol):
@@ -34,12 +37,12 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     given = real_numbers(value)
     array = np.array(np.nan if given is None else given)
     fits = array.ndim == len(shape) and all(
-        size in (wanted, array.shape[i]) if wanted < 0 else size == wanted
-        for i, (size, wanted) in enumerate(zip(array.shape, shape, strict=False))
+        wanted in (-1, size) for size, wanted in zip(array.shape, shape)
     )
-    if not fits or not array.size or not np.isfinite(array).all():
+    if not fits or not array.size or not (np.abs(array) <= _LARGEST).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
-        raise TargetError(f'{name} is {shown(value)}, expected {words} finite number(s)')
+        expected = f'{words} finite number(s), none beyond {_LARGEST:g}'
+        raise TargetError(f'{name} is {shown(value)}, expected {expected}')
     return array
 
 
@@ -189,7 +192,7 @@ class BackboneShape:
         object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
     def _stations(self, backbone: Backbone) -> IntArray:
-        return np.searchsorted(0.5 * (backbone.s[1:] + backbone.s[:-1]), self.s)
+        return nearest(self.s, backbone.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Every point less that of the target."""

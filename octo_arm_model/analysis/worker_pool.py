@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -36,23 +37,22 @@ class Solved(NamedTuple):
     direction: FloatArray
 
 
-Job = tuple[Config, str | None, int | None]  # a config and the arguments of its `solver`
 # Chunks by number, in any order; closing the generator ends the workers it started.
 Results = Generator[tuple[int, Solved], None, None]
 
 
 def _solve(solver: Solver, tensions: FloatArray) -> Solved:
     """Tips of a chunk, without the sets that have no solution."""
-    try:
-        backbone = solver.solve(tensions)
-    except SolveError:
-        if len(tensions) == 1:
-            return Solved(np.zeros(1, bool), np.empty((0, 3)), np.empty((0, 3)))
-        parts = [_solve(solver, tensions[i : i + 1]) for i in range(len(tensions))]
-        return Solved(*map(np.concatenate, zip(*parts)))
-    tangent = Quaternions.from_xyzw(backbone.quaternion[:, -1]).matrix()[:, 0].T
-    # Copies: views would keep whole backbones in memory.
-    return Solved(np.ones(len(tensions), bool), backbone.tip.copy(), tangent.copy())
+    kept = np.ones(len(tensions), bool)
+    tips, directions = [np.empty((0, 3))], [np.empty((0, 3))]
+    for part, found in solve_parts(solver, tensions):
+        if isinstance(found, SolveError):
+            kept[part] = False
+            continue
+        tips.append(found.tip)
+        directions.append(Quaternions.from_xyzw(found.quaternion[:, -1]).matrix()[:, 0].T)
+    # Concatenation copies: views would keep whole backbones in memory.
+    return Solved(kept, np.concatenate(tips), np.concatenate(directions))
 
 
 def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
@@ -61,12 +61,14 @@ def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
 
 
 def on_cores(
-    solver: Solver, job: Job, chunks: Sequence[FloatArray], processes: int | None
+    solver: Solver, config: Config, chunks: Sequence[FloatArray], processes: int | None
 ) -> Results:
     """Solve in ``processes``; None for one for each core, if that saves more time than it takes.
 
+    ``solver`` is that of ``config``.
+
     Raises:
-        ConfigError: if the job cannot be sent to processes, or they end before it does.
+        ConfigError: if the arm cannot be sent to processes, or they end before their work does.
     """
     first = 0
     if processes is None:
@@ -81,26 +83,26 @@ def on_cores(
             processes = 1
     rest = chunks[first:]
     processes = min(processes, len(rest))
-    results = _in_process(solver, rest) if processes < 2 else _in_pool(job, rest, processes)
+    results = _in_process(solver, rest) if processes < 2 else _in_pool(config, rest, processes)
     with contextlib.closing(results):
         for number, part in results:
             yield first + number, part
 
 
 @functools.lru_cache(maxsize=4)
-def _solver_of(job: bytes) -> Solver:
+def _solver_of(pickled: bytes) -> Solver:
     """Solver of a worker, built once."""
-    config, model, stations = pickle.loads(job)
-    return config.solver(model, stations)
+    config: Config = pickle.loads(pickled)
+    return config.solver()
 
 
-def _solve_job(tensions: FloatArray, job: bytes) -> Solved:
-    return _solve(_solver_of(job), tensions)
+def _solve_pickled(tensions: FloatArray, config: bytes) -> Solved:
+    return _solve(_solver_of(config), tensions)
 
 
-def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
+def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Results:
     try:
-        pickled = pickle.dumps(job)
+        pickled = pickle.dumps(config)
     except (AttributeError, TypeError, pickle.PicklingError) as error:
         raise ConfigError(
             f'the arm cannot be sent to other processes ({error}): expected functions with a name '
@@ -112,7 +114,9 @@ def _in_pool(job: Job, chunks: Sequence[FloatArray], processes: int) -> Results:
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
     try:
         with _no_interrupts():
-            futures = {pool.submit(_solve_job, part, pickled): i for i, part in enumerate(chunks)}
+            futures = {
+                pool.submit(_solve_pickled, part, pickled): i for i, part in enumerate(chunks)
+            }
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BrokenProcessPool as error:
@@ -145,7 +149,7 @@ def _no_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start_worker(job: bytes, lifeline: Connection) -> None:
+def _start_worker(config: bytes, lifeline: Connection) -> None:
     """Build the solver, and a thread that ends the process when ``lifeline`` is closed.
 
     The operating system closes its other end whenever the parent process ends.
@@ -157,10 +161,10 @@ def _start_worker(job: bytes, lifeline: Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    _solver_of(job)
+    _solver_of(config)
 
 
-def on_cluster(job: Job, chunks: Sequence[FloatArray], scheduler: str) -> Results:
+def on_cluster(config: Config, chunks: Sequence[FloatArray], scheduler: str) -> Results:
     """Solve on the workers of the Dask ``scheduler`` at an address.
 
     Raises:
@@ -177,7 +181,9 @@ def on_cluster(job: Job, chunks: Sequence[FloatArray], scheduler: str) -> Result
     _find_scheduler(scheduler)
     try:
         with distributed.Client(scheduler, timeout=_CONNECT, set_as_default=False) as client:
-            futures = client.map(_solve_job, chunks, job=cloudpickle.dumps(job), pure=False)
+            futures = client.map(
+                _solve_pickled, chunks, config=cloudpickle.dumps(config), pure=False
+            )
             numbers = {future.key: number for number, future in enumerate(futures)}
             for future in distributed.as_completed(futures, loop=client.loop):
                 yield numbers[future.key], future.result()

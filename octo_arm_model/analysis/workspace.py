@@ -23,7 +23,7 @@ from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_
 from octo_arm_model.core.section.tendon_sums import check_tensions
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
-# set is solved set by set. Results depend on it by rounding.
+# set is solved in parts. Results depend on it by rounding.
 CHUNK = 64
 
 
@@ -52,8 +52,6 @@ def sample_workspace(
     samples: int = 4096,
     seed: int = 0,
     *,
-    model: str | None = None,
-    stations: int | None = None,
     processes: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -63,7 +61,7 @@ def sample_workspace(
     ``highest`` is one number for all tendons or one for each, of `Arm.tension_shape`. ``samples``
     best is a power of two, where the sequence is balanced; fewer samples of a ``seed`` are the
     first of more. The workspace is somewhat larger than the cloud, as sets with all of many
-    tensions near their bounds are rare. ``model`` and ``stations`` replace those of ``config``.
+    tensions near their bounds are rare.
 
     ``processes`` is the number of worker processes, 1 for none; by default there is one for each
     core, if that takes less time. They import the main module again: a script that starts them
@@ -87,15 +85,14 @@ def sample_workspace(
             raise ConfigError(
                 f'processes is {processes} and scheduler is {scheduler!r}, expected one of them'
             )
-    solver = config.solver(model, stations)
+    solver = config.solver()
     box = _box(config.arm, highest)
     tensions = box * _sobol(box.size, count, number).reshape(-1, *box.shape)
     chunks = [tensions[first : first + CHUNK] for first in range(0, count, CHUNK)]
-    job = config, model, stations
     if scheduler is None:
-        results = on_cores(solver, job, chunks, processes)
+        results = on_cores(solver, config, chunks, processes)
     else:
-        results = on_cluster(job, chunks, scheduler)
+        results = on_cluster(config, chunks, scheduler)
     report = progress or (lambda done, total: None)
     solved: dict[int, Solved] = {}
     done = 0

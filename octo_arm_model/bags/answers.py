@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.analysis.wound_sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
@@ -14,7 +15,6 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
 
@@ -115,28 +115,13 @@ class Answers:
         tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
         stamps = np.array([reading.stamp for reading in readings])
         answers: list[Answer] = []
-        for part, result in self._solve(tensions, 0):
+        for part, result in solve_parts(self._solver, tensions):
             if isinstance(result, SolveError):
                 answers.append(Answer((), str(result), is_failure=True))
                 continue
             messages = self._batch_writer.write(result, stamps[part], part.start)
             answers += map(Answer, messages)
         return answers
-
-    def _solve(
-        self, tensions: FloatArray, first: int
-    ) -> Iterator[tuple[slice, Backbone | SolveError]]:
-        """Shapes of all sets, in parts where some have none."""
-        part = slice(first, first + len(tensions))
-        try:
-            yield part, self._solver.solve(tensions)
-        except SolveError as error:
-            half = len(tensions) // 2
-            if not half:
-                yield part, error
-                return
-            yield from self._solve(tensions[:half], first)
-            yield from self._solve(tensions[half:], first + half)
 
     def _is_alike(self) -> bool:
         """Whether a batch gives the same shapes as single solutions, to the last bit.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import pick_tensions
-from octo_arm_model.bags.topics import DESCRIPTION, names, usual_topics
+from octo_arm_model.bags.topics import DESCRIPTION, namespace, usual_topics
 from octo_arm_model.bags.types import STRING
 from octo_arm_model.config.config import parse_parameters
 from octo_arm_model.core.errors import ConfigError
@@ -65,7 +65,7 @@ def find_arms(
         picked = dict.fromkeys(sorted(found), '') or dict([pick_tensions(reader, None)])
     by_prefix: dict[str, list[str]] = {}
     for topic in picked:
-        by_prefix.setdefault(_prefix(topic), []).append(topic)
+        by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, TOPIC)), []).append(topic)
     arms = []
     for prefix, own in by_prefix.items():
         values = dict(parameters if parameters is not None else describe(reader, prefix))
@@ -85,18 +85,10 @@ def find_arms(
 
 def _pick(reader: BagReader, wanted: str) -> tuple[str, str]:
     """Topic of tensions and its field, see `pick_tensions`, or one of displacements."""
-    topic = wanted if wanted in reader.topics else f'/{wanted}'
+    topic = reader.full_name(wanted)
     if holds_displacements(topic, reader.topics.get(topic, '')):
         return topic, ''
     return pick_tensions(reader, wanted)
-
-
-def _prefix(topic: str) -> str:
-    """Namespace of a ``topic`` of tensions or displacements, with the slash."""
-    for usual in (*TENSION_TOPICS, TOPIC):
-        if names(topic, usual):
-            return topic.removesuffix(usual)
-    return topic[: topic.rfind('/') + 1]
 
 
 def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:

@@ -19,6 +19,7 @@ from octo_arm_model.bags.demo_messages import START, DemoMessages
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -27,24 +28,25 @@ from octo_arm_model.core.rod.backbone import Backbone
 _POINTS = 41  # of a midline
 
 
-def add_demo(
-    writer: BagWriter, parameters: Mapping[str, Any], experiment: Experiment, seed: int
-) -> None:
-    """Write a simulated experiment on the arm of ``parameters``, the same for the same ``seed``.
+def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Experiment) -> None:
+    """Write a simulated ``experiment`` on the arm of ``parameters``, the same for the same seed.
 
     The first tendon is pulled by the tensions of the paper's Table 1 one after the other (by as
     large a part of what other arms than its prototype bear). What a camera sees of the arm is the
     answer of the model exact, in the camera's frame and with the stamps of its clock.
 
     Raises:
-        OctoArmError: if the parameters are those of no arm, or the bag cannot be written.
+        OctoArmError: if the parameters are those of no arm, or a marker is not on it, or the bag
+            cannot be written.
     """
     config = Config.from_parameters(parameters)
-    rng = np.random.default_rng(seed)
+    for s in experiment.markers:
+        within('--markers', s, 0.0, config.arm.length, 'm')
+    rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
     messages, true = DemoMessages(writer, config), TrueArm(parameters, experiment)
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
-    writer.add_text('/note', note(experiment, seed), START)
+    writer.add_text('/note', note(experiment), START)
 
     sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
     measured = np.interp(sampled, times, pulls)
@@ -57,7 +59,7 @@ def add_demo(
     if experiment.sheath or experiment.axial_stiffness:
         reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
         # Random numbers of their own: all else is the same with encoders and without.
-        noise = np.random.default_rng([seed, 1]).standard_normal(reeled_in.shape)
+        noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
         for time, displacements in zip(sampled, reeled_in):
             messages.add_displacements(time, displacements)
@@ -76,7 +78,7 @@ def add_demo(
     if experiment.touch or experiment.markers:
         seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
         shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
-        _add_measured(messages, seen, shapes, experiment, seed)
+        _add_measured(messages, seen, shapes, experiment)
     messages.write()
 
 
@@ -90,15 +92,11 @@ def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
 
 
 def _add_measured(
-    messages: DemoMessages,
-    times: FloatArray,
-    shapes: Sequence[Backbone],
-    experiment: Experiment,
-    seed: int,
+    messages: DemoMessages, times: FloatArray, shapes: Sequence[Backbone], experiment: Experiment
 ) -> None:
     """Add what is measured of ``shapes`` at ``times`` (n,) [s] besides midlines."""
     # Random numbers of their own: all else is the same with a touch and without.
-    rng = np.random.default_rng([seed, 2])
+    rng = np.random.default_rng([experiment.seed, 2])
     stddev = np.repeat([experiment.marker_noise, experiment.turn_noise], 3)
     for time, shape in zip(times, shapes, strict=True):
         if experiment.touch:

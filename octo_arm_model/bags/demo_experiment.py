@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.validation import finite, not_negative, positive
+from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
@@ -23,6 +23,7 @@ CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
 TOUCH_DIRECTION = (0.0, 0.6, 0.8)  # in base_frame
 # Parts of the time that a tension is held: before a touch, and while it grows; it ends likewise.
 _TOUCH_AFTER, _TOUCH_GROWN = 0.125, 0.1875
+_MOST_AHEAD = 1e8  # [s] of a clock: seconds of a stamp are an int32
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Experiment:
         marker_rate: poses of the tip, and frames of markers, a second [Hz].
         marker_noise: standard deviation of each coordinate of tip and markers [m].
         turn_noise: of each component of the rotation vector of the tip [rad].
+        seed: of everything random.
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -76,15 +78,17 @@ class Experiment:
     marker_rate: float = 20.0
     marker_noise: float = 0.0005
     turn_noise: float = 0.02
+    seed: int = 0
 
     def __post_init__(self) -> None:
         """Validate what the command line sets."""
         positive('--stiffness', self.stiffness, 'of that of the config')
-        finite('--clock-offset', self.clock_offset)
+        within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
         not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
         not_negative('--friction', self.friction, 'coefficient', '-')
         not_negative('--touch', self.touch, 'force', 'N')
+        whole('--seed', self.seed)
         if self.touch and (self.sheath or self.axial_stiffness):
             # Encoders are interpolated over the tensions alone.
             raise ConfigError('--touch does not go with --sheath or --axial-stiffness')
@@ -110,25 +114,24 @@ class Experiment:
         return np.outer(np.interp(time, at, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
 
 
-def truth(experiment: Experiment, seed: int) -> dict[str, Any]:
+def truth(experiment: Experiment) -> dict[str, Any]:
     """What a demo was made with, for its metadata."""
     return {
         'model': 'exact',
         **asdict(experiment),
-        'seed': seed,
         'camera_position': CAMERA_POSITION,
         'camera_quaternion': CAMERA_QUATERNION,
     }
 
 
-def custom_data(experiment: Experiment, seed: int) -> dict[str, str]:
+def custom_data(experiment: Experiment) -> dict[str, str]:
     """Custom data for the metadata of a demo, with what it was made with."""
-    return {'note': note(experiment, seed), 'truth': json.dumps(truth(experiment, seed))}
+    return {'note': note(experiment), 'truth': json.dumps(truth(experiment))}
 
 
-def note(experiment: Experiment, seed: int) -> str:
+def note(experiment: Experiment) -> str:
     """What a demo says of itself."""
     return (
         'This recording is synthetic: nothing of it was measured. octo-arm record-demo made it '
-        f'with {json.dumps(truth(experiment, seed))}.'
+        f'with {json.dumps(truth(experiment))}.'
     )

@@ -10,6 +10,7 @@ import yaml
 
 from octo_arm_model.bags.limits import check_compressed_file, check_file, checked_yaml
 from octo_arm_model.config.yaml_files import compose_yaml
+from octo_arm_model.core.errors import shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 NAME = 'metadata.yaml'
@@ -19,7 +20,6 @@ _STORAGES = ('mcap', 'sqlite3')
 _NONE, _FILE = ('', 'none'), 'file'
 _MODES = (*_NONE, _FILE, 'message')
 _KINDS = {int: 'an integer', str: 'text', list: 'a list', dict: 'a map'}
-_LONGEST = 80  # characters of a value in an error
 
 
 def check_folder(folder: Path) -> dict[str, str]:
@@ -151,6 +151,6 @@ def _choice(fields: Mapping[str, Any], name: str, choices: tuple[str, ...]) -> N
 
 
 def _shown(value: object) -> str:
-    """A value in an error, cut where it is long."""
-    text = repr(value) if isinstance(value, str | int | float | None) else type(value).__name__
-    return text if len(text) <= _LONGEST else f'{text[:_LONGEST]}...'
+    """A value in an error; of lists and maps the type."""
+    is_plain = isinstance(value, str | int | float | None)
+    return shown(value) if is_plain else type(value).__name__

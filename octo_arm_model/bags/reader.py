@@ -17,7 +17,7 @@ from octo_arm_model.bags.metadata import check_folder
 from octo_arm_model.bags.records import Key, Record, count_messages, counts_of, stamp_of
 from octo_arm_model.bags.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.types import numeric_fields, types_for
-from octo_arm_model.core.errors import BagError, OctoArmError
+from octo_arm_model.core.errors import BagError, OctoArmError, listed
 from octo_arm_model.wire.stamp import Stamp
 
 T = TypeVar('T')
@@ -145,6 +145,10 @@ class BagReader:
                 raise BagError(f'{self.path}: no topic {topic}; {self.listing}')
         return [connection for connection in self._connections if connection.topic in topics]
 
+    def full_name(self, topic: str) -> str:
+        """The ``topic``, with the slash that it may have been named without."""
+        return topic if topic in self.topics else f'/{topic}'
+
     def count(self, topics: Sequence[str] | None = None) -> int:
         """How many messages of ``topics`` there are, of all if None.
 
@@ -237,8 +241,8 @@ class BagReader:
 
     @property
     def listing(self) -> str:
-        """Its topics and their types, for an error message."""
+        """Its topics and their types, of many not all, for an error message."""
         if not self.topics:
             return 'it has no topics'
-        topics = ', '.join(f'{topic} ({type_name})' for topic, type_name in self.topics.items())
-        return f'it has {topics}'
+        topics = [f'{topic} ({type_name})' for topic, type_name in self.topics.items()]
+        return f'it has {listed(topics)}'

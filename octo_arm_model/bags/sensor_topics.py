@@ -13,20 +13,18 @@ from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
-from octo_arm_model.bags.topics import is_answer, names, only_one, pick_usual
+from octo_arm_model.bags.topics import is_answer, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
+from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used
 MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
-
-# Called with the topic, the stamp [ns] and the reason of a message left out.
-Skip = Callable[[str, int, str], None]
 
 
 class Measured(NamedTuple):
@@ -78,13 +76,10 @@ class SensorTopics:
 
     @property
     def prefix(self) -> str:
-        """Namespace of the first of them, with the slash."""
-        usual = [*zip(self.others.values(), self.others)]
-        usual += [(self.tensions, name) for name in TENSION_TOPICS]
-        for topic, name in reversed(usual):
-            if names(topic, name):
-                return topic.removesuffix(name)
-        return self.all[0][: self.all[0].rfind('/') + 1]
+        """Namespace of the first of a usual name, or else of the first, with the slash."""
+        usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
+        known = [topic for topic in self.all if any(names(topic, name) for name in usual)]
+        return namespace((known or self.all)[0], usual)
 
 
 def find_sensors(
@@ -139,12 +134,12 @@ def read_tension_rows(
     reader: BagReader,
     sensors: SensorTopics,
     config: Config,
-    skip: Skip,
+    refusals: Refusals,
     done: Callable[[int], None] = lambda count: None,
 ) -> RecordedTensions:
     """All tensions, in the order in which they were received.
 
-    ``skip`` is called with the messages left out, and ``done`` with how many were read.
+    ``refusals`` count the messages left out; ``done`` is called with how many were read.
 
     Raises:
         BagError: if the bag is damaged, or holds too much.
@@ -157,9 +152,9 @@ def read_tension_rows(
         raw = TensionTopic(reader, config, sensors.field, raw=True)
         for record, reading in read_topic(reader, sensors.tensions, raw.read):
             if reading.tensions is None:
-                skip(record.topic, reading.stamp_ns, reading.reason)
+                refusals.count(record.topic, reading.reason)
             elif not np.isfinite(reading.tensions).all():
-                skip(record.topic, reading.stamp_ns, 'a tension is not finite')
+                refusals.count(record.topic, 'a tension is not finite')
             else:
                 times.append((reading.stamp_ns, record.received_ns))
                 rows.append(reading.tensions.ravel())
@@ -174,7 +169,7 @@ def read_measured(
     sensors: SensorTopics,
     tensions: RecordedTensions,
     arm: MeasuredArm,
-    skip: Skip,
+    refusals: Refusals,
     done: Callable[[int], None] = lambda count: None,
 ) -> list[list[Measured]]:
     """Everything measured, by its stamp: what has the same one is together.
@@ -196,7 +191,7 @@ def read_measured(
         done(1)
         stamp, measurement, reason = read(record)
         if measurement is None:
-            skip(record.topic, stamp.ns, reason)
+            refusals.count(record.topic, reason)
         else:
             found.append(Measured(stamp.ns, record.received_ns, measurement))
     found.sort(key=lambda one: one.stamp_ns)

@@ -16,9 +16,8 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
 from octo_arm_model.wire.tension_layout import TensionLayout
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
@@ -91,7 +90,7 @@ def pick_tensions(
         topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
-        others = [one if one in reader.topics else f'/{one}' for one in others]
+        others = [reader.full_name(one) for one in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
     return topic, ''
 
@@ -156,9 +155,8 @@ class TensionTopic:
     def _read(self, record: Record, message: Any) -> FloatArray:
         wanted = self._load_cells.names
         if self._field:
-            values = field_values(message, self._field)
-            names = names_of(message, len(values))
-            return self._calibrated(tensions_by_names(values, names, wanted, self._arm))
+            given = FieldMessage(record.type_name, self._field)
+            return self._calibrated(given.read_named(message, self._arm, wanted))
         kind = _KINDS[record.type_name]
         if wanted:
             return self._calibrated(kind.read_named(message, self._arm, wanted))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.core.errors import BagError
+from octo_arm_model.core.errors import BagError, listed
 from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
@@ -25,6 +25,14 @@ _USUAL = (*TENSION_TOPICS, MIDLINE)
 def names(topic: str, usual: str) -> bool:
     """Whether ``topic`` is the ``usual`` name."""
     return f'/{topic}'.endswith(f'/{usual}')
+
+
+def namespace(topic: str, usual: Iterable[str]) -> str:
+    """What a ``topic`` of one of the ``usual`` names, or of any other, is in; with the slash."""
+    for name in usual:
+        if names(topic, name):
+            return topic.removesuffix(name)
+    return topic[: topic.rfind('/') + 1]
 
 
 def is_answer(topic: str) -> bool:
@@ -57,7 +65,7 @@ def pick_topic(
     """
     expected = ' or '.join(types or ())
     if wanted is not None:
-        topic = wanted if wanted in reader.topics else f'/{wanted}'
+        topic = reader.full_name(wanted)
         if topic not in reader.topics:
             raise BagError(f'{reader.path}: no topic {wanted} for {what}; {reader.listing}')
         if types is not None and reader.topics[topic] not in types:
@@ -120,5 +128,5 @@ def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
         BagError: if there are several.
     """
     if len(topics) > 1:
-        raise BagError(f'{reader.path}: several topics of {what}, name one of {", ".join(topics)}')
+        raise BagError(f'{reader.path}: several topics of {what}, name one of {listed(topics)}')
     return topics[0] if topics else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 from collections.abc import Sequence
@@ -13,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording
-from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.options import add_json, add_path, new_command
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.cli.read_experiment import read_options
+from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.config.csv_files import CsvFiles
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.recording.observations import Observations
@@ -59,22 +59,16 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     out = options.out
-    if out is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(out, folder=True)
+    check_out(out, folder=True, draws=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
-    notes = [*observations.notes, *notes]
-    comparisons = []
-    for model in models:
-        try:
-            with Bar(f'steps of {model}') as bar:
-                shapes, values = observations.shapes, recording.parameters
-                comparisons.append(compare(shapes, values, model, alignment, bar.on_terminal))
-        except (ConfigError, SolveError) as error:
-            if model == models[-1] and not comparisons:
-                raise
-            notes.append(f'{model} is not compared: {error}')
+
+    def compared(model: str) -> ModelComparison:
+        with Bar(f'steps of {model}') as bar:
+            shapes, values = observations.shapes, recording.parameters
+            return compare(shapes, values, model, alignment, bar.on_terminal)
+
+    comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.compare_figures import pictures_of
@@ -146,8 +140,8 @@ def as_dict(
 
 def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str]) -> None:
     """Write ``table`` with a column for each of the ``tendons`` [N]."""
-    with path.open('w', encoding='utf-8', newline='') as file:
-        writer = csv.writer(file)
+    with CsvFiles() as files:
+        writer = files.open(path)
         plain = [name for name in table[0] if not name.startswith('tensions')]
         units = {'start': ' [s]', 'stop': ' [s]', 'tension': ' [N]'}
         heads = [name + units.get(name, '') for name in plain]

@@ -18,12 +18,10 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     add_tendons,
-    check_out,
     new_command,
     read_config_option,
-    refuse_inside,
-    unwritten,
 )
+from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative
@@ -148,14 +146,11 @@ def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.estimating.recorded import read_recorded
     from octo_arm_model.experiment.estimating.run import estimate
 
-    if options.plot is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
+    refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options.csv, folder=True, name='--csv')
-    check_out(options.plot, folder=False, name='--plot')
+    check_out(options.plot, folder=False, name='--plot', draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
-    if out is not None:
-        refuse_inside(out, options.bag)
     with contextlib.ExitStack() as opened:
         reader = opened.enter_context(BagReader(options.bag))
         with Bar('messages') as bar:

@@ -30,7 +30,7 @@ def as_dict(result: Result) -> dict[str, Any]:
         },
         'restarts': list(result.restarts),
         'without_estimate': result.failures.of(''),
-        'left_out': result.recorded.skips.refusals.lines(),
+        'left_out': result.recorded.refusals.lines(),
         'keeps_prior': list(result.unlearnt),
         'hypotheses': dict(result.hypotheses),
         'camera': None if result.camera is None else {
@@ -74,7 +74,7 @@ def summary(result: Result, files: Sequence[str]) -> str:
         f'{count} times without an estimate, as {reason}'
         for reason, count in result.failures.of('').items()
     ]
-    lines += recorded.skips.refusals.lines()
+    lines += recorded.refusals.lines()
     if result.camera is not None:
         lines += _camera(result)
     lines += [f'not observable: {reason}' for reason in result.unlearnt]

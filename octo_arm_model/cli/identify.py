@@ -8,11 +8,11 @@ from typing import Any
 
 from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording
 from octo_arm_model.cli.fit_report import as_dict, summary
-from octo_arm_model.cli.options import add_json, add_path, check_out, new_command
+from octo_arm_model.cli.options import add_json, add_path, new_command
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
-from octo_arm_model.cli.read_experiment import read_options
+from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.csv_output import write_tables
 from octo_arm_model.experiment.fitting.fit import LOSSES
@@ -91,29 +91,19 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     check_out(options.out, folder=False)
-    if options.pictures is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(options.pictures, folder=True, name='--pictures')
+    check_out(options.pictures, folder=True, name='--pictures', draws=True)
     check_out(options.csv, folder=True, name='--csv')
     recording, observations, models, alignment, notes = read_options(options, [ALL])
-    notes = [*observations.notes, *notes]
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')
-    fitted: list[Identification] = []
-    for model in models:
-        try:
-            with Bar(f'fits of {model}') as bar:
-                fitted.append(
-                    identify(
-                        observations.shapes, recording.parameters, model, fits, alignment, bar,
-                        options.loss,
-                    )
-                )  # fmt: skip
-        except (ConfigError, SolveError) as error:
-            if model == models[-1] and not fitted:
-                raise
-            notes.append(f'{model} is not fitted: {error}')
+
+    def fit(model: str) -> Identification:
+        with Bar(f'fits of {model}') as bar:
+            shapes, values = observations.shapes, recording.parameters
+            return identify(shapes, values, model, fits, alignment, bar, options.loss)
+
+    fitted = of_each(models, 'fitted', notes, fit)
     best = best_of(fitted)
     notes += disagreements(fitted)
     if options.pictures is not None:

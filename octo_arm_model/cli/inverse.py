@@ -7,8 +7,6 @@ import json
 import math
 from typing import Any
 
-import numpy as np
-
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.cli.options import (
@@ -64,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
     solver = config.solver()
     stiffness = None
     if options.stiffness:
-        stiffness = Stiffness(np.array(options.stiffness[:3]), options.stiffness[3])
+        stiffness = Stiffness(options.stiffness[:3], options.stiffness[3])
     highest = read_highest(options)
     if highest is None:
         highest = default_highest(config.arm)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config.config import Config, load_parameters
 from octo_arm_model.config.presets import find_config, find_path
-from octo_arm_model.core.errors import BagError, ConfigError, TensionError
+from octo_arm_model.core.errors import ConfigError, TensionError
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
 
@@ -112,15 +111,6 @@ def add_storage(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@contextlib.contextmanager
-def unwritten(out: Path) -> Iterator[None]:
-    """Add to a KeyboardInterrupt that ``out`` is not written."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f'no {out} written') from None
-
-
 def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
     """Add ``--json``."""
     parser.add_argument('--json', action='store_true', help=f'print one JSON object{more}')
@@ -206,33 +196,6 @@ def read_config(options: argparse.Namespace) -> Config:
         law=options.material or config.law,
         loads=dataclasses.replace(config.loads, **loads),
     )
-
-
-def check_out(path: Path | None, *, folder: bool, name: str = '--out') -> None:
-    """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
-
-    Raises:
-        ConfigError: if it is the other of the two, or the folder cannot be made.
-    """
-    if path is None:
-        return
-    if path.exists() and path.is_dir() != folder:
-        is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
-        raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
-    try:
-        (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
-
-
-def refuse_inside(out: Path, bag: Path) -> None:
-    """Refuse to write ``out`` into a ``bag`` that is read.
-
-    Raises:
-        BagError: if it is inside.
-    """
-    if bag.resolve() in out.resolve().parents:
-        raise BagError(f'{out}: inside {bag}, which stays as it is')
 
 
 def read_json(text: str, option: str, example: str) -> Any:

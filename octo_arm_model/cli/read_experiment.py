@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from octo_arm_model.cli.experiment_options import ALL
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.arm.validation import finite, not_negative
+from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.alignment import Alignment
@@ -21,6 +23,8 @@ from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.recording.steady_windows import SteadyRule
 
+T = TypeVar('T')
+
 
 def read_options(
     options: argparse.Namespace, default_models: Sequence[str] = ()
@@ -31,16 +35,15 @@ def read_options(
 
     Returns:
         The recording, its shapes, the models, the alignment (None for one to be fitted) and
-        notes on these choices.
+        notes on all choices.
 
     Raises:
         OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
     """
     tolerance, offset = options.tolerance, options.clock_offset
-    if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise ConfigError(f'--tolerance is {tolerance!r}, expected a time >= 0 [s]')
-    if offset is not None and not math.isfinite(offset):
-        raise ConfigError(f'--clock-offset is {offset!r}, expected a finite time [s]')
+    not_negative('--tolerance', tolerance, 'time', 's')
+    if offset is not None:
+        finite('--clock-offset', offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
     if options.align is not None:
         read_alignment(options.align)  # Checked before the bag is read.
@@ -80,13 +83,34 @@ def read_options(
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
     with Bar('clock offsets') as bar:
         observations = observe(recording, pairing, alignment, bar.on_terminal)
-    return (
-        recording,
-        observations,
-        _models(options.model or default_models, config),
-        alignment,
-        notes,
-    )
+    models = _models(options.model or default_models, config)
+    return recording, observations, models, alignment, [*observations.notes, *notes]
+
+
+def of_each(
+    models: Sequence[str], done: str, notes: list[str], work: Callable[[str], T]
+) -> list[T]:
+    """What ``work`` makes of each of the ``models``, if of any; ``notes`` say of which not.
+
+    Args:
+        models: their names.
+        done: what has been done to a model then, such as 'compared'.
+        notes: are added to.
+        work: raises ConfigError or SolveError where it makes nothing.
+
+    Raises:
+        ConfigError: that of the last model, if there is nothing of any.
+        SolveError: likewise.
+    """
+    found: list[T] = []
+    for model in models:
+        try:
+            found.append(work(model))
+        except (ConfigError, SolveError) as error:
+            if model == models[-1] and not found:
+                raise
+            notes.append(f'{model} is not {done}: {error}')
+    return found
 
 
 def _models(given: Sequence[str], config: Config) -> list[str]:

@@ -11,8 +11,8 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     new_command,
-    unwritten,
 )
+from octo_arm_model.cli.outputs import unwritten
 from octo_arm_model.config.config import load_parameters
 from octo_arm_model.config.presets import find_path
 
@@ -114,8 +114,9 @@ def _run(options: argparse.Namespace) -> None:
         friction=options.friction,
         touch=options.touch,
         markers=tuple(options.markers),
+        seed=options.seed,
     )
-    custom = custom_data(experiment, options.seed)
+    custom = custom_data(experiment)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
-        add_demo(writer, parameters, experiment, options.seed)
+        add_demo(writer, parameters, experiment)
     print(f'{options.out}: synthetic, see its topic note')

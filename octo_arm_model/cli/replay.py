@@ -16,12 +16,10 @@ from octo_arm_model.cli.options import (
     add_path,
     add_storage,
     add_tendons,
-    check_out,
     new_command,
     read_config_option,
-    refuse_inside,
-    unwritten,
 )
+from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
 from octo_arm_model.cli.progress import Bar
 
 if TYPE_CHECKING:
@@ -104,9 +102,9 @@ def _run(options: argparse.Namespace) -> None:
 
     parameters = read_config_option(options)
     began = time.monotonic()
+    refuse_inside(options.bag, options.out, options.csv)
     check_out(options.csv, folder=True, name='--csv')
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
-        refuse_inside(options.out, options.bag)
         arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         topics = [topic for arm in arms for topic in arm.topics]

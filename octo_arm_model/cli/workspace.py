@@ -14,11 +14,11 @@ from octo_arm_model.cli.options import (
     add_json,
     add_number,
     add_path,
-    check_out,
     new_command,
     read_config,
     read_highest,
 )
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
@@ -81,9 +81,7 @@ def _run(options: argparse.Namespace) -> None:
     picture = options.out
     if picture is None and not options.json:
         picture = Path('workspace.png')
-    if picture is not None:
-        import matplotlib  # noqa: F401 - if it is missing, this is known before the work
-    check_out(picture, folder=False)
+    check_out(picture, folder=False, draws=True)
     highest = read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(

@@ -1,13 +1,16 @@
-"""CSV files as they are written, and the columns that several of them share."""
+"""CSV files as they are written, and what those read and written share."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+# As in JSON and YAML; Python would also read 1_000 and the digits of other scripts.
+NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$')
 # Of the stations of a backbone.
 STATION_COLUMNS = (
     's [m]', 'x [m]', 'y [m]', 'z [m]', 'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]'

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.core.arm.validation import is_text
-from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.core.errors import ConfigError, listed, shown
 from octo_arm_model.core.limits import MAX_NAME, MAX_TABLE_POINTS
 
 Values = Mapping[str, Any]  # of all parameters, by their names
@@ -115,5 +115,5 @@ def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) 
     for name in values:
         if name not in known:
             close = difflib.get_close_matches(str(name), known, n=1)
-            hint = f'did you mean {close[0]}?' if close else f'known are {", ".join(known)}'
+            hint = f'did you mean {close[0]}?' if close else f'known are {listed(known)}'
             raise ConfigError(f'{shown(name)[1:-1]} is no parameter of {owner}; {hint}')

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-_SHOWN = 200  # characters of a value in a message
+from collections.abc import Sequence
+
+_SHOWN = 200  # characters of a value or name in a message
+_LISTED = 20  # names in a message
 _LONGEST = 300  # characters of a message of `in_short`
 
 
@@ -10,6 +13,13 @@ def shown(value: object) -> str:
     """``value`` on one line for a message, cut after `_SHOWN` characters."""
     text = ' '.join(repr(value).splitlines())
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+
+
+def listed(names: Sequence[str]) -> str:
+    """``names`` for a message, of many or long ones not all."""
+    text = ', '.join(name[:_SHOWN] for name in names[:_LISTED])
+    more = len(names) - _LISTED
+    return f'{text} and {more} more' if more > 0 else text or 'none'
 
 
 class OctoArmError(Exception):

@@ -15,13 +15,13 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.measurements import Measurement, jacobians
+from octo_arm_model.estimation.posterior_mean import Agreement
 from octo_arm_model.estimation.prediction import Prediction
 
 _STEP = 0.1  # standard deviations, of differences of the Jacobian
 _FAR = 0.3  # change of the Jacobian, in parts of it, after which nothing learnt is kept
 _OFF = 0.5  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
 _SMALL = 0.01  # likewise of the Jacobian, that need not be foretold
-_LATELY = 200  # updates over which their agreement is averaged
 
 
 class Curvature(NamedTuple):
@@ -31,26 +31,18 @@ class Curvature(NamedTuple):
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
         turn: how many components have had their turn.
-        agreement: mean of `posterior_mean.agreement`, 0 while there was none.
-        updates: that it is the mean of, at most `_LATELY`.
+        agreed: how innovations drew the mode so far.
     """
 
     second: FloatArray
     jacobian: FloatArray
     turn: int = 0
-    agreement: float = 0.0
-    updates: int = 0
+    agreed: Agreement = Agreement()
 
-    @property
-    def weight(self) -> float:
-        """Weight of the shift from mode to mean; innovations larger than told do not add to it."""
-        return min(max(0.0, self.agreement), 1.0)
-
-    def agreeing(self, now: float) -> Curvature:
-        """The same after an update whose agreement was that ``now``."""
-        count = min(self.updates + 1, _LATELY)
-        mean = self.agreement + (now - self.agreement) / count
-        return self._replace(agreement=mean, updates=count)
+    @classmethod
+    def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
+        """None, of what is predicted with a ``jacobian``."""
+        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed=agreed)
 
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""

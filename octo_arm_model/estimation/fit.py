@@ -15,10 +15,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import (
-    Belief,
-    gain,
-)
+from octo_arm_model.estimation.belief import Belief, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of, turned
 from octo_arm_model.estimation.measurements import (
     Measurement,
@@ -27,12 +24,13 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.posterior import Local, Posterior, Step
-from octo_arm_model.estimation.posterior_mean import agreement
+from octo_arm_model.estimation.posterior_mean import Agreement, agreement
 from octo_arm_model.estimation.prediction import Prediction
 
 # Where the next step is shorter than this part of a standard deviation there is none.
 TOLERANCE = 3e-2
 _MOST = 12  # evaluations
+_RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
 _NEAR = 0.3  # step within which derivatives are still good enough
 _PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
 _GROWTH = 3.0  # likewise one with derivatives
@@ -68,11 +66,14 @@ def fit(
     last: Prediction,
     known: Curvature | None,
     *,
+    is_new: bool = False,
     to_mode: bool = False,
 ) -> Fit:
     """The mean of the posterior of ``prior``, from the ``last`` prediction on.
 
-    Its most probable state if ``to_mode``, which even a posterior has that is far from normal.
+    Second derivatives are those ``known`` if they are of states nearby, and found anew if
+    ``is_new``. Leads to the most probable state if ``to_mode``, which even a posterior has that is
+    far from normal.
 
     Raises:
         SolveError: if there is no trustworthy shape on the way, or no convergence.
@@ -81,15 +82,16 @@ def fit(
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
-    turns = known is not None and known.is_near(jacobian, stddev)
-    if known is None or not turns:
-        after = gain(prior.root, jacobian, noise).root
-        known = known or Curvature(np.zeros((*jacobian.shape, at.x.size)), jacobian)
+    turns = known is not None and not is_new and known.is_near(jacobian, stddev)
+    if known is not None and turns:
         known = known._replace(jacobian=jacobian)
-        known = renewed(known, measurements, at, stddev_of(Belief(at.x, after)))
-    known = known._replace(jacobian=jacobian)
+    else:
+        after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
+        agreed = Agreement() if known is None else known.agreed
+        known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
-    posterior = Posterior(prior, noise, at.model, 0.0 if to_mode else known.weight)
+    renewals = 0
+    posterior = Posterior(prior, noise, at.model, 0.0 if to_mode else known.agreed.weight)
     step = posterior.step(local, local.x)
     first = step.cost
     for _ in range(_MOST):
@@ -119,6 +121,10 @@ def fit(
         jacobian = jacobians(measurements, at)
         is_right = known.foretells(x - before.x, jacobian, stddev)
         known = known.after(x - before.x, jacobian, scale)
+        if not is_right:
+            if renewals == _RENEWALS:
+                break
+            renewals += 1
         if turns or not is_right:
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
             learn = turned if is_right else renewed
@@ -136,5 +142,6 @@ def fit(
 def _fit(step: Step, at: Prediction, known: Curvature) -> Fit:
     """The `Fit` ``at`` a state from which a ``step`` leads nowhere."""
     by = step.by
-    known = known.agreeing(agreement(by, step.innovation, known.second))
+    agreed = known.agreed.after(agreement(by, step.innovation, known.second))
+    known = known._replace(agreed=agreed)
     return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)

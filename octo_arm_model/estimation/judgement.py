@@ -93,6 +93,8 @@ def without_one(
 ) -> Judged | None:
     """All measurements but one load cell, where all but that agree; None where there is none.
 
+    Looked for from afar: what a load cell lies by may have led anywhere.
+
     A force explains whatever a single sensor of the shape says beside load cells that lie: if no
     load cells are refused there have to be two of them to contradict one.
     """
@@ -111,7 +113,7 @@ def without_one(
             linear = take_linear(belief, linear_ones, at, gate)
             if len(linear.accepted) < len(linear_ones):
                 continue
-            found = take_together(linear.belief, others, linear.at, known, gate)
+            found = take_together(linear.belief, others, linear.at, known, gate, is_far=True)
             if found is None:
                 continue
             told = single.jacobian(found.at) @ found.belief.root

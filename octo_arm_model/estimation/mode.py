@@ -7,6 +7,7 @@ they are taken to be less exact at first, which widens it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -25,8 +26,8 @@ from octo_arm_model.estimation.posterior import nearest_possible
 from octo_arm_model.estimation.prediction import Prediction
 
 _TOLERANCE = 0.1  # standard deviations a component, of the last step
-FROM_AFAR = (1000.0, 100.0, 10.0, 1.0)  # times the noise, one after another
-FROM_NEARBY = (1.0,)
+_FROM_AFAR = (1000.0, 100.0, 10.0, 1.0)  # times the noise, one after another
+_FROM_NEARBY = (1.0,)
 _MOST = 20  # steps for each
 _SHORTEST = 0.01  # part of a step
 _CORRECTIONS = 2  # of a step that leaves the curve on which the measurements are met
@@ -36,41 +37,37 @@ _SLACK = 1e-3  # of a cost that is in squares of standard deviations, for roundi
 def most_probable(
     prior: Belief,
     measurements: Sequence[Measurement],
-    at: Prediction,
-    factors: Sequence[float] = FROM_AFAR,
+    starts: Sequence[Prediction],
+    enough: float,
+    *,
+    is_judged: bool = False,
 ) -> tuple[Prediction, float]:
-    """The most probable state that is found from ``at`` on, and how improbable it is.
+    """The most probable state that is found from ``starts``, and how improbable it is.
 
-    That is a sum of squares of the change of ``prior`` and of the noise, in standard deviations.
-    The noise is taken times one of the ``factors`` after another.
-
-    Raises:
-        SolveError: if the arm has no trustworthy shape ``at`` the first state.
+    That is a sum of squares of the change of ``prior`` and of the noise, in standard deviations,
+    infinite where no shape is found. One that is as good as ``enough`` ends the search. If
+    ``is_judged`` nothing but whether it is as good counts: measurements that are not, even if
+    they are less exact, are not looked into further.
     """
     noise = noise_root(measurements)
-    for factor in factors:
-        at = _descend(prior, measurements, factor * noise, at)
-    return at, _cost(prior, measurements, noise, at)
-
-
-def least_square(
-    prior: Belief, measurements: Sequence[Measurement], at: Prediction, enough: float
-) -> float:
-    """A sum of squares that no state has less of, found from ``at`` on; see `most_probable`.
-
-    It is that of measurements which are less exact, and no closer than ``enough`` where it is
-    larger: few shapes tell that a measurement is hopeless.
-
-    Raises:
-        SolveError: as `most_probable`.
-    """
-    noise, square = noise_root(measurements), 0.0
-    for factor in FROM_AFAR[:-1]:
-        at = _descend(prior, measurements, factor * noise, at)
-        square = _cost(prior, measurements, factor * noise, at)
-        if square > enough:
+    best, least = starts[0], math.inf
+    # What is less exact leads to the right valley, and nearby the way along it may be short.
+    for factors, start in itertools.product((_FROM_AFAR, _FROM_NEARBY), starts):
+        at, is_hopeless = start, False
+        try:
+            for factor in factors:
+                at = _descend(prior, measurements, factor * noise, at)
+                square = _cost(prior, measurements, factor * noise, at)
+                is_hopeless = is_judged and factor > 1.0 and square > enough
+                if is_hopeless:
+                    break
+        except SolveError:
+            continue
+        if square < least:
+            best, least = at, square
+        if least <= enough or is_hopeless:
             break
-    return square
+    return best, least
 
 
 def _cost(

@@ -6,20 +6,24 @@ solved as the one described, under tensions and loads divided by the ratio of bo
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.estimation.effort import Effort
 from octo_arm_model.estimation.unit_loads import unit_loads
 from octo_arm_model.estimation.unknowns import State, Unknowns
 
@@ -73,6 +77,7 @@ class ArmModel:
             if unknowns.tension_loss is None:
                 raise ConfigError('tendons have friction, expected an unknown tension_loss')
             arm = dataclasses.replace(arm, friction=())
+        self._effort = Effort(math.inf)
         self._known_wrench = loads.tip_wrench
         dead = dataclasses.replace(loads, tip_force=ZERO, tip_moment=ZERO)
         self.unit_loads = unit_loads(arm, unknowns)
@@ -93,6 +98,15 @@ class ArmModel:
         ]
         if any(self._wrench_parts):
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
+
+    @contextlib.contextmanager
+    def within(self, iterations: int) -> Iterator[Effort]:
+        """Solve no more than ``iterations`` of Newton's method make, together; see `Effort`."""
+        self._effort = Effort(iterations)
+        try:
+            yield self._effort
+        finally:
+            self._effort = Effort(math.inf)
 
     def tip_wrench(self, x: FloatArray) -> FloatArray:
         """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
@@ -119,7 +133,14 @@ class ArmModel:
         along = x[self.state.tension] * self._transmitted(x)
         tensions = along.reshape(self.arm.tension_shape) / ratio
         wrench = self.tip_wrench(x)
-        return self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
+        self._effort.check()
+        try:
+            shape = self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
+        except ConvergenceError as error:
+            self._effort.take(error.iterations)
+            raise
+        self._effort.take(int(shape.iterations))
+        return shape
 
     def derivatives(self, x: FloatArray, backbone: Backbone) -> Change:
         """Change of the shape ``backbone`` in ``x`` per unit of each component of the state.
@@ -128,6 +149,8 @@ class ArmModel:
             OctoArmError: as `Solver.sensitivity`.
         """
         ratio, state = self._set_magnitudes(x), self.state
+        self._effort.check()
+        self._effort.take(1)
         by = self.solver.sensitivity(backbone)
         scale = np.full(1, 1.0 / ratio)
         transmitted = scale * self._transmitted(x)

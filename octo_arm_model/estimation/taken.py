@@ -24,7 +24,7 @@ from octo_arm_model.estimation.belief import (
 from octo_arm_model.estimation.curvature import Curvature
 from octo_arm_model.estimation.fit import Fit, fit
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
-from octo_arm_model.estimation.mode import FROM_AFAR, FROM_NEARBY, least_square, most_probable
+from octo_arm_model.estimation.mode import most_probable
 from octo_arm_model.estimation.posterior import nearest_possible
 from octo_arm_model.estimation.prediction import Prediction
 
@@ -32,7 +32,6 @@ _FAR = 4.0  # times the gate, for a square that is not exact
 
 Kinds: TypeAlias = tuple[Hashable, ...]
 Last: TypeAlias = tuple[Prediction, Curvature | None]  # of the same measurements
-Start: TypeAlias = tuple[Prediction, tuple[float, ...]]  # and how it is left, see `mode`
 
 
 class Taken(NamedTuple):
@@ -98,18 +97,19 @@ def take_others(
     """
     if taken := take_together(prior, measurements, at, last, gate):
         return taken
-    starts, squares = _starts(at, last), {}
+    known, starts, squares = last and last[1], [at] if last is None else [at, last[0]], {}
     for one in measurements:
         limit = _limit([one], gate)
-        _, squares[id(one)] = _most_probable(prior, [one], starts, limit, is_judged=True)
+        start, squares[id(one)] = most_probable(prior, [one], starts, limit, is_judged=True)
     accepted = _within(measurements, squares, gate)
     if not accepted:
         return Taken(prior, at, (), squares)
-    start, _ = _most_probable(prior, accepted, starts, _limit(accepted, gate))
+    if len(measurements) > 1:
+        start, _ = most_probable(prior, accepted, starts, _limit(accepted, gate))
     try:
-        found = fit(prior, accepted, start, None)
+        found = fit(prior, accepted, start, known, is_new=True)
     except SolveError:
-        found = fit(prior, accepted, start, None, to_mode=True)
+        found = fit(prior, accepted, start, known, is_new=True, to_mode=True)
     return _all(accepted, found)._replace(squares=squares)
 
 
@@ -119,23 +119,27 @@ def take_together(
     at: Prediction,
     last: Last | None,
     gate: float,
+    *,
+    is_far: bool = False,
 ) -> Taken | None:
-    """`take_others` where each is within the gate beside all others; None if not."""
+    """`take_others` where each is within the gate beside all others; None if not.
+
+    If ``is_far`` the last state is not thought to be near, and these may be hopeless.
+    """
     if not measurements:
         return Taken(prior, at)
-    if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
-        return taken
-    if len(measurements) == 1:
-        return None
+    known = last and last[1]
+    if not is_far:
+        if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
+            return taken
+        if len(measurements) == 1:
+            return None
     limit = _limit(measurements, gate)
-    start, square = _most_probable(prior, measurements, _starts(at, last), limit, is_judged=True)
-    return _agreed(prior, measurements, start, None, gate) if square <= limit else None
-
-
-def _starts(at: Prediction, last: Last | None) -> list[Start]:
-    """Where to look for a state: nearby first."""
-    nearby: list[Start] = [] if last is None else [(last[0], FROM_NEARBY)]
-    return [*nearby, (at, FROM_AFAR)]
+    starts = [at] if last is None else [at, last[0]]
+    start, square = most_probable(prior, measurements, starts, limit, is_judged=True)
+    if square > limit:
+        return None
+    return _agreed(prior, measurements, start, known, gate, is_new=True)
 
 
 def _limit(measurements: Sequence[Measurement], gate: float) -> float:
@@ -168,10 +172,12 @@ def _agreed(
     start: Prediction,
     known: Curvature | None,
     gate: float,
+    *,
+    is_new: bool = False,
 ) -> Taken | None:
     """All ``measurements`` taken, from ``start`` on; None unless all are within the ``gate``."""
     try:
-        taken = _all(measurements, fit(prior, measurements, start, known))
+        taken = _all(measurements, fit(prior, measurements, start, known, is_new=is_new))
     except SolveError:
         return None
     return taken if len(_within(measurements, taken.squares, gate)) == len(measurements) else None
@@ -185,36 +191,6 @@ def _all(measurements: Sequence[Measurement], found: Fit) -> Taken:
         found.belief, found.at, measurements, squares, found.square, volume_of(root),
         found.curvature,
     )  # fmt: skip
-
-
-def _most_probable(
-    prior: Belief,
-    measurements: Sequence[Measurement],
-    starts: Sequence[Start],
-    enough: float,
-    *,
-    is_judged: bool = False,
-) -> tuple[Prediction, float]:
-    """`most_probable` from the best of ``starts``, or the first that is as good as ``enough``.
-
-    Infinite where there is none. If ``is_judged`` nothing but whether it is as good counts, and
-    what is not may be better than is returned.
-    """
-    best, least = starts[0][0], math.inf
-    for start, factors in starts:
-        try:
-            at, square = start, 0.0
-            if is_judged:
-                square = least_square(prior, measurements, start, enough)
-            if square <= enough:
-                at, square = most_probable(prior, measurements, start, factors)
-        except SolveError:
-            continue
-        if square < least:
-            best, least = at, square
-        if least <= enough:
-            break
-    return best, least
 
 
 def kinds_of(measurements: Sequence[Measurement]) -> Kinds:

@@ -32,14 +32,20 @@ class Tracked(NamedTuple):
         hypothesis: its name.
         probabilities: of all of them.
         innovations: of the measurements that were added, also where they were late.
-        begins_anew: whether it is of the newest measurements and the prior alone.
+        anew_from: time of the first of the newest measurements [s], where it is of these and the
+            prior alone; None where it goes on.
     """
 
     estimate: Estimate
     hypothesis: str
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
-    begins_anew: bool = False
+    anew_from: float | None = None
+
+    @property
+    def begins_anew(self) -> bool:
+        """Whether what was known before was given up."""
+        return self.anew_from is not None
 
 
 class Tracker:
@@ -155,7 +161,7 @@ class Tracker:
             return None
         self._late, self._bank = self.late, best.bank
         self.restarts += 1
-        return best.tracked._replace(begins_anew=True)
+        return best.tracked._replace(anew_from=best.start)
 
 
 class _Trial:
@@ -163,13 +169,15 @@ class _Trial:
 
     Attributes:
         bank: what was begun.
+        start: time of the first reading [s].
         tracked: what it knows after all readings; None where the arm had no trustworthy shape.
         refused: names of sensors that do not agree with all before them.
         agreement: how many sensors do, and how many numbers they measured.
     """
 
     def __init__(self, bank: Hypotheses, readings: Sequence[Reading]) -> None:
-        self.bank, self.refused, self.agreement = bank, set[str](), (0, 0)
+        self.bank, self.start = bank, readings[0].time
+        self.refused, self.agreement = set[str](), (0, 0)
         self.tracked: Tracked | None = None
         sizes: dict[str, int] = {}
         for time, group in itertools.groupby(readings, lambda one: one.time):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.curvature import Curvature
@@ -15,6 +17,7 @@ from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.taken import Kinds, Taken, kinds_of, volume_of
 from octo_arm_model.estimation.updated import Innovation, Updated
 
+ITERATIONS = 10_000  # of Newton's method for shapes, of one update
 _MOST_KINDS = 8  # of measurements together whose curvature is kept
 
 
@@ -30,12 +33,16 @@ def update(
     ``gate`` is the probability of a right measurement to be accepted.
 
     Raises:
-        SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
+        SolveError: if the arm has no trustworthy shape, or the iteration does not converge, or
+            takes too much.
         MeasurementError: if a measurement does not fit the arm.
     """
-    judged = judge(model, belief, measurements, last, gate)
-    if judged.refused:
-        judged = without_one(model, belief, judged, last, gate) or judged
+    with model.within(ITERATIONS) as effort:
+        judged = judge(model, belief, measurements, last, gate)
+        effort.check()  # what is refused may be so for want of iterations
+        if judged.refused:
+            with contextlib.suppress(SolveError):
+                judged = without_one(model, belief, judged, last, gate) or judged
     linear, found, squares = judged.linear, judged.found, judged.squares
     accepted = {id(one) for one in judged.accepted}
     innovations, size = [], 0

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.error_figures import draw_errors
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
-from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.reproduce.plotting import LINES
 
 _MEASURED = '0.15'
@@ -134,8 +134,7 @@ def _draw_view(
     if step.shape.s is None:
         panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
     else:
-        weights = marker_weights(step.shape.s, step.backbone.s)
-        for pair in zip(weights @ model, measured):
+        for pair in zip(interpolated(step.shape.s, step.backbone.s, model), measured):
             panel.plot(*np.stack(pair).T, ':', color=colour, zorder=2)
     panel.plot(
         *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3

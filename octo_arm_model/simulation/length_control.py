@@ -6,14 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
-from octo_arm_model.analysis.winding import Wound
+from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding import Wound, displacements_of
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-
-_ROUNDING = 1e-9  # of a limit, that a tension may be beyond it
+from octo_arm_model.simulation.limits import are_beyond
 
 
 class LengthControl:
@@ -39,7 +38,7 @@ class LengthControl:
         """
         wound = self._hold(displacements, tensions)
         pulled = wound.backbone.tensions.ravel()
-        beyond = np.flatnonzero(pulled > self._limits * (1.0 + _ROUNDING))
+        beyond = np.flatnonzero(are_beyond(pulled, self._limits))
         if beyond.size:
             number = int(beyond[0])
             name = self._solver.arm.tendon_names[number]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
@@ -21,7 +21,7 @@ _FIGURES = {
     'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
     'renda2012_table4': {'14': FETCHING_IN_PLANE, '15': FETCHING_IN_SPACE},
 }
-_ROUNDING = 1e-9  # relative, of interpolation between tensions at their limit
+_ROUNDING = 1e-9  # relative, of interpolation or a solution between tensions at their limit
 
 
 def figures(arm: Arm) -> dict[str, FloatArray]:
@@ -53,6 +53,11 @@ def tendon_limits(config: Config) -> FloatArray:
     return highest_tensions(config.arm)
 
 
+def are_beyond(tensions: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Which of ``tensions`` (..., tendons) [N] exceed their limit in ``limits`` (tendons,) [N]."""
+    return tensions > limits * (1.0 + _ROUNDING)
+
+
 def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArray:
     """Return commanded ``tensions``, (tendons,) or of `Arm.tension_shape` [N], as (tendons,).
 
@@ -67,7 +72,7 @@ def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArr
     if checked.ndim != len(arm.tension_shape):
         raise TensionError(f'tensions have shape {checked.shape}, expected {arm.tension_shape}')
     flat = checked.ravel()
-    beyond = np.flatnonzero(flat > limits * (1.0 + _ROUNDING))
+    beyond = np.flatnonzero(are_beyond(flat, limits))
     if beyond.size:
         tendon = int(beyond[0])
         raise TensionError(
@@ -83,7 +88,7 @@ def check_profile(profile: CommandProfile, arm: Arm, limits: FloatArray) -> None
     Raises:
         ProfileError: if one does not; the message names the row.
     """
-    beyond = (profile.tensions > limits * (1.0 + _ROUNDING)).any(axis=1)
+    beyond = are_beyond(profile.tensions, limits).any(axis=1)
     # The first row beyond a limit, or any row to check its shape.
     for row in [int(np.argmax(beyond))] if beyond.any() else [0]:
         try:

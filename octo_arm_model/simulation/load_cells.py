@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.validation import finite, not_negative
-from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.arm.validation import not_negative, whole, within
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -40,11 +39,8 @@ class LoadCells:
         not_negative('load_cells.gain_stddev', self.gain_stddev, 'standard deviation', '-')
         not_negative('load_cells.noise_stddev', self.noise_stddev, 'standard deviation', 'N')
         not_negative('load_cells.resolution', self.resolution, 'tension', 'N')
-        name, expected = 'load_cells.drop_probability', 'a number in [0, 1] [-]'
-        if not 0.0 <= finite(name, self.drop_probability, expected) <= 1.0:
-            raise ArmDefinitionError(name, self.drop_probability, expected)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise ArmDefinitionError('load_cells.seed', self.seed, 'an integer >= 0')
+        within('load_cells.drop_probability', self.drop_probability, 0.0, 1.0, '-')
+        whole('load_cells.seed', self.seed)
 
 
 class SimulatedLoadCells:

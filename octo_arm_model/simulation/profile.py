@@ -13,6 +13,7 @@ from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROFILE_ROWS
+from octo_arm_model.core.numerics.interpolation import interpolated
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
@@ -92,13 +93,9 @@ class CommandProfile:
         if self.interpolation == 'smooth':
             # A cubic between rows of 0 may be negative by rounding.
             return np.maximum(self._smooth(t), 0.0)
-        row = np.searchsorted(self.times, t, side='right') - 1
-        if self.interpolation == 'steps':
-            return self.tensions[row]
-        row = np.minimum(row, len(self.times) - 2)
-        part = (t - self.times[row]) / (self.times[row + 1] - self.times[row])
-        part = part[..., np.newaxis]
-        return (1.0 - part) * self.tensions[row] + part * self.tensions[row + 1]
+        if self.interpolation == 'linear':
+            return interpolated(t, self.times, self.tensions)
+        return self.tensions[np.searchsorted(self.times, t, side='right') - 1]
 
     @functools.cached_property
     def _smooth(self) -> PchipInterpolator:

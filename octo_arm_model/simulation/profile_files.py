@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -13,7 +12,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 import yaml
 
-from octo_arm_model.config.csv_files import tension_columns
+from octo_arm_model.config.csv_files import NUMBER, tension_columns
 from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, shown
@@ -29,10 +28,6 @@ class _Row(NamedTuple):
     time: str
     line: int
     tensions: Sequence[str]
-
-
-# As in JSON and YAML; Python would also read 1_000 and the digits of other scripts.
-_NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$')
 
 
 class _LineError(Exception):
@@ -82,7 +77,7 @@ def _numbers(row: _Row, arm: Arm) -> list[float]:
     texts = {'time': row.time, **dict(zip(arm.tendon_names, row.tensions, strict=True))}
     numbers = []
     for name, text in texts.items():
-        number = float(text) if _NUMBER.match(text) else math.nan
+        number = float(text) if NUMBER.match(text) else math.nan
         if not math.isfinite(number) or (number < 0.0 and name != 'time'):
             line, expected = row.line, 'a finite number >= 0 [N]'
             if name == 'time':

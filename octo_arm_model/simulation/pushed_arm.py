@@ -6,8 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.validation import finite
-from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
@@ -33,9 +32,7 @@ class PushedArm:
         length = config.arm.length
         for name, given in (('push.s', (push.s,)), ('sensors.marker_s', sensors.marker_s)):
             for s in given:
-                expected = f'a finite number within [0, {length}] [m]'
-                if not 0.0 <= finite(name, s, expected) <= length:
-                    raise ArmDefinitionError(name, s, expected)
+                within(name, s, 0.0, length, 'm')
         points = (PointForce(push.s or length, _ANY),) if any(push.force) else ()
         self._sensors = sensors
         self._model = ArmModel(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.arm.validation import not_negative, whole
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 
@@ -124,8 +124,7 @@ class Sensors:
             raise ArmDefinitionError('sensors.marker_s', len(self.marker_s), expected)
         if self.markers_rate and not self.marker_s:
             raise ArmDefinitionError('sensors.marker_s', (), 'arc coordinates of the markers [m]')
-        if self.seed < 0:
-            raise ArmDefinitionError('sensors.seed', self.seed, 'an integer >= 0')
+        whole('sensors.seed', self.seed)
 
     @property
     def rates(self) -> tuple[float, float, float]:

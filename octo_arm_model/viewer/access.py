@@ -11,11 +11,10 @@ import ipaddress
 from collections.abc import Sequence
 from urllib.parse import SplitResult, urlsplit
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, shown
 
 _DEFAULT_PORTS = {'http': 80, 'https': 443}
 _THIS_MACHINE = ('localhost', '127.0.0.1', '::1')
-_MOST_SHOWN = 80  # characters of a header in a message
 
 
 class Access:
@@ -36,17 +35,17 @@ class Access:
         """Why a request with these headers Host and Origin is refused; empty if it is not."""
         host = _split(f'//{hosts[0]}') if len(hosts) == 1 else None
         if host is None or not self._is_ours(host.hostname or ''):
-            return f'host {_shown(hosts)} is not one that this page is served as'
+            return f'host {shown(", ".join(hosts))} is not one that this page is served as'
         if not origins:
             return ''  # no browser, which would always send one
         page = _split(origins[0]) if len(origins) == 1 else None
         if page is None or page.scheme not in _DEFAULT_PORTS or page.path:
-            return f'origin {_shown(origins)} is none'
+            return f'origin {shown(", ".join(origins))} is none'
         default = _DEFAULT_PORTS[page.scheme]
         is_same = (page.hostname, page.port or default) == (host.hostname, host.port or default)
         if is_same or (page.scheme, page.hostname, page.port or default) in self._origins:
             return ''
-        return f'origin {_shown(origins)} is not allowed'
+        return f'origin {shown(", ".join(origins))} is not allowed'
 
     def _is_ours(self, name: str) -> bool:
         return name in self._names or (self._takes_addresses and _is_address(name))
@@ -85,7 +84,3 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _shown(values: Sequence[str]) -> str:
-    return repr(', '.join(values))[:_MOST_SHOWN]

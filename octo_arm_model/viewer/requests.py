@@ -14,10 +14,11 @@ from typing import Any
 import msgspec
 import viser
 
+from octo_arm_model.core.errors import shown
+
 _FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
 _MOST_PIXELS = 100_000  # along one side of a window
 _ROUNDING = 1e-9  # relative to the range of a slider
-_MOST_SHOWN = 80  # characters of a value in a refusal
 
 _Vector = tuple[float, float, float]
 _Rotation = tuple[float, float, float, float]
@@ -92,7 +93,7 @@ class Requests:
         try:
             request = _decoder.decode(data)
         except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-            return f'no request of this page: {str(error)[:_MOST_SHOWN]}'
+            return f'no request of this page: {shown(error)}'
         if isinstance(request, _Camera):
             return request.objection()
         if isinstance(request, _Value):
@@ -101,7 +102,7 @@ class Requests:
 
     def _value_objection(self, request: _Value) -> str:
         if list(request.updates) != ['value']:
-            return f'{_shown(list(request.updates))} of a control, expected its value alone'
+            return f'{shown(list(request.updates))} of a control, expected its value alone'
         control = self._control(request.uuid)
         if control is None:
             return ''  # removed since, as for another arm; viser ignores it
@@ -121,11 +122,11 @@ class Requests:
     def _drag_objection(self, request: _Drag | _DragStart | _DragEnd) -> str:
         handle = self._server and self._server.scene.get_handle_by_name(request.name)
         if not isinstance(handle, viser.TransformControlsHandle) or request.owner:
-            return f'{_shown(request.name)} is nothing to be dragged'
+            return f'{shown(request.name)} is nothing to be dragged'
         if isinstance(request, _Drag):
             is_rotation = _are_bounded(request.wxyz, 1.0 + 1e-3)
             if not (is_rotation and _are_bounded(request.position, _FARTHEST)):
-                return f'dragged to {_shown(request.position)}, expected a place in the scene'
+                return f'dragged to {shown(request.position)}, expected a place in the scene'
         return ''
 
 
@@ -135,7 +136,7 @@ def value_objection(control: object, value: object) -> str:
         if isinstance(control, kind):
             expected = expected_of(control, value)
             label = getattr(control, 'label', 'control')
-            return expected and f'{label!r} set to {_shown(value)}, expected {expected}'
+            return expected and f'{label!r} set to {shown(value)}, expected {expected}'
     return f'a value for a {type(control).__name__}, which takes none from a page'
 
 
@@ -175,7 +176,3 @@ _EXPECTED: dict[type, Callable[[Any, object], str]] = {
 def _are_bounded(values: Iterable[float], most: float) -> bool:
     """Whether all are within ``most`` of 0; NaN is not."""
     return all(-most <= value <= most for value in values)
-
-
-def _shown(value: object) -> str:
-    return repr(value)[:_MOST_SHOWN]

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError, shown
+from octo_arm_model.core.errors import TensionError, listed, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
 NONE = '-'
 MAX_VALUES = 100_000  # of one message
-_LISTED = 20
 _STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
 
 
@@ -88,10 +87,9 @@ def tensions_by_names(
         if name == NONE:
             continue
         if name not in places:
-            there = [one[:MAX_NAME] for one in (names or list(places))[:_LISTED]]
             raise TensionError(
                 f'no value {shown(name)} for {arm.tendon_names[tendon]}; there are '
-                f'{", ".join(there) or "none"}'
+                f'{listed(names or list(places))}'
             )
         tensions[tendon] = values[places[name]]
     return tensions.reshape(arm.tension_shape)

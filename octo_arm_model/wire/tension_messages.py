@@ -14,13 +14,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.errors import TensionError, listed
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.wire.cdr_layout import Layout
 from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
-
-_LISTED = 20
 
 # Adds a field that has this value in one message to the layout of all that are like it.
 Field: TypeAlias = Callable[[Layout, Any], None]
@@ -181,21 +178,15 @@ def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm
     tension_of = dict(zip(names, values))
     if len(tension_of) < len(names):
         repeated = sorted(name for name, count in Counter(names).items() if count > 1)
-        raise TensionError(f'tendon named more than once: {_listed(repeated)}')
+        raise TensionError(f'tendon named more than once: {listed(repeated)}')
     known = set(arm.tendon_names)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise TensionError(
-            f'unknown tendon {_listed(unknown)}; this arm has {_listed(arm.tendon_names)}'
+            f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
         )
     missing = [name for name in arm.tendon_names if name not in tension_of]
     if missing:
-        raise TensionError(f'no tension for tendon {_listed(missing)}')
+        raise TensionError(f'no tension for tendon {listed(missing)}')
     ordered = [tension_of[name] for name in arm.tendon_names]
     return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names for a message, of many or long ones not all."""
-    text = ', '.join(name[:MAX_NAME] for name in names[:_LISTED])
-    return f'{text} and {len(names) - _LISTED} more' if len(names) > _LISTED else text

@@ -17,10 +17,10 @@ from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
 def test_two_processes_give_the_same(table4: Config) -> None:
     # Some sets are refused, and the last chunk is not full.
-    options = {'samples': 3 * CHUNK + 5, 'model': 'closed_form'}
-    alone = sample_workspace(table4, TOO_HIGH, processes=1, **options)
+    config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
+    alone = sample_workspace(config, TOO_HIGH, count, processes=1)
     assert alone.refused
-    assert_same(sample_workspace(table4, TOO_HIGH, processes=2, **options), alone)
+    assert_same(sample_workspace(config, TOO_HIGH, count, processes=2), alone)
 
 
 def test_by_default_processes_are_started_where_they_pay(
@@ -61,21 +61,21 @@ def test_progress_goes_from_none_to_all(table4: Config) -> None:
 
 def test_a_dask_cluster_gives_the_same(table4: Config) -> None:
     distributed = pytest.importorskip('distributed')
-    options = {'samples': 3 * CHUNK + 5, 'model': 'closed_form'}
+    config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
     ) as cluster:
         calls: list[tuple[int, int]] = []
         workspace = sample_workspace(
-            table4,
+            config,
             TOO_HIGH,
+            count,
             scheduler=cluster.scheduler_address,
             progress=lambda *given: calls.append(given),
-            **options,
         )
     assert workspace.refused
-    assert_same(workspace, sample_workspace(table4, TOO_HIGH, processes=1, **options))
-    assert calls[-1] == (3 * CHUNK + 5, 3 * CHUNK + 5)
+    assert_same(workspace, sample_workspace(config, TOO_HIGH, count, processes=1))
+    assert calls[-1] == (count, count)
 
 
 def test_a_missing_dask_says_how_to_install_it(

@@ -42,8 +42,8 @@ CLEAN = Experiment(
 
 
 def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN, 0)) as writer:
-        add_demo(writer, PROTOTYPE, CLEAN, 0)
+    with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN)) as writer:
+        add_demo(writer, PROTOTYPE, CLEAN)
     stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
     config = Config.from_parameters({**PROTOTYPE, **stiffer})
     solver = config.solver()
@@ -72,7 +72,7 @@ def test_a_demo_with_softer_tendons_has_what_encoders_read(
 ) -> None:
     experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
     with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, experiment, 0)
+        add_demo(writer, PROTOTYPE, experiment)
     true: dict[str, Any] = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
     for name, value in softer.items():
         true[f'tendons.{name.removesuffix("_stiffness")}_stiffness'] = [value]
@@ -117,7 +117,7 @@ def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
     found = []
     for name, seed in (('a', 1), ('b', 1), ('c', 2)):
         with BagWriter(tmp_path / name) as writer:
-            add_demo(writer, PROTOTYPE, few, seed)
+            add_demo(writer, PROTOTYPE, dataclasses.replace(few, seed=seed))
         with BagReader(tmp_path / name) as reader:
             found.append([tuple(record) for record in reader.messages()])
     assert found[0] == found[1]
@@ -128,6 +128,10 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
     for options, expected in (
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
+        (['--clock-offset', '1e10'], '--clock-offset is 10000000000.0, expected a finite number'),
+        (['--markers', '0.1', '5'], '--markers is 5.0, expected a finite number within [0, 0.27]'),
+        (['--markers', 'nan'], '--markers is nan, expected a finite number within [0, 0.27]'),
+        (['--seed', '-1'], '--seed is -1, expected an integer >= 0'),
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
         (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
@@ -139,8 +143,8 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Path) -> None:
     rough = dataclasses.replace(CLEAN, friction=0.2, clock_offset=0.0)
-    with BagWriter(tmp_path / 'bag', custom=custom_data(rough, 0)) as writer:
-        add_demo(writer, PROTOTYPE, rough, 0)
+    with BagWriter(tmp_path / 'bag', custom=custom_data(rough)) as writer:
+        add_demo(writer, PROTOTYPE, rough)
     at: dict[float, list[np.ndarray]] = {}
     with BagReader(tmp_path / 'bag') as reader:
         config = Config.from_parameters(PROTOTYPE)
@@ -170,7 +174,7 @@ def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
         marker_rate=5.0, clock_offset=0.0,
     )  # fmt: skip
     with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, quiet, 0)
+        add_demo(writer, PROTOTYPE, quiet)
     config = Config.from_parameters({**PROTOTYPE, 'model': 'exact'})
     solver, touched = config.solver(), 0
     with BagReader(tmp_path / 'bag') as reader:

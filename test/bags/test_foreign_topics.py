@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 from experiments import ARM, bag_of, description, nanoseconds
-from labs import MARKER_S, TIP_ERRORS, message, pose_array, seen, staircase_of
-from recordings import Sample, header, make
+from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
+from recordings import Sample, header, make, message
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main
@@ -87,14 +87,13 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(
 ) -> None:
     cell, topic, tendons = WAYS[way]
     path = bag(tmp_path / 'bag', cell)
-    assert main(['compare', path, *topic, '--tendons', *tendons, *S, *STILL]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', path, *topic, '--tendons', *tendons, *S, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     topics = ['--topics', *topic[1:]] if topic else []
     out = str(tmp_path / 'out')
-    assert main(['replay', path, out, *topics, '--tendons', *tendons, '--json']) == 0
-    (report,) = json.loads(capsys.readouterr().out)['topics'].values()
+    replayed = printed(capsys, 'replay', path, out, *topics, '--tendons', *tendons, '--json')
+    (report,) = replayed['topics'].values()
     assert report['answered'] == len(staircase_of()[0])
     with BagReader(out) as reader:
         assert reader.count(['/daq/tip_pose']) == report['answered']

@@ -271,3 +271,12 @@ def test_what_cannot_be_picked_is_listed(
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         with pytest.raises(BagError, match=expected):
             pick_topic(reader, wanted, TENSION_TYPES, 'tensions')
+
+
+def test_of_many_topics_an_error_names_some(tmp_path: Path) -> None:
+    content = [text_sample(f'/note_{number:03}', 'x') for number in range(100)]
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+        with pytest.raises(BagError) as refusal:
+            reader.connections(['/nothing'])
+    assert '/note_019 (std_msgs/msg/String) and 80 more' in str(refusal.value)
+    assert '/note_020' not in str(refusal.value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import os
 import resource
 import signal
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -27,10 +27,12 @@ from recordings import (
     START,
     STEP,
     TENDON_TENSIONS,
-    TYPES,
     Sample,
     fingerprint,
     header,
+    make,
+    message,
+    point,
     random_tensions,
     samples,
     tensions_data,
@@ -310,8 +312,7 @@ def test_what_cannot_be_answered_is_left_out_and_reported(
     late = tensions_data(TENDON_TENSIONS, names, some, START)
     content[250] = content[250]._replace(data=late)
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--json']) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json')
     topic = report['topics']['/tendon_tensions']
     counts = {name: topic[name] for name in ('answered', 'refused', 'failed', 'unsorted')}
     assert counts == {'answered': 297, 'refused': 2, 'failed': 1, 'unsorted': 1}
@@ -358,11 +359,10 @@ def test_where_there_is_nothing_to_answer_there_is_no_bag(
 def test_a_wrench_in_the_bag_is_not_applied_and_that_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    vector = TYPES.types['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.1)
-    wrench = TYPES.types['geometry_msgs/msg/Wrench'](force=vector, torque=vector)
+    vector = point((0.0, 0.0, 0.1), 'Vector3')
+    wrench = make('geometry_msgs/msg/Wrench', force=vector, torque=vector)
     name = 'geometry_msgs/msg/WrenchStamped'
-    message = TYPES.types[name](header=header(START), wrench=wrench)
-    sample = Sample('/tip_wrench', name, START, bytes(TYPES.serialize_cdr(message, name)))
+    sample = message('/tip_wrench', name, START, header=header(START), wrench=wrench)
     content = [DESCRIPTION, sample, *samples(ARM, random_tensions(ARM, 2))]
     bag = write_bag(tmp_path / 'in', content)
     assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
@@ -376,9 +376,12 @@ def test_without_a_description_the_arm_must_be_given(
     assert main(['replay', str(bag), str(tmp_path / 'out')]) == 2
     assert 'no topic arm_description, so say which arm' in capsys.readouterr().err
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--config', 'renda2012_table4']) == 0
-    inside = bag / 'shapes'
-    assert main(['replay', str(bag), str(inside), '--config', 'renda2012_table4']) == 2
-    assert 'which stays as it is' in capsys.readouterr().err
+    inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
+    for words in ([inside], [str(tmp_path / 'new'), '--csv', inside],
+                  [str(tmp_path / 'new'), '--csv', str(bag)]):  # fmt: skip
+        assert main(['replay', str(bag), *words, '--config', 'renda2012_table4']) == 2
+        assert 'which stays as it is' in capsys.readouterr().err
+    assert sorted(bag.iterdir()) == before
 
 
 # However it ends --------------------------------------------------------------------------------

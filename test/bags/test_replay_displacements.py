@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 from recordings import (
     ARM,
-    JOINT_STATE,
     TENDON_TENSIONS,
-    TYPES,
     Sample,
-    header,
-    make,
+    displacement_sample,
     tensions_data,
     text_sample,
     write_bag,
@@ -48,12 +45,7 @@ def content(inputs: Inputs) -> list[Sample]:
     for number, given in enumerate(inputs):
         stamp = FIRST * (1 + number)
         if isinstance(given, dict):
-            message = make(
-                JOINT_STATE, header=header(stamp), name=list(given), velocity=np.zeros(0),
-                position=np.array(list(given.values()), float), effort=np.zeros(0),
-            )  # fmt: skip
-            data = bytes(TYPES.serialize_cdr(message, JOINT_STATE))
-            found.append(Sample('/tendon_displacements', JOINT_STATE, stamp + 5, data))
+            found.append(displacement_sample(list(given), list(given.values()), stamp, delay=5))
         else:
             data = tensions_data(TENDON_TENSIONS, ARM.tendon_names, given, stamp)
             found.append(Sample('/tendon_tensions', TENDON_TENSIONS, stamp + 5, data))
@@ -102,8 +94,7 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(
     inputs: Inputs = [{}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}]
     bag = bag_of(tmp_path / 'in', inputs)
     table = ['--csv', str(tmp_path / 'table')]
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--json', *table]) == 0
-    report = json.loads(capsys.readouterr().out)['topics']
+    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json', *table)['topics']
     assert report['/tendon_tensions']['answered'] == 2
     winches = report['/tendon_displacements']
     assert (winches['answered'], winches['refused']) == (3, 1)

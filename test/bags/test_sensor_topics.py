@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='needs rosbags')
-from recordings import JOINT_STATE, START, TYPES, Sample, header, make, tensions_data, write_bag
+from recordings import (
+    START,
+    Sample,
+    displacement_sample,
+    header,
+    message,
+    pose,
+    tensions_data,
+    write_bag,
+)
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
@@ -22,6 +31,7 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.wire.measurement_messages import MeasuredArm
+from octo_arm_model.wire.refusals import Refusals
 
 CONFIG = Config.from_parameters(load_parameters(preset_path('renda2012_prototype')))
 NAMES = CONFIG.arm.tendon_names
@@ -35,24 +45,16 @@ def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> Samp
 
 
 def encoders(at: int, topic: str = '/tendon_displacements') -> Sample:
-    none = np.zeros(0)
-    message = make(
-        JOINT_STATE, header=header(START + at * MILLISECOND), name=list(NAMES),
-        position=np.full(4, 1e-3), velocity=none, effort=none,
-    )  # fmt: skip
-    data = bytes(TYPES.serialize_cdr(message, JOINT_STATE))
-    return Sample(topic, JOINT_STATE, START + (at + 40) * MILLISECOND, data)
+    stamp = START + at * MILLISECOND
+    return displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
 
 
 def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample:
-    kind = 'geometry_msgs/msg/PoseArray'
-    zero = {'x': 0.0, 'y': 0.0, 'z': 0.0}
-    point = make('geometry_msgs/msg/Point', **zero)
-    turned = make('geometry_msgs/msg/Quaternion', **zero, w=1.0)
-    pose = make('geometry_msgs/msg/Pose', position=point, orientation=turned)
-    message = make(kind, header=header(START + at * MILLISECOND, 'arm_base'), poses=count * [pose])
-    data = bytes(TYPES.serialize_cdr(message, kind))
-    return Sample(topic, kind, START + (at + 90) * MILLISECOND, data)
+    stamp = START + at * MILLISECOND
+    return message(
+        topic, 'geometry_msgs/msg/PoseArray', stamp + 90 * MILLISECOND,
+        header=header(stamp, 'arm_base'), poses=count * [pose(np.zeros(3))],
+    )  # fmt: skip
 
 
 def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
@@ -62,17 +64,15 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
         encoders(10), markers(5), markers(20), encoders(30),
     ]  # fmt: skip
     content.sort(key=lambda one: one.received_ns)
-    skipped: list[tuple[str, int, str]] = []
+    refusals = Refusals()
     with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
         sensors = find_sensors(reader)
         assert sensors.all == ['/tendon_tensions', '/tendon_displacements', '/measured/markers']
         assert sensors.prefix == '/'
-        rows = read_tension_rows(reader, sensors, CONFIG, lambda *one: skipped.append(one))
+        rows = read_tension_rows(reader, sensors, CONFIG, refusals)
         np.testing.assert_array_equal(rows.rows[:, 0], [0.1, -0.01, 0.3])
         noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
-        groups = read_measured(
-            reader, sensors, rows, MeasuredArm(CONFIG, noise), lambda *one: skipped.append(one)
-        )
+        groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals)
     found = [
         ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
         for group in groups
@@ -81,7 +81,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
         (0, ['tensions']), (5, ['markers']), (10, ['tensions', 'tendon displacements']),
         (20, ['tensions', 'markers']), (30, ['tendon displacements']),
     ]  # fmt: skip
-    assert not skipped
+    assert not refusals.total
 
 
 def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
@@ -89,18 +89,21 @@ def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
         tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
         Sample('/measured/markers', 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'),
     ]  # fmt: skip
-    skipped: list[tuple[str, int, str]] = []
+    refusals = Refusals()
     with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
         sensors = find_sensors(reader)
-        rows = read_tension_rows(reader, sensors, CONFIG, lambda *one: skipped.append(one))
+        rows = read_tension_rows(reader, sensors, CONFIG, refusals)
         noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
         arm = MeasuredArm(CONFIG, noise)
-        groups = read_measured(reader, sensors, rows, arm, lambda *one: skipped.append(one))
+        groups = read_measured(reader, sensors, rows, arm, refusals)
     assert len(groups) == 1
-    reasons = ' | '.join(reason for _, _, reason in skipped)
+    reasons = ' | '.join(refusals.examples.values())
     for words in ('not finite', '2 marker(s), expected 1', 'bytes that are no geometry_msgs'):
         assert words in reasons
-    assert [topic for topic, _, _ in skipped] == ['/tendon_tensions', *2 * ['/measured/markers']]
+    assert [topic for topic, _ in refusals.counts] == [
+        '/tendon_tensions',
+        *2 * ['/measured/markers'],
+    ]
 
 
 def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path: Path) -> None:
@@ -109,7 +112,7 @@ def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path: Path) -> None:
     ) as one:
         sensors = find_sensors(one)
         assert (sensors.tensions, sensors.prefix) == ('', '/left/')
-        assert not len(read_tension_rows(one, sensors, CONFIG, lambda *_: None).rows)
+        assert not len(read_tension_rows(one, sensors, CONFIG, Refusals()).rows)
 
 
 def test_topics_are_named_or_left_out(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import printed
 from experiments import PARAMETERS, midline, one_tendon, path_sample, pose_sample, staircase_bag
 from recordings import Sample
 
@@ -49,10 +50,9 @@ def test_json_csv_and_pictures_say_the_same(
 ) -> None:
     bag, out = write(0.0027), tmp_path / 'out'
     models = ['--model', 'renda2012', 'exact']
-    assert main(['compare', str(bag), *models, '--out', str(out), '--json']) == 0
-    printed = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', str(bag), *models, '--out', str(out), '--json')
     stored = json.loads((out / 'compare.json').read_text())
-    assert stored['steps'] == printed['steps']
+    assert stored['steps'] == said['steps']
     assert [step['model'] for step in stored['steps']] == 3 * ['renda2012'] + 3 * ['exact']
     for step, tension in zip(stored['steps'], STEPS):
         assert step['tension'] == pytest.approx(tension, abs=1e-3)
@@ -76,8 +76,7 @@ def test_json_csv_and_pictures_say_the_same(
 def test_tips_have_the_papers_error_and_no_other(
     write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['compare', str(write(0.0027, tips=True)), '--json']) == 0
-    steps = json.loads(capsys.readouterr().out)['steps']
+    steps = printed(capsys, 'compare', str(write(0.0027, tips=True)), '--json')['steps']
     assert [step['tip_error_percent'] for step in steps] == pytest.approx([1.0] * 3, rel=0.01)
     assert {step['hausdorff_percent'] for step in steps} == {None}
 
@@ -87,10 +86,11 @@ def test_tips_have_the_papers_error_and_no_other(
     [
         (['--align', '1', '2'], 2, '--align is 1 2, expected fit, none or X Y Z QX QY QZ QW'),
         (['--align', *'0001110'], 2, '--align: quaternion is (1.0, 1.0, 1.0, 0.0) of length'),
-        (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a time >= 0 [s]'),
+        (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a finite time >= 0 [s]'),
         (['--clock-offset', 'nan'], 2, '--clock-offset is nan, expected a finite time [s]'),
         (['--steady', '0'], 2, 'steady tolerance is 0.0'),
         (['--hold', '60'], 1, 'nothing to compare: no tension stays within'),
+        (['--settle', '60'], 1, 'for 1 s, and beyond the first 60 s'),
         (['--clock-offset', '99'], 1, 'nothing to compare: none of'),
         (['--midlines', 'nowhere'], 2, 'no topic nowhere for midlines or tips; it has /arm_'),
         (['--config', 'renda2012_table4'], 2, 'no tensions for this arm on /tendon_tensions'),
@@ -118,8 +118,7 @@ def test_of_all_models_those_that_cover_the_arm_are_compared(
     config = tmp_path / 'heavy.yaml'
     config.write_text(parameters_as_yaml(weight))
     arguments = ['compare', str(write()), '--config', str(config), '--json']
-    assert main([*arguments, '--model', 'all']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, *arguments, '--model', 'all')
     assert set(said['models']) == {'exact'}
     assert any('renda2012 is not compared: model is' in note for note in said['notes'])
     assert main([*arguments, '--model', 'renda2012']) == 2

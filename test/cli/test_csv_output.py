@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 pytest.importorskip('matplotlib', reason='needs matplotlib')
@@ -78,8 +78,7 @@ def test_tables_of_a_fit_have_the_tensions_of_the_fitted_load_cells(
 ) -> None:
     bag, out = str(marker_bag(tmp_path / 'bag')), tmp_path / 'fitted'
     fits = ['--model', 'exact', '--fit', 'youngs_modulus', 'tension_offset', '--loss', 'linear']
-    assert main(['identify', bag, *S, *fits, '--csv', str(out)]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'identify', bag, *S, *fits, '--csv', str(out))
     offset = said['estimates']['tension_offset']['value']
     assert abs(offset) > 0.01
     tensions = read_profile(out / 'tensions.csv', ARM).tensions
@@ -98,8 +97,7 @@ def test_a_replay_has_a_row_for_each_station_and_its_tensions_are_played(
     content += samples(ARM, [pulls[0], [-1.0, 0.0, 0.0, 0.0], *pulls[1:]])
     bag = str(write_bag(tmp_path / 'bag', content))
     out = tmp_path / 'tables'
-    assert main(['replay', bag, str(tmp_path / 'new'), '--csv', str(out), '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'replay', bag, str(tmp_path / 'new'), '--csv', str(out), '--json')
     (report,) = said['topics'].values()
     assert 'load cells: tension_deadband takes readings near zero as zero' in said['notes']
     (reason,) = report['reasons'].items()

@@ -181,9 +181,10 @@ def test_wrong_options_are_one_line(
 def test_nothing_is_written_over_or_into_the_bag(
     short_bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for out, words in ((short_bag, 'exists already'), (short_bag / 'new', 'stays as it is')):
-        status, _, errors = run(capsys, 'estimate', str(short_bag), '--out', str(out))
-        assert status == 2 and words in errors
+    for option, path in (('--out', short_bag), ('--out', short_bag / 'new'),
+                         ('--csv', short_bag), ('--plot', short_bag / 'touch.png')):  # fmt: skip
+        status, _, errors = run(capsys, 'estimate', str(short_bag), option, str(path))
+        assert status == 2 and 'stays as it is' in errors
     assert run(capsys, 'estimate', str(short_bag / 'none'))[0] == 2
 
 

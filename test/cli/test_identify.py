@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import FAR, PARAMETERS, TRUE, midline, one_tendon, path_sample, staircase_bag
 from recordings import Sample
 
@@ -33,8 +33,7 @@ def test_the_command_fits_every_model_and_writes_the_best(
 ) -> None:
     out = tmp_path / 'fitted.yaml'
     arguments = ['--model', 'closed_form', 'exact', '--out', str(out), '--json']
-    assert main(['identify', str(bag), *arguments]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'identify', str(bag), *arguments)
     assert (said['model'], said['steps'], said['trustworthy']) == ('closed_form', 4, True)
     young = said['estimates']['youngs_modulus']
     low, high = young['interval95']

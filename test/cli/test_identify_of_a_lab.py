@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import (
     FAR,
     bag_of,
@@ -17,8 +17,6 @@ from experiments import (
     tension_samples,
 )
 from labs import at_any
-
-from octo_arm_model.cli.main import main
 
 HELD = (1.0, 2.0, 3.0, 3.7, 3.0, 2.0, 1.0)
 FRICTION = 0.04
@@ -47,8 +45,7 @@ def test_branches_models_and_pictures(
     arguments = ['--model', 'closed_form', 'exact', '--clock-offset', '0']
     out, pictures = tmp_path / 'fitted.yaml', tmp_path / 'pictures'
     given = ['--out', str(out), '--pictures', str(pictures), '--json']
-    assert main(['identify', str(bag), *arguments, *given]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'identify', str(bag), *arguments, *given)
     notes = ' '.join(said['notes'])
     assert 'loading and unloading differ by more than the noise' in notes
     assert '7 steps are of 4 loads' in notes
@@ -62,8 +59,7 @@ def test_branches_models_and_pictures(
     assert f'model_error_stddev: {said["model_error_stddev"]}'[:26] in out.read_text()
     assert {path.name for path in pictures.iterdir()} == {'intervals.png', 'residuals_along_s.png'}
 
-    assert main(['compare', str(bag), *arguments[3:], '--model', 'exact', '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', str(bag), *arguments[3:], '--model', 'exact', '--json')
     assert [step['direction'] for step in said['steps']] == 4 * ['loading'] + 3 * ['unloading']
     bend = [step['bend_error_percent'] for step in said['steps']]
     # The same tensions, first while they rise: the arm bends less.

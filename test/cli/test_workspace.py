@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -88,7 +89,8 @@ def test_json_is_one_object_in_si_units_and_draws_nothing(
     out, _ = capsys.readouterr()
     assert out.count('\n') == 1
     found = json.loads(out)
-    expected = sample_workspace(table4, 0.6, 96, 7, model='closed_form', processes=1)
+    config = dataclasses.replace(table4, model='closed_form')
+    expected = sample_workspace(config, 0.6, 96, 7, processes=1)
     assert expected.refused
     assert (found['refused'], found['samples']) == (expected.refused, 96)
     assert (found['model'], found['seed']) == ('closed_form', 7)
@@ -117,7 +119,7 @@ def test_by_default_a_tendon_compresses_its_thin_end_by_a_tenth(
     [
         (('--highest', 'much'), '--highest is not JSON at character 1, expected'),
         (('--highest', '"1"'), '--highest is "1", expected a number or rows'),
-        (('--highest', '[[1]]'), 'highest: tensions have shape (1, 1)'),
+        (('--highest', '[[1]]'), 'highest is [[1]], expected one number or shape (3, 4)'),
         (('--samples', '0'), 'samples is 0, expected'),
         (('--out', '.'), "--out is '.', a folder, expected a file"),
     ],

@@ -13,8 +13,9 @@ from scipy.stats import chi2
 from octo_arm_model.estimation.belief import Belief, Gain, gain
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.fit import fit
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
-from octo_arm_model.estimation.posterior_mean import agreement, shift_to_mean
+from octo_arm_model.estimation.posterior_mean import Agreement, agreement, shift_to_mean
 from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
@@ -29,8 +30,7 @@ def bent(noise: float, stddev: list[float]) -> tuple[Prediction, TipPosition, Ga
     at = Prediction(model, np.concatenate([TENSIONS, [0.004, -0.006, 0.008]]), None)
     tip, prior = TipPosition(at.solved.tip, noise), Belief(at.x, np.diag(stddev))
     jacobian = tip.jacobian(at)
-    unknown = Curvature(np.zeros((3, at.x.size, at.x.size)), jacobian)
-    second = renewed(unknown, [tip], at, stddev_of(prior)).second
+    second = renewed(Curvature.flat(jacobian), [tip], at, stddev_of(prior)).second
     return at, tip, gain(prior.root, jacobian, tip.noise_root), second
 
 
@@ -64,6 +64,29 @@ def test_innovations_agree_on_average_with_what_is_expected() -> None:
     # Of innovations of half the size, a quarter.
     smaller = [agreement(by, 0.5 * one, second) for one in points]
     assert np.mean(smaller) == pytest.approx(0.25)
+
+
+def test_a_single_update_hardly_changes_the_weight_of_the_shift() -> None:
+    agreed = Agreement()
+    assert agreed.weight == 0.0
+    for one in 50 * [0.0, 2.0]:
+        agreed = agreed.after(one)
+    assert agreed.mean == pytest.approx(1.0)
+    assert agreed.after(-5.0).weight == 1.0
+    for _ in range(900):
+        agreed = agreed.after(0.25)
+    assert 0.25 < agreed.weight < 0.4
+
+
+def test_what_is_known_of_innovations_outlives_a_search_for_the_state() -> None:
+    at, tip, by, _ = bent(1e-3, [2e-2, 3e-2, 2e-2, 1e-2, 1e-3, 2e-3, 1e-3])
+    prior, agreed = Belief(at.x, by.root), Agreement(0.8, 400)
+    # Second derivatives of more measurements than are accepted in the end.
+    known = Curvature.flat(np.zeros((6, at.x.size)), agreed)
+    found = fit(prior, [tip], at, known, is_new=True).curvature
+    assert found.agreed.updates == 401
+    assert found.second.shape == (3, at.x.size, at.x.size)
+    assert np.abs(found.second).max() > 0.0
 
 
 def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:

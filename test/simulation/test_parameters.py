@@ -27,7 +27,7 @@ ARM = load_parameters(preset_path('renda2012_prototype'))
         ('load_cells.gain_stddev', -1.0, 'load_cells.gain_stddev is -1.0'),
         ('load_cells.noise_stddev', -1.0, 'load_cells.noise_stddev is -1.0'),
         ('load_cells.resolution', -1.0, 'load_cells.resolution is -1.0'),
-        ('load_cells.drop_probability', 1.5, 'is 1.5, expected a number in [0, 1]'),
+        ('load_cells.drop_probability', 1.5, 'is 1.5, expected a finite number within [0, 1]'),
         ('load_cells.seed', -1, 'load_cells.seed is -1, expected an integer >= 0'),
         ('relaxation.ratio', -0.5, 'relaxation.ratio is -0.5'),
         ('relaxation.time', 0.0, 'relaxation.time is 0.0, expected a finite number > 0 [s]'),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='needs rosbags')
-from recordings import header, make
+from recordings import header, make, point, pose
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.bags.types import known_types
@@ -63,16 +63,6 @@ def truth() -> Prediction:
     return Prediction(model, np.concatenate([[1.0, 0.3, 0.0, 0.2], WRENCH]), None)
 
 
-def point(at: FloatArray) -> Any:
-    return make('geometry_msgs/msg/Point', x=float(at[0]), y=float(at[1]), z=float(at[2]))
-
-
-def pose(at: FloatArray, turned: FloatArray = np.array([0.0, 0.0, 0.0, 1.0])) -> Any:
-    x, y, z, w = map(float, turned)
-    orientation = make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)
-    return make('geometry_msgs/msg/Pose', position=point(at), orientation=orientation)
-
-
 def tip_pose(at: FloatArray, turned: FloatArray, covariance: FloatArray, frame: str) -> Any:
     with_covariance = make(
         'geometry_msgs/msg/PoseWithCovariance', pose=pose(at, turned),
@@ -88,10 +78,7 @@ def markers(points: FloatArray, frame: str) -> Any:
 
 
 def base_wrench(values: FloatArray, frame: str) -> Any:
-    force, torque = (
-        make('geometry_msgs/msg/Vector3', x=float(x), y=float(y), z=float(z))
-        for x, y, z in values.reshape(2, 3)
-    )
+    force, torque = (point(part, 'Vector3') for part in values.reshape(2, 3))
     wrench = make('geometry_msgs/msg/Wrench', force=force, torque=torque)
     return make('geometry_msgs/msg/WrenchStamped', header=header(STAMP, frame), wrench=wrench)
 

@@ -60,6 +60,30 @@ def not_negative(name: str, value: object, what: str, unit: str) -> float:
     return number
 
 
+def within(name: str, value: object, low: float, high: float, unit: str) -> float:
+    """Return ``value`` as a float from ``low`` to ``high``.
+
+    Raises:
+        ArmDefinitionError: if it is not a finite number within these, in ``unit``.
+    """
+    expected = f'a finite number within [{low:g}, {high:g}] [{unit}]'
+    number = finite(name, value, expected)
+    if not low <= number <= high:
+        raise ArmDefinitionError(name, value, expected)
+    return number
+
+
+def whole(name: str, value: object) -> int:
+    """Return ``value`` as an integer >= 0.
+
+    Raises:
+        ArmDefinitionError: if it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ArmDefinitionError(name, value, 'an integer >= 0')
+    return value
+
+
 def per_tendon(
     name: str, values: Sequence[object], count: int, what: str, unit: str
 ) -> tuple[float, ...]:

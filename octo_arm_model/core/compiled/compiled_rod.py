@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import TOLERANCE
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -56,7 +55,7 @@ class CompiledRod:
         sizes = self._tables.step.size, self._tables.weights.size
         self._systems = [system_of(*sizes) for _ in range(_KEPT)]
         self._twists: list[FloatArray | None] = [None] * _KEPT
-        self._places = itertools.cycle(range(_KEPT))
+        self._places = list(range(_KEPT))  # from the one used longest ago
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_readings = empty_readings(0, 0)
@@ -82,7 +81,7 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self.tables, twist, turn)
+        self._find_turn(self._tables, twist, turn)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
@@ -91,7 +90,7 @@ class CompiledRod:
         Raises:
             SolveError: if there is none.
         """
-        sections = self.tables.sections
+        sections = self._tables.sections
         twist = np.empty((4, sections.axial.size))
         _, steps = find_minima()(sections, own(tensions), twist)
         return self._minimum(tensions) if steps < 0 else twist
@@ -104,7 +103,7 @@ class CompiledRod:
 
     def settle(
         self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
-    ) -> Solution | None:
+    ) -> Solution | Shape | None:
         """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`."""
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
@@ -112,7 +111,8 @@ class CompiledRod:
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
-            return None
+            is_stable = outcome.is_least and outcome.corrected <= MOST_CORRECTED
+            return found if is_stable else None
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
             (readings.position, readings.quaternion), None, readings.strains,
@@ -183,10 +183,14 @@ class CompiledRod:
         state.twist[:] = shape.twist
         tip_wrench = own(condition.tip_wrench)
         known = self._place_of(shape)
-        place = next(self._places)
-        if place == known:
-            place = next(self._places)
-        self._twists[place] = None
+        place = known or 0
+        if wanted != READ_ONLY:
+            if known is not None:
+                self._places.remove(known)
+                self._places.append(known)
+            place = self._places.pop(0)
+            self._places.append(place)
+            self._twists[place] = None
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,

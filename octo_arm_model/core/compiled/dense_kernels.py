@@ -10,51 +10,89 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
     """Factorise a ``matrix`` (n, n) in place, by rows and with their exchanges ``pivots`` (n,).
 
+    Four columns at a time, so that what is left of a row is loaded and stored once for the four.
+
     Returns:
         The sign of its determinant, 1 or -1; 0 where it is singular.
     """
     n, sign = len(matrix), 1
-    for j in range(n):
-        best, largest = j, abs(matrix[j, j])
-        for i in range(j + 1, n):
-            if abs(matrix[i, j]) > largest:
-                best, largest = i, abs(matrix[i, j])
-        pivots[j] = best
-        if not largest > 0.0:  # nor NaN
-            return 0
-        if best != j:
-            sign = -sign
-            for k in range(n):
-                matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
-        if matrix[j, j] < 0.0:
-            sign = -sign
-        over, row = 1.0 / matrix[j, j], matrix[j, j + 1 :]
-        for i in range(j + 1, n):
-            factor = matrix[i, j] * over
-            matrix[i, j] = factor
-            rest = matrix[i, j + 1 :]
-            for k in range(row.size):
-                rest[k] -= factor * row[k]
+    for first in range(0, n, 4):
+        last = min(first + 4, n)
+        for j in range(first, last):
+            best, largest = j, abs(matrix[j, j])
+            for i in range(j + 1, n):
+                if abs(matrix[i, j]) > largest:
+                    best, largest = i, abs(matrix[i, j])
+            pivots[j] = best
+            if not largest > 0.0:  # nor NaN
+                return 0
+            if best != j:
+                sign = -sign
+                for k in range(n):
+                    matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
+            if matrix[j, j] < 0.0:
+                sign = -sign
+            over = 1.0 / matrix[j, j]
+            for i in range(j + 1, n):
+                factor = matrix[i, j] * over
+                matrix[i, j] = factor
+                for k in range(j + 1, last):
+                    matrix[i, k] -= factor * matrix[j, k]
+        if last == n:
+            break
+        rows = matrix[first], matrix[first + 1], matrix[first + 2], matrix[first + 3]
+        one, two, three, four = rows[0][last:], rows[1][last:], rows[2][last:], rows[3][last:]
+        a, b, c = rows[1][first], rows[2][first], rows[2][first + 1]
+        d, e, f = rows[3][first], rows[3][first + 1], rows[3][first + 2]
+        for k in range(one.size):
+            two[k] -= a * one[k]
+            three[k] -= b * one[k] + c * two[k]
+            four[k] -= d * one[k] + e * two[k] + f * three[k]
+        for i in range(last, n):
+            row, rest = matrix[i], matrix[i, last:]
+            a, b, c, d = row[first], row[first + 1], row[first + 2], row[first + 3]
+            for k in range(rest.size):
+                rest[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
     return sign
 
 
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """Solve in place with the transposed of what was factorised; each of ``right`` (columns, n).
 
-    Both substitutions go along rows of ``factors``, which lie in order in memory.
+    Both substitutions go along rows of ``factors``, which lie in order in memory, by fours.
     """
     n = len(factors)
-    for c in range(len(right)):
-        x = right[c]
-        for i in range(n):
+    whole = n - n % 4
+    for column in range(len(right)):
+        x = right[column]
+        for i in range(0, whole, 4):
+            one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+            a = x[i] / one[i]
+            b = (x[i + 1] - a * one[i + 1]) / two[i + 1]
+            c = (x[i + 2] - a * one[i + 2] - b * two[i + 2]) / three[i + 2]
+            d = (x[i + 3] - a * one[i + 3] - b * two[i + 3] - c * three[i + 3]) / four[i + 3]
+            x[i], x[i + 1], x[i + 2], x[i + 3] = a, b, c, d
+            rest, one, two = x[i + 4 :], one[i + 4 :], two[i + 4 :]
+            three, four = three[i + 4 :], four[i + 4 :]
+            for k in range(rest.size):
+                rest[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
+        for i in range(whole, n):
             x[i] /= factors[i, i]
-            value, rest, row = x[i], x[i + 1 :], factors[i, i + 1 :]
-            for k in range(row.size):
-                rest[k] -= value * row[k]
-        for i in range(n - 1, 0, -1):
-            value, rest, row = x[i], x[:i], factors[i, :i]
-            for k in range(row.size):
-                rest[k] -= value * row[k]
+            for k in range(i + 1, n):
+                x[k] -= x[i] * factors[i, k]
+        for i in range(n - 1, whole - 1, -1):
+            for k in range(i):
+                x[k] -= x[i] * factors[i, k]
+        for i in range(whole - 4, -1, -4):
+            one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+            d = x[i + 3]
+            c = x[i + 2] - d * four[i + 2]
+            b = x[i + 1] - d * four[i + 1] - c * three[i + 1]
+            a = x[i] - d * four[i] - c * three[i] - b * two[i]
+            x[i], x[i + 1], x[i + 2] = a, b, c
+            rest, one, two, three, four = x[:i], one[:i], two[:i], three[:i], four[:i]
+            for k in range(rest.size):
+                rest[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
         for i in range(n - 1, -1, -1):
             other = pivots[i]
             x[i], x[other] = x[other], x[i]

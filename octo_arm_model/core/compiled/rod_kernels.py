@@ -184,8 +184,8 @@ def search(
         read_rod(tables, tensions, tip_wrench, state, readings)
         is_read = readings.twist[3].min() > 0.0
         return Outcome(residual, iterations, corrected, sign, is_least, False, is_read)
-    if is_least:
-        return Outcome(residual, iterations, corrected, sign, True, False, False)
+    if is_least or wanted != BALANCE:
+        return Outcome(residual, iterations, corrected, sign, is_least, False, False)
     find_compliance(tables, state, system, compliance, change)
     is_tip_stable = is_definite(compliance)
     return Outcome(residual, iterations, corrected, sign, False, is_tip_stable, False)

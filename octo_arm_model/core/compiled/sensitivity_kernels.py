@@ -7,7 +7,7 @@ import numpy as np
 from octo_arm_model.core.compiled.readout_kernels import read_changes
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import ParameterTables, RodTables
-from octo_arm_model.core.compiled.state_kernels import RodState, add_levers, find_state
+from octo_arm_model.core.compiled.state_kernels import RodState, find_state, find_wrench
 from octo_arm_model.core.compiled.system_kernels import empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (
@@ -127,26 +127,10 @@ def dead_wrenches(
     ``force`` and ``moment`` (loads, 3, points) are the resultants of what lies beyond each point,
     the latter without the levers of the former, in base_frame.
     """
-    s, rotation = tables.weights.size, state.rotation
-    total, beyond = np.empty_like(state.force), np.empty(3)
+    found, tip = np.empty_like(state.twist), np.zeros(3)
     for load in range(len(force)):
-        beyond[:] = 0.0
-        for element in range(tables.step.size - 1, -1, -1):
-            within = range(element * s, element * s + s)
-            for k in range(3):
-                for at in within:
-                    total[k, at] = beyond[k] + moment[load, k, at]
-            add_levers(tables, state, element, force[load], total, beyond)
-            for at in within:
-                along = 0.0
-                for m in range(3):
-                    along += rotation[m, 0, at] * force[load, m, at]
-                wrench[3, at, load] = along
-                for k in range(3):
-                    about = 0.0
-                    for m in range(3):
-                        about += rotation[m, k, at] * total[m, at]
-                    wrench[k, at, load] = about
+        find_wrench(tables, state, force[load], moment[load].copy(), tip, found)
+        wrench[:, :, load] = found
 
 
 def differentiate(

@@ -73,7 +73,9 @@ class SlidingRod:
             balance.systems + found.iterations, balance.corrected + found.corrected, found.system,
         )  # fmt: skip
 
-    def settle(self, wanted: Condition, shape: Shape, spending: Spending) -> Solution | None:
+    def settle(
+        self, wanted: Condition, shape: Shape, spending: Spending
+    ) -> Solution | Shape | None:
         """`Settle` of the rod."""
         balance = self._balance(wanted, shape, TOLERANCE)
         if balance is None:
@@ -84,8 +86,8 @@ class SlidingRod:
             return None
         kind = ANY_READINGS if balance.sticks else READINGS
         solution = self._compiled.settle(balance.held, balance.shape, spending, kind)
-        if solution is None:
-            return None
+        if not isinstance(solution, Solution):
+            return solution
         tables = self._compiled.tables
         along, at_stations = tables.sections.transmission, tables.station_sections.transmission
         return solution._replace(tendons=TendonTensions(along.copy(), at_stations.copy()))

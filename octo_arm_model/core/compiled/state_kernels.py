@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.orientation_kernels import find_rotation
-from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections
 from octo_arm_model.core.hints import FloatArray
@@ -51,27 +50,52 @@ def copy_state(state: RodState, out: RodState) -> None:
     out.imbalance[:], out.hessian[:] = state.imbalance, state.hessian
 
 
-def add_levers(
-    tables: RodTables, state: RodState, element: int, force: FloatArray, moment: FloatArray,
-    beyond: FloatArray,
+def find_wrench(
+    tables: RodTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
+    wrench: FloatArray,
 ) -> None:  # fmt: skip
-    """Add to the ``moment`` (3, points) within an ``element`` that of ``force`` (3, points) there.
+    """Fill in the ``wrench`` (4, points) in the axes of the cross sections.
 
-    By its levers from each point to the end of the element; to ``beyond`` (3,) the same from its
-    start.
+    From the ``force`` beyond them and the ``moment`` (3, points) without its levers, which are
+    added to it together with the moment at the ``tip`` (3,).
     """
-    s, h = tables.weights.size, tables.step[element]
-    first, rotation, carried = element * s, state.rotation, np.empty(s)
+    s, elements, rotation = tables.weights.size, tables.step.size, state.rotation
+    carried, levers, stretch = np.empty(force.shape), np.empty(force.shape), state.twist[3]
     for k in range(3):
         n, m = (k + 1) % 3, (k + 2) % 3
-        for j in range(s):
-            at = first + j
-            carried[j] = h * state.twist[3, at] * (
-                rotation[n, 0, at] * force[m, at] - rotation[m, 0, at] * force[n, at]
-            )  # fmt: skip
-        add_products(carried, tables.to_end_columns, moment[k, first : first + s])
-        for j in range(s):
-            beyond[k] += tables.weights[j] * carried[j]
+        out, t_n, t_m, f_n, f_m = carried[k], rotation[n, 0], rotation[m, 0], force[n], force[m]
+        for i in range(stretch.size):
+            out[i] = stretch[i] * (t_n[i] * f_m[i] - t_m[i] * f_n[i])
+    by_element = carried.reshape(3, elements, s)
+    for k in range(3):
+        for element in range(elements):
+            for j in range(s):
+                by_element[k, element, j] *= tables.step[element]
+    each = 3 * elements, s
+    np.dot(carried.reshape(each), tables.to_end_columns, levers.reshape(each))
+    totals, lever = moment.reshape(3, elements, s), levers.reshape(3, elements, s)
+    for k in range(3):
+        beyond = tip[k]
+        for element in range(elements - 1, -1, -1):
+            here = 0.0
+            for j in range(s):
+                totals[k, element, j] += lever[k, element, j] + beyond
+                here += tables.weights[j] * by_element[k, element, j]
+            beyond += here
+    into_axes(rotation, moment, wrench)
+    t_0, t_1, t_2, out = rotation[0, 0], rotation[1, 0], rotation[2, 0], wrench[3]
+    f_0, f_1, f_2 = force[0], force[1], force[2]
+    for i in range(out.size):
+        out[i] = t_0[i] * f_0[i] + t_1[i] * f_1[i] + t_2[i] * f_2[i]
+
+
+def into_axes(rotation: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    """Fill in the first rows of ``out`` with a ``vector`` (3, n) in the axes of ``rotation``."""
+    v_0, v_1, v_2 = vector[0], vector[1], vector[2]
+    for k in range(3):
+        a, b, c, row = rotation[0, k], rotation[1, k], rotation[2, k], out[k]
+        for i in range(row.size):
+            row[i] = a[i] * v_0[i] + b[i] * v_1[i] + c[i] * v_2[i]
 
 
 def find_state(
@@ -82,38 +106,24 @@ def find_state(
     Returns:
         The residual.
     """
-    points, count = tables.weights.size, state.twist.shape[1]
-    twist, rotation, force, moment = state.twist, state.rotation, state.force, state.moment
-    imbalance = state.imbalance
-    find_rotation(state.turn, rotation)
+    count, imbalance = state.twist.shape[1], state.imbalance
+    find_rotation(state.turn, state.rotation)
     scale, gradient = np.empty((4, count)), np.empty((4, count))
-    evaluate_sections(tables.sections, tensions, twist, gradient, state.hessian, scale)
-    beyond = tip_wrench[3:].copy()
+    evaluate_sections(tables.sections, tensions, state.twist, gradient, state.hessian, scale)
     for k in range(3):
         for i in range(count):
-            force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
-    for element in range(tables.step.size - 1, -1, -1):
-        for k in range(3):
-            for i in range(element * points, element * points + points):
-                moment[k, i] = beyond[k] + factor * tables.moment[k, i]
-        add_levers(tables, state, element, force, moment, beyond)
-    outside = np.zeros(4)
-    for i in range(count):
-        for k in range(3):
-            wrench = 0.0
-            for m in range(3):
-                wrench += rotation[m, k, i] * moment[m, i]
-            imbalance[k, i] = wrench
-            outside[k] = max(outside[k], abs(wrench))
-        wrench = 0.0
-        for m in range(3):
-            wrench += rotation[m, 0, i] * force[m, i]
-        imbalance[3, i] = wrench
-        outside[3] = max(outside[3], abs(wrench))
+            state.force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
+            state.moment[k, i] = factor * tables.moment[k, i]
+    find_wrench(tables, state, state.force, state.moment, tip_wrench[3:], imbalance)
     residual, total = 0.0, 0.0
     for k in range(4):
+        left, inside, of, outside = imbalance[k], gradient[k], scale[k], 0.0
         for i in range(count):
-            imbalance[k, i] -= gradient[k, i]
-            residual = max(residual, abs(imbalance[k, i]) / (scale[k, i] + outside[k]))
-            total += imbalance[k, i]
+            outside = max(outside, abs(left[i]))
+        for i in range(count):
+            left[i] -= inside[i]
+            of[i] = abs(left[i]) / (of[i] + outside)
+        for i in range(count):
+            residual = max(residual, of[i])
+            total += left[i]
     return residual if np.isfinite(total) else np.nan

@@ -20,51 +20,74 @@ def find_step(
     And the rotation ``turn`` of the cross sections, (3, points) in base_frame [rad]. What
     `response_kernels.respond` does for many, with loops along the points.
     """
-    s, elements = tables.weights.size, tables.step.size
-    bends, ends = np.empty((elements, 3 * s)), np.zeros((elements, 6))
-    own, carried, local, rotation = np.empty(3 * s), np.empty(s), system.at_points, system.rotation
-    over = 1.0 / local[9]
-    stretched = imbalance[3] * over
+    s, elements, weights = tables.weights.size, tables.step.size, tables.weights
+    bends, ends = np.empty((elements, 3 * s)), np.empty((elements, 6))
+    carried, more = np.empty((elements, 3, s)), np.empty((elements, 3, s))
+    k, each = bends.reshape(elements, 3, s), (3 * elements, s)
+    flat, summed = carried.reshape(each), more.reshape(each)
+    # By element, and point of it.
+    local, rotation = (
+        system.at_points.reshape(10, elements, s),
+        system.rotation.reshape(3, 3, elements, s),
+    )
+    given, found = imbalance.reshape(4, elements, s), change.reshape(4, elements, s)
+    angles, stretched = turn.reshape(3, elements, s), given[3] / local[9]
     for element in range(elements):
-        first, h, alone = element * s, tables.step[element], ends[element]
         for p in range(3):
-            side = own[p * s : p * s + s]
             for j in range(s):
-                at = first + j
-                side[j] = (
-                    rotation[p, 0, at] * imbalance[0, at] + rotation[p, 1, at] * imbalance[1, at]
-                    + rotation[p, 2, at] * imbalance[2, at] - local[6 + p, at] * stretched[at]
-                )  # fmt: skip
-                carried[j] = -h * local[3 + p, at] * imbalance[3, at]
-            add_products(carried, tables.to_end_columns, side)
+                carried[element, p, j] = (
+                    -tables.step[element] * local[3 + p, element, j] * given[3, element, j]
+                )
+    np.dot(flat, tables.to_end_columns, summed)
+    for element in range(elements):
+        for p in range(3):
+            total = 0.0
             for j in range(s):
-                alone[3 + p] += tables.weights[j] * carried[j]
+                k[element, p, j] = more[element, p, j] + (
+                    rotation[p, 0, element, j] * given[0, element, j]
+                    + rotation[p, 1, element, j] * given[1, element, j]
+                    + rotation[p, 2, element, j] * given[2, element, j]
+                    - local[6 + p, element, j] * stretched[element, j]
+                )
+                total += weights[j] * carried[element, p, j]
+            ends[element, 3 + p] = total
+    for element in range(elements):
+        own, alone = bends[element], ends[element]
         solve_transposed(system.factors[element], system.pivots[element], own.reshape(1, 3 * s))
-        bends[element] = own
         for p in range(3):
-            row = system.to_moment[element, p]
+            row, total, bent = system.to_moment[element, p], 0.0, 0.0
             for j in range(3 * s):
-                alone[3 + p] -= row[j] * own[j]
+                total += row[j] * own[j]
             for j in range(s):
-                alone[p] += h * tables.weights[j] * own[p * s + j]
+                bent += weights[j] * k[element, p, j]
+            alone[p] = tables.step[element] * bent
+            alone[3 + p] -= total
     link_changes(system, ends.reshape(elements, 6, 1))
     for element in range(elements):
-        first, h, k = element * s, tables.step[element], bends[element]
-        add_products(ends[element], system.bends[element], k)
+        add_products(ends[element], system.bends[element], bends[element])
         for p in range(3):
-            angles = turn[p, first : first + s]
-            angles[:] = ends[element, p]
             for j in range(s):
-                carried[j] = h * k[p * s + j]
-            add_products(carried, tables.from_start_columns, angles)
-        for j in range(s):
-            at, k_0, k_1, k_2 = first + j, k[j], k[s + j], k[2 * s + j]
-            for p in range(3):
-                change[p, at] = (
-                    rotation[0, p, at] * k_0 + rotation[1, p, at] * k_1 + rotation[2, p, at] * k_2
+                carried[element, p, j] = tables.step[element] * k[element, p, j]
+    np.dot(flat, tables.from_start_columns, summed)
+    for element in range(elements):
+        for p in range(3):
+            for j in range(s):
+                angles[p, element, j] = ends[element, p] + more[element, p, j]
+                found[p, element, j] = (
+                    rotation[0, p, element, j] * k[element, 0, j]
+                    + rotation[1, p, element, j] * k[element, 1, j]
+                    + rotation[2, p, element, j] * k[element, 2, j]
                 )
-            change[3, at] = stretched[at] + over[at] * (
-                local[0, at] * turn[0, at] + local[1, at] * turn[1, at]
-                + local[2, at] * turn[2, at]
-                - local[6, at] * k_0 - local[7, at] * k_1 - local[8, at] * k_2
-            )  # fmt: skip
+        for j in range(s):
+            found[3, element, j] = (
+                stretched[element, j]
+                + (
+                    local[0, element, j] * angles[0, element, j]
+                    + local[1, element, j] * angles[1, element, j]
+                    + local[2, element, j] * angles[2, element, j]
+                    - local[6, element, j] * k[element, 0, j]
+                    - local[7, element, j] * k[element, 1, j]
+                    - local[8, element, j] * k[element, 2, j]
+                )
+                / local[9, element, j]
+            )

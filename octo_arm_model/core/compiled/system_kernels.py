@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import factorise, invert_three, solve_transposed
-from octo_arm_model.core.compiled.products import add_products
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.state_kernels import RodState
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -63,61 +62,60 @@ def system_of(elements: int, s: int) -> System:
 
 
 def find_terms(
-    state: RodState, first: int, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
+    state: RodState, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
     follow: FloatArray, bending: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in what Phi and k do at the points from ``first`` on, each (3, 3, s)."""
+    """Fill in what Phi and k do at all points, each (3, 3, points)."""
     rotation, force, moment, hessian = state.rotation, state.force, state.moment, state.hessian
-    mixed, across, carried = np.empty(3), np.empty(3), np.empty(3)
-    condensed, half = np.empty((3, 3)), np.empty((3, 3))
-    for j in range(by_turn.shape[2]):
-        at = first + j
-        stiffness = hessian[3, 3, at]
-        over = 1.0 / stiffness
-        # n x (u' x Phi) = u' (n . Phi) - Phi (n . u'); u' is along the tangent.
-        along = 0.0
-        for p in range(3):
-            n, m = (p + 1) % 3, (p + 2) % 3
-            across[p] = rotation[n, 0, at] * force[m, at] - rotation[m, 0, at] * force[n, at]
-            carried[p] = -across[p] * over
-            mixed[p] = (
-                rotation[p, 0, at] * hessian[0, 3, at]
-                + rotation[p, 1, at] * hessian[1, 3, at]
-                + rotation[p, 2, at] * hessian[2, 3, at]
-            )
-            along += force[p, at] * rotation[p, 0, at]
-            at_points[p, at], at_points[3 + p, at] = across[p], carried[p]
-            at_points[6 + p, at] = mixed[p]
-        at_points[9, at] = stiffness
-        stretch = state.twist[3, at]
+    stretch, count = state.twist[3], state.twist.shape[1]
+    over, along = np.empty(count), np.empty(count)
+    condensed, half = np.empty((3, 3, count)), np.empty((3, count))
+    stiffness, along[:] = at_points[9], 0.0
+    for i in range(count):
+        stiffness[i] = hessian[3, 3, i]
+        over[i] = 1.0 / stiffness[i]
+    for p in range(3):
+        n, m = (p + 1) % 3, (p + 2) % 3
+        across, carried = at_points[p], at_points[3 + p]
+        t_p, t_n, t_m = rotation[p, 0], rotation[n, 0], rotation[m, 0]
+        f_p, f_n, f_m = force[p], force[n], force[m]
+        for i in range(count):
+            across[i] = t_n[i] * f_m[i] - t_m[i] * f_n[i]
+            carried[i] = -across[i] * over[i]
+            along[i] += stretch[i] * (f_p[i] * t_p[i])
+        mixed, a, b, c = at_points[6 + p], rotation[p, 0], rotation[p, 1], rotation[p, 2]
+        h_0, h_1, h_2 = hessian[0, 3], hessian[1, 3], hessian[2, 3]
+        for i in range(count):
+            mixed[i] = a[i] * h_0[i] + b[i] * h_1[i] + c[i] * h_2[i]
         for k in range(3):
-            for m in range(k, 3):
-                value = hessian[k, m, at] - hessian[k, 3, at] * hessian[m, 3, at] * over
-                condensed[k, m] = condensed[m, k] = value
-        for p in range(3):
-            for m in range(3):
-                half[p, m] = (
-                    rotation[p, 0, at] * condensed[0, m]
-                    + rotation[p, 1, at] * condensed[1, m]
-                    + rotation[p, 2, at] * condensed[2, m]
-                )
-        for p in range(3):
-            for q in range(3):
-                by_turn[p, q, j] = (
-                    carried[p] * across[q] - stretch * rotation[p, 0, at] * force[q, at]
-                )
-                by_bend[p, q, j] = carried[p] * mixed[q]
-                follow[p, q, j] = -over * mixed[p] * across[q]
-                bending[p, q, j] = (
-                    half[p, 0] * rotation[q, 0, at]
-                    + half[p, 1] * rotation[q, 1, at]
-                    + half[p, 2] * rotation[q, 2, at]
-                )
-            by_turn[p, p, j] += stretch * along
-        for p in range(3):
-            n, m = (p + 1) % 3, (p + 2) % 3
-            follow[m, n, j] += moment[p, at]
-            follow[n, m, j] -= moment[p, at]
+            out, own, one, other = condensed[p, k], hessian[p, k], hessian[p, 3], hessian[k, 3]
+            for i in range(count):
+                out[i] = own[i] - one[i] * other[i] * over[i]
+    for p in range(3):
+        a, b, c = rotation[p, 0], rotation[p, 1], rotation[p, 2]
+        for k in range(3):
+            row, c_0, c_1, c_2 = half[k], condensed[0, k], condensed[1, k], condensed[2, k]
+            for i in range(count):
+                row[i] = a[i] * c_0[i] + b[i] * c_1[i] + c[i] * c_2[i]
+        h_0, h_1, h_2 = half[0], half[1], half[2]
+        carried, mixed = at_points[3 + p], at_points[6 + p]
+        for q in range(3):
+            across, with_bend, f_q = at_points[q], at_points[6 + q], force[q]
+            d, e, f = rotation[q, 0], rotation[q, 1], rotation[q, 2]
+            turns, bends = by_turn[p, q], by_bend[p, q]
+            for i in range(count):
+                # n x (u' x Phi) = u' (n . Phi) - Phi (n . u'); u' is along the tangent a.
+                turns[i] = carried[i] * across[i] - stretch[i] * a[i] * f_q[i]
+                bends[i] = carried[i] * with_bend[i]
+            follows, local = follow[p, q], bending[p, q]
+            for i in range(count):
+                follows[i] = -over[i] * mixed[i] * across[i]
+                local[i] = h_0[i] * d[i] + h_1[i] * e[i] + h_2[i] * f[i]
+        by_turn[p, p] += along
+    for p in range(3):
+        n, m = (p + 1) % 3, (p + 2) % 3
+        follow[m, n] += moment[p]
+        follow[n, m] -= moment[p]
 
 
 def find_system(tables: RodTables, state: RodState, system: System) -> int:
@@ -126,68 +124,90 @@ def find_system(tables: RodTables, state: RodState, system: System) -> int:
     Returns:
         The sign of its determinant, 1 or -1; 0 where it is singular.
     """
-    s = tables.weights.size
-    by_turn, follow = np.empty((3, 3, s)), np.empty((3, 3, s))
-    by_bend, bending = np.empty((3, 3, s)), np.empty((3, 3, s))
-    twice, rates = np.empty(s * s), np.empty(s)
+    s, elements, count = tables.weights.size, tables.step.size, state.twist.shape[1]
+    by_turn, follow = np.empty((3, 3, count)), np.empty((3, 3, count))
+    by_bend, bending = np.empty((3, 3, count)), np.empty((3, 3, count))
+    find_terms(state, system.at_points, by_turn, by_bend, follow, bending)
     system.rotation[:] = state.rotation
+    # From here on by p, q, element, and point of it.
+    turns, bends = by_turn.reshape(3, 3, elements, s), by_bend.reshape(3, 3, elements, s)
+    follows, local = follow.reshape(3, 3, elements, s), bending.reshape(3, 3, elements, s)
+    for p in range(3):
+        for q in range(3):
+            for element in range(elements):
+                for j in range(s):
+                    turns[p, q, element, j] *= -tables.step[element]
+    rows = by_turn.reshape(9 * elements, s)
+    side = np.dot(rows, tables.to_end_columns).reshape(3, 3, elements, s)
+    twice = np.dot(rows, tables.twice).reshape(3, 3, elements, s, s)
+    out = np.dot(rows * tables.weights, tables.from_start).reshape(3, 3, elements, s)
+    matrices = system.factors.reshape(elements, 3, s, 3, s)
+    right = system.bends.reshape(elements, 6, 3, s)
+    to_moment = system.to_moment.reshape(elements, 3, 3, s)
+    ahead, behind = tables.to_end_columns, tables.from_start_columns
     sign = 1
-    for element in range(tables.step.size):
+    for element in range(elements):
         h = tables.step[element]
-        find_terms(state, element * s, system.at_points, by_turn, by_bend, follow, bending)
-        matrix, sides = system.factors[element], system.bends[element]
-        to_moment = system.to_moment[element]
         for p in range(3):
             for q in range(3):
-                side, out = sides[q, p * s : p * s + s], to_moment[p, q * s : q * s + s]
-                followed, bends, local = follow[p, q], by_bend[p, q], bending[p, q]
                 for j in range(s):
-                    rates[j] = -h * by_turn[p, q, j]
-                    side[j] = followed[j]
-                    out[j] = -h * bends[j] * tables.weights[j]
-                add_products(rates, tables.to_end_columns, side)
-                sides[3 + q, p * s : p * s + s] = 1.0 if p == q else 0.0
+                    bend = bends[p, q, element, j]
+                    right[element, q, p, j] = side[p, q, element, j] + follows[p, q, element, j]
+                    right[element, 3 + q, p, j] = 1.0 if p == q else 0.0
+                    to_moment[element, p, q, j] = -h * (
+                        out[p, q, element, j] + bend * tables.weights[j]
+                    )
                 for j in range(s):
-                    rates[j] *= -h
-                twice[:] = 0.0
-                add_products(rates, tables.twice, twice)
-                for j in range(s):
-                    rates[j] *= tables.weights[j]
-                add_products(rates, tables.from_start, out)
-                for j in range(s):
-                    row, first = matrix[q * s + j, p * s : p * s + s], j * s
-                    ahead, behind = tables.to_end_columns[j], tables.from_start_columns[j]
-                    bend = by_bend[p, q, j]
+                    bend = bends[p, q, element, j]
                     for i in range(s):
-                        row[i] = twice[first + i] - h * (ahead[i] * bend + behind[i] * followed[i])
-                    row[j] += local[j]
-        own = factorise(matrix, system.pivots[element])
+                        matrices[element, q, j, p, i] = -h * (
+                            twice[p, q, element, j, i] + ahead[j, i] * bend
+                            + behind[j, i] * follows[p, q, element, i]
+                        )  # fmt: skip
+                    matrices[element, q, j, p, j] += local[p, q, element, j]
+        own = condense(tables, system, turns[:, :, element], element)
         if own == 0:
             return 0
         sign *= own
-        solve_transposed(matrix, system.pivots[element], sides)
-        ends = system.ends[element]
-        for column in range(6):
-            # Sums side by side, since each waits for the one before.
-            side, last_0, last_1, last_2 = sides[column], 0.0, 0.0, 0.0
-            before_0, before_1, before_2 = 0.0, 0.0, 0.0
-            for j in range(s):
-                weight = h * tables.weights[j]
-                last_0 += weight * side[j]
-                last_1 += weight * side[s + j]
-                last_2 += weight * side[2 * s + j]
-                if column < 3:
-                    before_0 -= weight * by_turn[0, column, j]
-                    before_1 -= weight * by_turn[1, column, j]
-                    before_2 -= weight * by_turn[2, column, j]
-            for row in range(3 * s):
-                before_0 -= to_moment[0, row] * side[row]
-                before_1 -= to_moment[1, row] * side[row]
-                before_2 -= to_moment[2, row] * side[row]
-            ends[0, column], ends[1, column], ends[2, column] = last_0, last_1, last_2
-            ends[3, column], ends[4, column], ends[5, column] = before_0, before_1, before_2
-            ends[column, column] += 1.0
     return sign * link(system)
+
+
+def condense(tables: RodTables, system: System, turns: FloatArray, element: int) -> int:
+    """Factorise the matrix of an ``element`` and eliminate its bends.
+
+    ``turns`` (3, 3, s) is what Phi does at its points, times its length and negative.
+
+    Returns:
+        The sign of the determinant, 0 where it is singular.
+    """
+    s, h, weights = tables.weights.size, tables.step[element], tables.weights
+    matrix, sides = system.factors[element], system.bends[element]
+    sign = factorise(matrix, system.pivots[element])
+    if sign == 0:
+        return 0
+    solve_transposed(matrix, system.pivots[element], sides)
+    ends, to_moment = system.ends[element], system.to_moment[element]
+    for column in range(6):
+        # Sums side by side, since each waits for the one before.
+        side, last_0, last_1, last_2 = sides[column], 0.0, 0.0, 0.0
+        before_0, before_1, before_2 = 0.0, 0.0, 0.0
+        for j in range(s):
+            weight = h * weights[j]
+            last_0 += weight * side[j]
+            last_1 += weight * side[s + j]
+            last_2 += weight * side[2 * s + j]
+            if column < 3:
+                before_0 += weights[j] * turns[0, column, j]
+                before_1 += weights[j] * turns[1, column, j]
+                before_2 += weights[j] * turns[2, column, j]
+        for row in range(3 * s):
+            before_0 -= to_moment[0, row] * side[row]
+            before_1 -= to_moment[1, row] * side[row]
+            before_2 -= to_moment[2, row] * side[row]
+        ends[0, column], ends[1, column], ends[2, column] = last_0, last_1, last_2
+        ends[3, column], ends[4, column], ends[5, column] = before_0, before_1, before_2
+        ends[column, column] += 1.0
+    return sign
 
 
 def link(system: System) -> int:

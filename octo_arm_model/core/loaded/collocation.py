@@ -18,13 +18,13 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
-# Points in each element, for at most so many elements.
-_POINTS = ((8, 12), (16, 10), (24, 8))
-_FEWEST = 6  # in each of more elements
-_LONGEST = 0.41  # of the length of the arm
+# Points in each element; where tendons have friction, whose tensions are less smooth; and in each
+# where elements are many, as of an arm of many sections.
+_POINTS, _WITH_FRICTION, _MANY, _FEWEST = 8, 10, 24, 6
+_LONGEST = 0.27  # of the length of the arm
 # Ratio of the radii at the ends of an element: compliances go with the fourth power of the radius,
 # and what changes more within an element takes many more points.
-_TAPER = 1.5
+_TAPER = 1.4
 _ROUNDING = 1e-12  # of the length of the arm
 
 
@@ -58,8 +58,9 @@ class Collocation:
                 section += [panel.section] * (parts.size * cuts)
         self.start, self.step = np.array(ends[:-1]), np.diff(ends)
         # Finer elements have as many points each as those they are cut from.
-        coarse = len(section) // cuts
-        points = next((points for most, points in _POINTS if coarse <= most), _FEWEST)
+        points = _WITH_FRICTION if arm.friction else _POINTS
+        if len(section) // cuts > _MANY:
+            points = _FEWEST
         points = min(points, most_points)
         self.rule: GaussRule = gauss_rule(points)
         places = self.start[:, np.newaxis] + self.step[:, np.newaxis] * self.rule.points

@@ -36,8 +36,10 @@ from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
-# of its values. Positions, which are integrals of it, are far more exact.
-RESOLVED = 1e-6
+# of its values. Positions, which are integrals of it, are far more exact: of a twentieth of that
+# part of the length at most, and of far less at the tip, where the error of Gauss points is of
+# twice the order.
+RESOLVED = 1e-4
 # Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
 STRAIGHT = 1e-3
 # That of the tensions of tendons with friction, whose rate of change is far less exact.
@@ -48,9 +50,9 @@ _KEPT = 64  # loads whose resultants are, and rods
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
 
-# From a condition and a shape nearby to the solution there; None where Newton's method leads to no
-# stable balance, or to one that elements do not resolve. Iterations are spent.
-Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | None]
+# From a condition and a shape nearby to the solution there, or to the shape of a stable balance
+# that elements do not resolve; None where Newton's method leads to neither. Iterations are spent.
+Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | Shape | None]
 
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]

@@ -34,7 +34,7 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
 
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
-COARSE = 4  # points in each of the elements in which an arm is followed from its unloaded shape
+COARSE = 3  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
@@ -144,11 +144,12 @@ class Exact:
         shape = start.shape if start else None
         if shape is None:
             shape = rod.unloaded(start.tensions.ravel() if start else tensions, wanted.before)
-        if rod.settle is not None:
-            solution = rod.settle(wanted, shape, spending)
-            if solution is not None:
-                return solution
-        if start is None:
+        found = rod.settle(wanted, shape, spending) if rod.settle is not None else None
+        if isinstance(found, Solution):
+            return found
+        if found is not None:
+            known, shape = wanted, found
+        elif start is None:
             known, shape = self._nearly(wanted, shape, spending)
         else:
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)

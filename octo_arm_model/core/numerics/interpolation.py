@@ -1,15 +1,22 @@
-"""Linear interpolation of rows of numbers."""
+"""Linear interpolation of rows of numbers, and the nearest row."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
 
 
 def interpolated(at: FloatArray | float, x: FloatArray, rows: FloatArray) -> FloatArray:
-    """``rows`` (n, k) of ascending ``x`` (n,) at ``at`` (m,), (m, k); of one number (k,).
+    """``rows`` (n, ...) at ascending ``x`` (n,), interpolated to all of ``at``: (*at.shape, ...).
 
     Before the first and after the last row it is that row.
     """
-    return np.stack([np.interp(at, x, column) for column in rows.T], axis=-1)
+    columns = rows.reshape(len(rows), -1).T
+    found = np.stack([np.interp(at, x, column) for column in columns], axis=-1)
+    return found.reshape(*np.shape(at), *rows.shape[1:])
+
+
+def nearest(at: FloatArray, x: FloatArray) -> IntArray:
+    """Index of that of ascending ``x`` (n,) which is nearest to each ``at``."""
+    return np.searchsorted(0.5 * (x[1:] + x[:-1]), at)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.solution import Shape
@@ -40,11 +39,8 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
     energy, own = problem.energy, problem.collocation
     local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
     imbalance = Imbalance(energy, rod.parameters, shape.twist, local_tensions)
-    # It is balanced: Newton's method only evaluates it, in machine code if there is.
-    found = rod.newton(condition, shape, np.inf)
-    answer = found.system
-    if not isinstance(answer, TipAnswer):
-        answer = problem.tip_answer(found.state, problem.linearised(found.state))
+    state = problem.state(condition, shape)
+    answer = problem.tip_answer(state, problem.linearised(state))
     by_wrench = answer.twist * own.weights
     by_wrench[:, 3:] /= own.length
 

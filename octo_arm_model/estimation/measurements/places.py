@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
 from octo_arm_model.estimation.prediction import Prediction
 
@@ -74,9 +75,8 @@ class Curvatures(_AtPlaces):
         return change.reshape(self.value.size, -1)
 
     def _stations(self, at: Prediction) -> IntArray:
-        s = at.model.solver.grid.s
         _check_on_arm(self.name, self.s, at)
-        return np.searchsorted(0.5 * (s[1:] + s[:-1]), self.s)
+        return nearest(self.s, at.model.solver.grid.s)
 
 
 def _check_on_arm(name: str, s: FloatArray, at: Prediction) -> None:

@@ -11,7 +11,8 @@ from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MIDLINES, MeasuredTopics
 from octo_arm_model.experiment.recording.observations import Pairing, base_first, camera_offset
-from octo_arm_model.experiment.recording.recording import Skips, Stamped, assemble
+from octo_arm_model.experiment.recording.recording import Stamped, assemble
+from octo_arm_model.wire.refusals import Refusals
 
 
 def camera_topic(reader: BagReader, wanted: str | None) -> str | None:
@@ -29,7 +30,7 @@ def read_camera(
     tensions: Stamped,
     alignment: Alignment | None,
     offset: float | None,
-    skips: Skips,
+    refusals: Refusals,
     notes: list[str],
 ) -> CameraFrames:
     """Midlines or tips on a ``topic``.
@@ -42,7 +43,7 @@ def read_camera(
         alignment: from the camera's frame to base_frame; None for one to be fitted, or none at
             all where they are in base_frame.
         offset: to add to their stamps [s]; None to find it from the motion.
-        skips: told of messages left out.
+        refusals: count the messages left out.
         notes: told of what was decided.
 
     Raises:
@@ -52,8 +53,8 @@ def read_camera(
     measured = Measured((topic,))
     points = MeasuredPoints(measured, config.arm.length)
     topics = MeasuredTopics(reader, measured, points, config.base_frame)
-    frames = list(topics.read(skips, Count()))
-    recording = assemble({}, tensions, None, frames, topic, measured, points, skips, notes)
+    frames = list(topics.read(refusals, Count()))
+    recording = assemble({}, tensions, None, frames, topic, measured, points, refusals, notes)
     if alignment is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
     elif alignment is None:

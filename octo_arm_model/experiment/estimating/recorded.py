@@ -29,8 +29,9 @@ from octo_arm_model.experiment.estimating.read_camera import camera_topic, read_
 from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
 from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.count import Count
-from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_short
+from octo_arm_model.experiment.recording.recording import Stamped, in_short
 from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
+from octo_arm_model.wire.refusals import Refusals
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Recorded:
         origin_ns: stamp that times count from [ns].
         camera: what the estimates are compared with; None for nothing.
         camera_topic: where that is from.
-        skips: messages left out.
+        refusals: messages left out.
         notes: on what was decided.
     """
 
@@ -85,7 +86,7 @@ class Recorded:
     origin_ns: int
     camera: CameraCheck | None
     camera_topic: str | None
-    skips: Skips
+    refusals: Refusals
     notes: list[str]
 
 
@@ -109,32 +110,32 @@ def read_recorded(
         given['tension_names'] = list(sources.tendons)
     own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
     config = Config.from_parameters(given)
-    skips, notes = Skips(), list(reader.notes)
+    refusals, notes = Refusals(), list(reader.notes)
     if any('synthetic' in text for text in reader.metadata.values()):
         notes.append('the bag says that it is synthetic')
     count = Count(progress)
     count.expect(reader.count(sensors.all))
-    tensions = read_tension_rows(reader, sensors, config, skips, count.add)
+    tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
     time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
     recorded = tension_statistics(time, tensions.rows) if len(time) else None
     settings = EstimatorSettings.from_parameters(own, config, recorded)
     models = settings.models(config)
     arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment))
-    groups = read_measured(reader, sensors, tensions, arm, skips, count.add)
+    groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
     if not groups:
         where = ', '.join(sensors.all)
-        raise BagError(f'{reader.path}: nothing measured on {where}{in_short(skips.refusals)}')
+        raise BagError(f'{reader.path}: nothing measured on {where}{in_short(refusals)}')
     topic = camera_topic(reader, sources.midlines)
     origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
     camera = None
     if topic is not None:
         try:
-            camera = _camera(reader, topic, config, sensors, tensions, sources, skips, notes)
+            camera = _camera(reader, topic, config, sensors, tensions, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
     return Recorded(
         given, config, sensors, settings, models, groups, origin, camera,
-        topic if camera is not None else None, skips, notes,
+        topic if camera is not None else None, refusals, notes,
     )  # fmt: skip
 
 
@@ -155,7 +156,7 @@ def _camera(
     sensors: SensorTopics,
     tensions: RecordedTensions,
     sources: Sources,
-    skips: Skips,
+    refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
     """The camera's frames beside what the tensions alone tell.
@@ -167,7 +168,7 @@ def _camera(
         raise MeasurementError('there are no tensions to tell a shape without the estimator')
     stamped = Stamped(sensors.tensions, tensions.stamps_ns.tolist(), list(tensions.rows))
     frames = read_camera(
-        reader, topic, config, stamped, sources.alignment, sources.clock_offset, skips, notes
+        reader, topic, config, stamped, sources.alignment, sources.clock_offset, refusals, notes
     )
     order = np.argsort(tensions.stamps_ns, kind='stable')
     time = 1e-9 * (tensions.stamps_ns[order] - tensions.stamps_ns.min())

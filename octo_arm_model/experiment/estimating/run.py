@@ -62,11 +62,10 @@ def estimate(
         OctoArmError: as ``write``.
     """
     failures = Refusals()
-    given = recorded.groups, recorded.settings, recorded.models
-    if is_smooth:
-        found = smoothed(*given, progress)
-    else:
-        found = filtered(*given, lambda stamp, reason: failures.count('', reason), progress)
+    found = (smoothed if is_smooth else filtered)(
+        recorded.groups, recorded.settings, recorded.models,
+        lambda reason: failures.count('', reason), progress,
+    )  # fmt: skip
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []

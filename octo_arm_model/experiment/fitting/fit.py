@@ -168,8 +168,12 @@ class Problem:
             )
         return found.x
 
-    def solve(self, loss: str = SOFT_L1) -> tuple[FloatArray, float | None]:
+    def solve(
+        self, loss: str = SOFT_L1, start: FloatArray | None = None
+    ) -> tuple[FloatArray, float | None]:
         """The fit by one of `LOSSES`: of soft_l1 minimum and scale alternately, until both settle.
+
+        From ``start`` on, or else from where the unknowns begin.
 
         Returns:
             x and the scale of the robust loss [m], None of the sum of squares.
@@ -179,7 +183,7 @@ class Problem:
             ConvergenceError: if no minimum is found.
             MeasurementError: if a midline does not begin near the base.
         """
-        x = self.unknowns.start
+        x = self.unknowns.start if start is None else start
         if self.unknowns.reads_encoders and not self._is_weighed:
             self._weigh(x)
             self._is_weighed = True
@@ -212,9 +216,8 @@ def fit_alignment(
     """
     readings = Readings.of(shapes)
     unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
-    solutions = Solutions(unknowns)
-    backbones = [solutions.backbone(unknowns.start, step) for step in range(len(shapes))]
-    begin = first_alignment(shapes, [backbone.position for backbone in backbones], backbones[0].s)
-    unknowns = Unknowns(parameters, model, ['alignment'], readings, begin)
-    x, _ = Problem(shapes, unknowns).solve()
+    problem = Problem(shapes, unknowns)
+    found = [problem.solutions.backbone(unknowns.start, step) for step in range(len(shapes))]
+    begin = first_alignment(shapes, [backbone.position for backbone in found], found[0].s)
+    x, _ = problem.solve(start=np.concatenate([begin.shift, begin.turn]))
     return unknowns.alignment(x)

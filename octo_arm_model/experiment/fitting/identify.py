@@ -6,6 +6,7 @@ their intervals and correlations.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -139,10 +140,10 @@ class _Fit:
             tried.append(held_back.fit_by(problem, x, scale, name, used, tick))
         best = held_back.better(tried)
         progress(total, total)
-        return _identification(
-            problem, best, used, left_out, {'loose': loose, 'fits': self._fits, 'tried': tried},
-            estimates, self._before,
-        )  # fmt: skip
+        remarks = functools.partial(
+            notes_on, problem, best, loose=loose, fits=self._fits, tried=tried
+        )
+        return _identification(problem, best, used, left_out, remarks, estimates, self._before)
 
     def _determined(
         self, left_out: dict[str, str]
@@ -172,11 +173,11 @@ def _identification(
     best: HeldBackFit,
     folds: Sequence[Sequence[int]],
     left_out: Mapping[str, str],
-    for_notes: Mapping[str, Any],
+    remarks: Callable[[FloatArray, Misfit, float | None], list[str]],
     estimates: Mapping[str, Estimate],
     before: Misfit,
 ) -> Identification:
-    """Results of the ``best`` fit of a ``problem``; ``for_notes`` are arguments of `notes_on`."""
+    """Results of the ``best`` fit of a ``problem``; ``remarks`` is `notes_on` of these two."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
     after, cross_validation = misfit_of(problem.all_residuals(x), length), None
@@ -200,7 +201,7 @@ def _identification(
         estimates={**estimates, **found},
         correlations=correlations,
         undetermined=tuple(left_out.values()),
-        notes=tuple(notes_on(problem, best, correlations, after, floor, **for_notes)),
+        notes=tuple(remarks(correlations, after, floor)),
         before=before,
         after=after,
         cross_validation=cross_validation,

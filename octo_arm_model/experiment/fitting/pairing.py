@@ -14,11 +14,11 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting import robust_loss
 from octo_arm_model.experiment.recording.alignment import Alignment, align
 from octo_arm_model.experiment.recording.curves import along, along_change, place_change
-from octo_arm_model.experiment.recording.markers import marker_weights
 from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.recording.midlines import fraction_at_start
 
@@ -52,7 +52,7 @@ def shape_residuals(shape: MeasuredShape, measured: FloatArray, backbone: Backbo
     """Points of a ``shape``, ``measured`` (m, 3) in base_frame, less those of the model [m]."""
     if shape.s is None:
         return residuals(measured, backbone.position)
-    return measured - marker_weights(shape.s, backbone.s) @ backbone.position
+    return measured - interpolated(shape.s, backbone.s, backbone.position)
 
 
 def shape_residuals_change(
@@ -65,8 +65,7 @@ def shape_residuals_change(
     """Derivative of `shape_residuals` (m, 3, p) for (m, 3, p) and (n, 3, p) of its points."""
     if shape.s is None:
         return residuals_change(measured, by_measured, backbone.position, by_model)
-    weights = marker_weights(shape.s, backbone.s)
-    return by_measured - np.einsum('mn,nip->mip', weights, by_model)
+    return by_measured - interpolated(shape.s, backbone.s, by_model)
 
 
 def first_alignment(
@@ -87,7 +86,7 @@ def first_alignment(
         )
     base = np.concatenate([
         along(model, _fractions(len(shape.points), 0.0)[0]) if shape.s is None
-        else marker_weights(shape.s, stations) @ model
+        else interpolated(shape.s, stations, model)
         for shape, model in zip(shapes, models, strict=True)
     ])  # fmt: skip
     finest = 1e-6 * float(np.ptp(base, axis=0).max())

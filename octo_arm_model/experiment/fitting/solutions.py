@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import displacements_of, solve_displacements
-from octo_arm_model.analysis.winding import Wound, tendon_compliance
+from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding import Wound, displacements_of, tendon_compliance
 from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -25,7 +25,7 @@ class Solutions:
     def __init__(self, unknowns: Unknowns) -> None:
         """Of the steps whose readings ``unknowns`` has."""
         self._unknowns, self._readings = unknowns, unknowns.readings
-        self._at: FloatArray | None = None
+        self._at: FloatArray = np.empty(0)
         self._solver: Solver | None = None
         self._backbones: dict[int, Backbone] = {}
         self._wound: dict[int, Wound] = {}
@@ -57,8 +57,10 @@ class Solutions:
         return self._backbones[step]
 
     def _solver_at(self, x: FloatArray) -> Solver:
-        if self._solver is None or self._at is None or (x != self._at).any():
-            self._solver, self._at = self._unknowns.solver(x), x.copy()
+        # The arm does not depend on where the camera is.
+        of_arm = np.delete(x, self._unknowns.alignment_columns)
+        if self._solver is None or not np.array_equal(of_arm, self._at):
+            self._solver, self._at = self._unknowns.solver(x), of_arm
             self._backbones, self._changes, self._differences = {}, {}, None
         return self._solver
 

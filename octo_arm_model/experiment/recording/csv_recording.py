@@ -20,7 +20,7 @@ from octo_arm_model.experiment.recording.measured_points import (
     Measured,
     MeasuredPoints,
 )
-from octo_arm_model.experiment.recording.measured_topics import Skip
+from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.tension_fields import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
@@ -46,9 +46,9 @@ class CsvSources:
 
 
 def csv_tensions(
-    table: CsvTable, config: Config, skip: Skip
+    table: CsvTable, config: Config, refusals: Refusals
 ) -> tuple[list[int], list[FloatArray]]:
-    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``skip`` is called with those left out.
+    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``refusals`` count those left out.
 
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
@@ -73,14 +73,16 @@ def csv_tensions(
             tensions.append(config.load_cells.tensions(arm, row).ravel())
             kept.append(stamp)
         except TensionError as error:
-            skip(str(table.path), stamp, str(error))
+            refusals.count(str(table.path), str(error))
     return kept, tensions
 
 
-def csv_displacements(table: CsvTable, arm: Arm, skip: Skip) -> tuple[list[int], list[FloatArray]]:
+def csv_displacements(
+    table: CsvTable, arm: Arm, refusals: Refusals
+) -> tuple[list[int], list[FloatArray]]:
     """Stamps [ns] and encoder readings (tendons,) [m] of the rows, NaN of tendons without.
 
-    ``skip`` is called with rows that have none.
+    ``refusals`` count the rows that have none.
 
     Raises:
         MeasurementError: if there is no column of a tendon, or a cell holds no number.
@@ -97,14 +99,13 @@ def csv_displacements(table: CsvTable, arm: Arm, skip: Skip) -> tuple[list[int],
         if table.find(name) is not None:
             column[:] = table.numbers(name, LENGTH_UNITS, 'm')
     reads = np.isfinite(rows).any(axis=1)
-    for stamp, read in zip(stamps, reads):
-        if not read:
-            skip(str(table.path), stamp, NO_READING)
+    for _ in range(np.count_nonzero(~reads)):
+        refusals.count(str(table.path), NO_READING)
     return [stamp for stamp, read in zip(stamps, reads) if read], list(rows[reads])
 
 
 def csv_frames(
-    table: CsvTable, measured: Measured, points: MeasuredPoints, skip: Skip
+    table: CsvTable, measured: Measured, points: MeasuredPoints, refusals: Refusals
 ) -> list[Frame]:
     """Frames of a table: a row for each, or one for each point, those of one time together.
 
@@ -134,7 +135,7 @@ def csv_frames(
         try:
             frames.append(Frame(stamp, points.check(place, is_midline)))
         except MeasurementError as error:
-            skip(str(table.path), stamp, str(error))
+            refusals.count(str(table.path), str(error))
     return frames
 
 

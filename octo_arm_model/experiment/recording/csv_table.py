@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.config.csv_files import NUMBER
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
-from octo_arm_model.core.errors import MeasurementError, shown
+from octo_arm_model.core.errors import MeasurementError, listed, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS, MAX_YAML_BYTES
 from octo_arm_model.experiment.recording.count import Count
@@ -24,10 +25,7 @@ TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {'N': 1.0, 'mN': 1e-3}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
-# As in JSON; Python would also read 1_000 and the digits of other scripts.
-_NUMBER = re.compile(r'^[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?$')
 _MISSING = ('', 'nan', 'NaN', 'NAN')
-_LISTED = 20
 _TOGETHER = 4096  # rows counted at a time
 
 
@@ -68,7 +66,7 @@ class CsvTable:
                 return number
         if name not in self.given:
             return None
-        if _NUMBER.match(wanted):
+        if NUMBER.match(wanted):
             return float(wanted)
         raise MeasurementError(
             f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
@@ -77,9 +75,7 @@ class CsvTable:
     @property
     def listing(self) -> str:
         """The names of the columns, of many not all."""
-        names = ', '.join(column.name for column in self.columns[:_LISTED])
-        more = len(self.columns) - _LISTED
-        return f'it has {names}' + (f' and {more} more' if more > 0 else '')
+        return f'it has {listed([column.name for column in self.columns])}'
 
     def numbers(self, name: str, units: Mapping[str, float], default: str) -> FloatArray:
         """Values of the column for ``name`` in the first of ``units``, NaN where there is none.
@@ -105,7 +101,7 @@ class CsvTable:
         values = np.empty(len(self.rows))
         for place, row in enumerate(self.rows):
             text = row[number].strip()
-            if _NUMBER.match(text) and math.isfinite(value := float(text)):
+            if NUMBER.match(text) and math.isfinite(value := float(text)):
                 values[place] = value
             elif text in _MISSING:
                 values[place] = math.nan

@@ -6,7 +6,6 @@ in a step where none does it is left out.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
@@ -48,15 +47,6 @@ def is_at_tip(s: FloatArray, length: float) -> bool:
     return bool(s[-1] >= (1.0 - _TIP) * length)
 
 
-def marker_weights(s: FloatArray, stations: FloatArray) -> FloatArray:
-    """Weights (markers, stations) of linear interpolation at ``s`` between ``stations`` [m]."""
-    after = np.clip(np.searchsorted(stations, s), 1, len(stations) - 1)
-    part = (s - stations[after - 1]) / (stations[after] - stations[after - 1])
-    row, weights = np.arange(len(s)), np.zeros((len(s), len(stations)))
-    weights[row, after - 1], weights[row, after] = 1.0 - part, part
-    return weights
-
-
 def mean_markers(
     window: Window, frames: Sequence[FloatArray], s: FloatArray
 ) -> MeasuredShape | None:
@@ -84,8 +74,7 @@ def mean_markers(
         middle[enough] = np.nanmean(kept[:, enough], axis=0)
         noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
     shown = seen.any(axis=0)
-    shape = MeasuredShape(
+    return MeasuredShape(
         window, middle[shown], int(seen.any(axis=1).sum()), int(outlying.any(axis=1).sum()),
-        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames),
+        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames), s[shown],
     )  # fmt: skip
-    return dataclasses.replace(shape, s=s[shown])

@@ -13,6 +13,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
+from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
@@ -23,8 +24,6 @@ MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
 _STATIC = 'tf_static'  # the name of topics whose transforms hold at all times
 
 T = TypeVar('T')
-# Called with the topic, the stamp [ns] and the reason of a message left out.
-Skip = Callable[[str, int, str], None]
 
 
 class MeasuredTopics:
@@ -55,8 +54,8 @@ class MeasuredTopics:
             name = measured.sources[0] if measured.sources else None
             self.topics = [pick_topic(reader, name, types, what)]
 
-    def read(self, skip: Skip, count: Count) -> Iterator[Frame]:
-        """Frames in the order of their stamps; ``skip`` is called with those left out.
+    def read(self, refusals: Refusals, count: Count) -> Iterator[Frame]:
+        """Frames in the order of their stamps; ``refusals`` count those left out.
 
         Markers of several topics, or of TF, with the same stamp are one frame. Each message
         is counted.
@@ -66,7 +65,9 @@ class MeasuredTopics:
         """
         frames: dict[int, FloatArray] = {}
         is_tf = bool(self._measured.marker_frames)
-        found = self._of_tf(skip, count) if is_tf else self._messages(skip, count, self._read)
+        found = (
+            self._of_tf(refusals, count) if is_tf else self._messages(refusals, count, self._read)
+        )
         for stamp, points in found:
             if not is_tf and len(self.topics) == 1:
                 yield Frame(stamp, points)
@@ -79,14 +80,14 @@ class MeasuredTopics:
             yield Frame(stamp, frames[stamp])
 
     def _messages(
-        self, skip: Skip, count: Count, read: Callable[[Record, Any], T]
+        self, refusals: Refusals, count: Count, read: Callable[[Record, Any], T]
     ) -> Iterator[tuple[int, T]]:
-        """Stamps [ns] of messages and what ``read`` makes of each, skipped where nothing."""
+        """Stamps [ns] of messages and what ``read`` makes of each, left out where nothing."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
             count.add()
             stamp, found, reason = self._reader.read(record, partial(read, record))
             if found is None:
-                skip(record.topic, stamp.ns, reason)
+                refusals.count(record.topic, reason)
             else:
                 yield stamp.ns, found
 
@@ -99,7 +100,7 @@ class MeasuredTopics:
             points = self._alone(self.topics.index(record.topic), points[0])
         return self._points.check(points, record.type_name in MIDLINES)
 
-    def _of_tf(self, skip: Skip, count: Count) -> Iterator[tuple[int, FloatArray]]:
+    def _of_tf(self, refusals: Refusals, count: Count) -> Iterator[tuple[int, FloatArray]]:
         """Stamps and points of each marker by chains of transforms.
 
         In base_frame where transforms lead there, otherwise in their root.
@@ -108,7 +109,7 @@ class MeasuredTopics:
 
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
         found = self._messages(
-            skip, count, lambda record, message: [(record, one) for one in message.transforms]
+            refusals, count, lambda record, message: [(record, one) for one in message.transforms]
         )
         for _, transforms in found:
             number += len(transforms)
@@ -123,20 +124,20 @@ class MeasuredTopics:
                 try:
                     tree.add(*names, stamp, *parts, is_static)
                 except MeasurementError as error:
-                    skip(record.topic, stamp, str(error))
+                    refusals.count(record.topic, str(error))
         for number, name in enumerate(self._measured.marker_frames):
             root = tree.chain(name)[-1]
             target = self._base_frame if tree.connects(name, self._base_frame) else root
             self._points.check_frame(target)
 
-            def leave_out(stamp: int, reason: str, name: str = name) -> None:
-                skip(topics, stamp, f'{name}: {reason}')
+            def leave_out(reason: str, name: str = name) -> None:
+                refusals.count(topics, f'{name}: {reason}')
 
             for stamp, point in zip(*tree.origins(name, target, leave_out)):
                 try:
                     yield int(stamp), self._points.check(self._alone(number, point), False)
                 except MeasurementError as error:
-                    leave_out(int(stamp), str(error))
+                    leave_out(str(error))
 
     def _alone(self, number: int, point: FloatArray) -> FloatArray:
         """Markers of which that with a ``number`` alone is seen, at ``point``."""

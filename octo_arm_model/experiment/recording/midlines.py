@@ -101,15 +101,16 @@ def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tup
     """
     ends = [np.array([points[end] for points in midlines]) for end in (0, -1)]
     spread = [_spread(end) for end in ends]
-    moved = f'the first points spread by {spread[0] * 1e3:.1f} mm, the last by {{:.1f}} mm'
-    moved = moved.format(spread[1] * 1e3)
+    first, last = (f'{1e3 * one:.1f} mm' for one in spread)
+    moved = f'the first points spread by {first}, the last by {last}'
     if max(spread) > _MOVES * min(spread):
         return spread[0] > spread[1], moved
     if base is not None:
         away = [float(np.linalg.norm(np.median(end, axis=0) - base)) for end in ends]
         if max(away) > _MOVES * min(away):
-            why = f'the first points are {away[0] * 1e3:.1f} mm from the base, the last '
-            return away[0] > away[1], f'{why}{away[1] * 1e3:.1f} mm'
+            first, last = (f'{1e3 * one:.1f} mm' for one in away)
+            why = f'the first points are {first} from the base, the last {last}'
+            return away[0] > away[1], why
     raise MeasurementError(
         f'which end of the midlines is the base cannot be told: {moved}; '
         'say --base-end first or last'

@@ -95,11 +95,11 @@ def observe(
         windows = ramp_windows(time, sampled, pairing.ramp_width)
     else:
         windows = steady_windows(time, sampled, pairing.steady)
-    duration = pairing.steady.duration
     if not windows:
+        rule = pairing.steady
         raise SolveError(
-            f'nothing to compare: no {what} stays within '
-            f'{pairing.steady.tolerance_for(sampled):.3g} {unit} for {duration:g} s; '
+            f'nothing to compare: no {what} stays within {rule.tolerance_for(sampled):.3g} {unit} '
+            f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; '
             'where it changes slowly instead of in steps, say --ramp'
         )
     span = float(np.ptp(time))

@@ -14,8 +14,9 @@ from octo_arm_model.experiment.recording.csv_recording import CsvSources, csv_fr
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MeasuredTopics
-from octo_arm_model.experiment.recording.recording import Recording, Skips, assemble
+from octo_arm_model.experiment.recording.recording import Recording, assemble
 from octo_arm_model.experiment.recording.tendon_readings import pick_topics, read_tendons
+from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
@@ -76,7 +77,7 @@ def _check_sources(
     """Have each thing come from one place.
 
     Raises:
-        MeasurementError: if it comes from none, or from two.
+        MeasurementError: if it comes from none, or from two, or columns are those of no file.
     """
     has_all = files.tensions is not None and files.midlines is not None
     driven = files.displacements is not None and files.midlines is not None
@@ -84,6 +85,8 @@ def _check_sources(
         raise MeasurementError(
             'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'
         )
+    if files.columns and not (files.tensions or files.midlines or files.displacements):
+        raise MeasurementError('--columns is given, and no CSV file that it could be of')
     for given, other, file in (
         (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
         (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),
@@ -110,7 +113,7 @@ def _gather(
 
     ``topics`` are those of tensions and of displacements, as far as they were named.
     """
-    skips, notes = Skips(), list[str]()
+    refusals, notes = Refusals(), list[str]()
     picked: tuple[str, str] | None = None
     encoders: str | None = None
     if reader is not None:
@@ -135,13 +138,13 @@ def _gather(
         assert reader is not None
         seen = MeasuredTopics(reader, measured, points, config.base_frame)
         count.expect(reader.count(list(dict.fromkeys(seen.topics))))
-    readings = read_tendons(reader, picked, encoders, files, config, skips, count)
+    readings = read_tendons(reader, picked, encoders, files, config, refusals, count)
     if seen is not None:
-        source, found = ', '.join(seen.topics), list(seen.read(skips, count))
+        source, found = ', '.join(seen.topics), list(seen.read(refusals, count))
     else:
         assert files.midlines is not None
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
-        found = csv_frames(table, measured, points, skips)
+        found = csv_frames(table, measured, points, refusals)
     count.add(count.total - count.done)  # columns that nothing asked for
-    return assemble(given, *readings, found, source, measured, points, skips, notes)
+    return assemble(given, *readings, found, source, measured, points, refusals, notes)

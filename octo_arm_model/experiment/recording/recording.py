@@ -13,22 +13,6 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
 from octo_arm_model.wire.refusals import Refusals
 
-_KEPT = 1000  # messages left out that are kept one by one; all are counted
-
-
-class SkippedMessage(NamedTuple):
-    """A message that was left out.
-
-    Attributes:
-        topic: where it was published.
-        stamp_ns: its stamp [ns].
-        reason: why.
-    """
-
-    topic: str
-    stamp_ns: int
-    reason: str
-
 
 @dataclass(frozen=True)
 class Recording:
@@ -43,7 +27,6 @@ class Recording:
         frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3). Of markers all
             have one point for each of ``marker_s``, NaN where it was not seen.
         frame_id: frame they are in.
-        skipped: the first of the messages left out.
         notes: remarks.
         marker_s: arc coordinate of each marker [m]; None of midlines and tips.
         refusals: counts of the messages left out, by topic and reason.
@@ -59,7 +42,6 @@ class Recording:
     frame_time: FloatArray
     frames: tuple[FloatArray, ...]
     frame_id: str
-    skipped: tuple[SkippedMessage, ...] = ()
     notes: tuple[str, ...] = ()
     marker_s: FloatArray | None = None
     refusals: Refusals = field(default_factory=Refusals)
@@ -87,26 +69,6 @@ class Recording:
         return self.marker_s is None and all(len(points) == 1 for points in self.frames)
 
 
-class Skips:
-    """What is left out on the way into a recording.
-
-    Attributes:
-        kept: the first of them.
-        refusals: their counts.
-    """
-
-    def __init__(self) -> None:
-        """Nothing is left out yet."""
-        self.kept: list[SkippedMessage] = []
-        self.refusals = Refusals()
-
-    def __call__(self, topic: str, stamp_ns: int, reason: str) -> None:
-        """Leave a message out."""
-        self.refusals.count(topic, reason)
-        if len(self.kept) < _KEPT:
-            self.kept.append(SkippedMessage(topic, stamp_ns, reason))
-
-
 class Stamped(NamedTuple):
     """Sets of tensions or of encoder readings, and their stamps.
 
@@ -129,7 +91,7 @@ def assemble(
     source: str,
     measured: Measured,
     points: MeasuredPoints,
-    skips: Skips,
+    refusals: Refusals,
     notes: list[str],
 ) -> Recording:
     """A recording of ``tensions``, ``encoders``, one of which there is, and ``frames``.
@@ -140,7 +102,7 @@ def assemble(
         MeasurementError: if there are no frames, or they are not of this arm.
     """
     if not frames:
-        raise MeasurementError(f'nothing measured on {source}{in_short(skips.refusals)}')
+        raise MeasurementError(f'nothing measured on {source}{in_short(refusals)}')
     if measured.marker_s or all(len(frame.points) == 1 for frame in frames):
         points.check_together(frames)
     origin = min(min(one.stamps) for one in (tensions, encoders) if one is not None)
@@ -150,8 +112,8 @@ def assemble(
     frame_time, order = _in_order(stamps, origin, source, notes)
     return Recording(
         parameters, tension_time, table, frame_time, tuple(frames[i].points for i in order),
-        points.frame_id or '', tuple(skips.kept), tuple(notes), points.marker_s, skips.refusals,
-        displacement_time, displacements,
+        points.frame_id or '', tuple(notes), points.marker_s, refusals, displacement_time,
+        displacements,
     )  # fmt: skip
 
 

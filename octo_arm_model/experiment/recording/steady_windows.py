@@ -37,7 +37,7 @@ class SteadyRule:
         tolerance: [N]; None for the larger of 2 percent of the highest tension and four times the
             noise, which is taken from the differences of neighbouring samples.
         duration: [s].
-        settle: [s], less than ``duration``.
+        settle: [s].
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -100,7 +100,7 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
     if not len(time):
         return []
     band = 2.0 * rule.tolerance_for(tensions)
-    gap = max(rule.duration, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
+    gap = _longest_gap(time, rule.duration)
     ranges: list[tuple[int, int]] = []
     first = 0
     while first < len(time):
@@ -130,7 +130,7 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
         noise = 2.0 * SteadyRule().tolerance_for(tensions) if len(time) > 1 else 0.0
         width = max(float(np.abs(tensions).max(initial=0.0)) * _RAMP_PART, noise, 1e-9)
     positive('--ramp', width, 'N')
-    gap = max(1.0, 5.0 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
+    gap = _longest_gap(time, 1.0)
     windows: list[Window] = []
     first = 0
     while first < len(time):
@@ -163,6 +163,11 @@ def _window(
         return None
     mean, noise = tensions[taken].mean(axis=0), tensions[taken].std(axis=0)
     return Window(float(time[taken[0]]), float(time[taken[-1]]), mean, noise)
+
+
+def _longest_gap(time: FloatArray, least: float) -> float:
+    """Longest time between samples of one window: five times the usual one, or ``least`` [s]."""
+    return max(least, 5.0 * float(np.median(np.diff(time)))) if len(time) > 1 else least
 
 
 def _end_of_band(

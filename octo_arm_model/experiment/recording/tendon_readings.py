@@ -17,8 +17,9 @@ from octo_arm_model.experiment.recording.csv_recording import (
     csv_tensions,
 )
 from octo_arm_model.experiment.recording.csv_table import read_csv
-from octo_arm_model.experiment.recording.recording import Skips, Stamped, in_short
+from octo_arm_model.experiment.recording.recording import Stamped, in_short
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
+from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
@@ -57,7 +58,7 @@ def read_tendons(
     encoders: str | None,
     files: CsvSources,
     config: Config,
-    skips: Skips,
+    refusals: Refusals,
     count: Count,
 ) -> tuple[Stamped | None, Stamped | None]:
     """Tensions and encoder readings; None of what there is not.
@@ -72,23 +73,23 @@ def read_tendons(
         assert reader is not None
         topic, field = picked
         read = TensionTopic(reader, config, field).read
-        tensions = _of_topic(reader, topic, read, config, skips, count)
+        tensions = _of_topic(reader, topic, read, config, refusals, count)
     elif files.tensions is not None:
         table = read_csv(files.tensions, files.columns, count)
-        tensions = Stamped(str(files.tensions), *csv_tensions(table, config, skips))
+        tensions = Stamped(str(files.tensions), *csv_tensions(table, config, refusals))
     if encoders is not None:
         from octo_arm_model.bags.displacements import DisplacementTopic
 
         assert reader is not None
         read = DisplacementTopic(reader, config.arm).read
-        displacements = _of_topic(reader, encoders, read, config, skips, count)
+        displacements = _of_topic(reader, encoders, read, config, refusals, count)
     elif files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
-        found = csv_displacements(table, config.arm, skips)
+        found = csv_displacements(table, config.arm, refusals)
         displacements = Stamped(str(files.displacements), *found)
     for what, stamped in (('tensions', tensions), ('encoder readings', displacements)):
         if stamped is not None and not stamped.rows:
-            raise BagError(f'no {what} for this arm on {stamped.source}{in_short(skips.refusals)}')
+            raise BagError(f'no {what} for this arm on {stamped.source}{in_short(refusals)}')
     return tensions, displacements
 
 
@@ -97,7 +98,7 @@ def _of_topic(
     topic: str,
     read: Callable[[Sequence[Record]], list[Reading]],
     config: Config,
-    skips: Skips,
+    refusals: Refusals,
     count: Count,
 ) -> Stamped:
     """What ``read`` makes of the messages of a ``topic`` and does not refuse."""
@@ -108,7 +109,7 @@ def _of_topic(
     for _, one in read_topic(reader, topic, read):
         count.add()
         if one.is_refused or one.displacements == {}:
-            skips(topic, one.stamp_ns, one.reason or NO_READING)
+            refusals.count(topic, one.reason or NO_READING)
             continue
         stamped.stamps.append(one.stamp_ns)
         if one.tensions is not None:

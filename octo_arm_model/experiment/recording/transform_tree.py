@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, listed
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
@@ -109,8 +109,8 @@ class TransformTree:
         """
         known = {*self._links, *(link.parent for link in self._links.values())}
         if frame not in known:
-            some = ', '.join(sorted(known)[:20]) or 'none'
-            raise MeasurementError(f'no frame {frame!r} among the transforms; there are {some}')
+            there = listed(sorted(known))
+            raise MeasurementError(f'no frame {frame!r} among the transforms; there are {there}')
         chain = [frame]
         while chain[-1] in self._links:
             chain.append(self._links[chain[-1]].parent)
@@ -119,18 +119,18 @@ class TransformTree:
         return chain
 
     def origins(
-        self, frame: str, target: str, skip: Callable[[int, str], None]
+        self, frame: str, target: str, skip: Callable[[str], None]
     ) -> tuple[IntArray, FloatArray]:
         """When and where the origin of ``frame`` is in ``target``: stamps (n,) [ns], (n, 3) [m].
 
         Stamps are those of the transform nearest to the frame that is not static. ``skip`` is
-        called with stamps and reasons where the place is not known.
+        called with the reason wherever the place is not known.
 
         Raises:
             MeasurementError: if nothing connects the two, or all transforms between are static.
         """
-        up, down = self._ways(frame, target)
-        moving = [child for child in (*up[:-1], *down[:-1]) if not self._links[child].is_static]
+        path = self._path(frame, target)
+        moving = [child for child, _ in path if not self._links[child].is_static]
         if not moving:
             raise MeasurementError(
                 f'all transforms from {frame!r} to {target!r} are static, expected stamps of a '
@@ -139,7 +139,7 @@ class TransformTree:
         stamps, _ = self._links[moving[0]].table()
         points = np.zeros((len(stamps), 3))
         known = np.ones(len(stamps), dtype=bool)
-        for child, is_up in (*((c, True) for c in up[:-1]), *((c, False) for c in down[-2::-1])):
+        for child, is_up in path:
             # The origin of the frame itself does not depend on its rotation.
             shift, turn = self._at(child, stamps, known, skip, needs_turn=child != frame)
             if is_up:
@@ -156,13 +156,12 @@ class TransformTree:
             MeasurementError: if nothing connects the two, or a transform between is not known.
         """
 
-        def refuse(stamp: int, reason: str) -> None:
+        def refuse(reason: str) -> None:
             raise MeasurementError(reason)
 
-        up, down = self._ways(frame, target)
         stamps, known = np.array([stamp_ns]), np.ones(1, dtype=bool)
         turned, place = Rotation.identity(), np.zeros(3)
-        for child, is_up in (*((c, True) for c in up[:-1]), *((c, False) for c in down[-2::-1])):
+        for child, is_up in self._path(frame, target):
             shifts, turns = self._at(child, stamps, known, refuse, needs_turn=True)
             assert turns is not None
             shift, turn = shifts[0], turns[0]
@@ -185,8 +184,8 @@ class TransformTree:
         """Frames that have a parent."""
         return self._links.keys()
 
-    def _ways(self, frame: str, target: str) -> tuple[list[str], list[str]]:
-        """From ``frame``, and from ``target``, up to their nearest common ancestor.
+    def _path(self, frame: str, target: str) -> list[tuple[str, bool]]:
+        """Transforms from ``frame`` to ``target``, by child, and whether each is to its parent.
 
         Raises:
             MeasurementError: if nothing connects the two.
@@ -197,14 +196,14 @@ class TransformTree:
         while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
             # What is above the common ancestor moves both alike.
             del up[-1], down[-1]
-        return up, down
+        return [*((child, True) for child in up[:-1]), *((child, False) for child in down[-2::-1])]
 
     def _at(
         self,
         child: str,
         stamps: IntArray,
         known: np.ndarray,
-        skip: Callable[[int, str], None],
+        skip: Callable[[str], None],
         needs_turn: bool,
     ) -> tuple[FloatArray, Rotation | None]:
         """Translation and rotation of a transform at ``stamps``; updates which are ``known``."""
@@ -226,7 +225,7 @@ class TransformTree:
         outside = known & ((stamps < times[0]) | (stamps > times[-1]))
         known &= ~outside
         for stamp in stamps[outside].tolist():
-            skip(stamp, f'{name} is not known at {1e-9 * stamp:.3f} s')
+            skip(f'{name} is not known at {1e-9 * stamp:.3f} s')
         at = np.clip(stamps, times[0], times[-1])
         # A pose at one time needs the two transforms about it, and not those of the whole history.
         first, after = np.searchsorted(times, (at.min(), at.max()), side='right')

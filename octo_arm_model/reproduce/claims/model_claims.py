@@ -16,6 +16,7 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_IN_FIGURE_9,
 )
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.solver import MODELS, Solver
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, of_models
@@ -141,7 +142,7 @@ def errors_grow() -> Claim:
         shape = cases.solve('prototype', model, tensions)
         off = Solver(arm, model, cases.STATIONS, config.base).solve(tensions).position
         error = np.linalg.norm(off - shape.position, axis=1) * 1e3
-        quarters = error[[np.abs(shape.s / shape.s[-1] - part).argmin() for part in (0.25, 0.5)]]
+        quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
         return Finding(
             f'{quarters[0]:.1f} mm at L/4, {quarters[1]:.1f} at L/2, {error[-1]:.1f} at the tip',
             bool((np.diff(error) > 0.0).all()),

@@ -8,12 +8,13 @@ from rclpy.node import Node
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.tension_subscription import LatestSubscription, message_class
 from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.stamp import Stamp
 
-Take = Callable[[str, Stamp | None, Measurement, int], None]
+Take = Callable[[str, Stamp | None, Measurement], None]
 
 
 class MeasurementInputs:
@@ -23,7 +24,8 @@ class MeasurementInputs:
         self,
         node: Node,
         work: WorkQueue,
-        arm: Callable[[], MeasuredArm | None],
+        diagnostics: Diagnostics,
+        arm: Callable[[], MeasuredArm],
         take: Take,
         refuse: Callable[[str, OctoArmError], None],
     ) -> None:
@@ -32,43 +34,38 @@ class MeasurementInputs:
         Args:
             node: the node that subscribes.
             work: has the turns in which messages are read.
+            diagnostics: told who publishes, and how many messages were skipped for newer ones.
             arm: returns the arm that they tell of.
-            take: called with the topic, the stamp, the measurement and how many messages before it
-                were skipped.
+            take: called with the topic, the stamp and the measurement.
             refuse: called with the topic and the error of a message that measures nothing.
         """
-        self._node, self._work = node, work
+        self._node, self._work, self._diagnostics = node, work, diagnostics
         self._arm, self._take, self._refuse = arm, take, refuse
         self._inputs: list[LatestSubscription] = []
 
-    @property
-    def publishers(self) -> dict[str, Callable[[], int]]:
-        """Functions that count the publishers of each topic, by its whole name."""
-        return {one.topic: one.count_publishers for one in self._inputs}
-
     def open(self) -> None:
         """Subscribe."""
-        for topic in MEASUREMENT_TOPICS:
-            self._subscribe(topic)
+        self._inputs = [self._subscribe(topic) for topic in MEASUREMENT_TOPICS]
+        publishers = {one.topic: one.count_publishers for one in self._inputs}
+        self._diagnostics.publishers |= publishers
+        self._diagnostics.apart = frozenset(publishers)
 
-    def _subscribe(self, topic: str) -> None:
+    def _subscribe(self, topic: str) -> LatestSubscription:
         kind = MEASUREMENT_TOPICS[topic]
 
         def answer(data: bytes, older: int) -> None:
-            arm = self._arm()
-            if arm is None:
-                return
+            self._diagnostics.skipped(older)
             try:
                 message = found.decode(data)
-                measurement = kind.read(message, arm)
+                measurement = kind.read(message, self._arm())
             except OctoArmError as error:
                 self._refuse(found.topic, error)
                 return
-            self._take(found.topic, Stamp.of(message.header.stamp), measurement, older)
+            self._take(found.topic, Stamp.of(message.header.stamp), measurement)
 
         of_type = message_class(kind.type_name)
         found = LatestSubscription(self._node, of_type, topic, answer, self._work)
-        self._inputs.append(found)
+        return found
 
     def close(self) -> None:
         """Unsubscribe from all."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,29 +15,29 @@ from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.tracker import Tracker
+from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_subscription import message_class
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
 MODEL = 'exact'  # solves whatever the parameter says: it alone has loads
 
 
-class PreparedEstimator(NamedTuple):
+@dataclass(frozen=True)
+class PreparedEstimator(Prepared):
     """An arm ready to be estimated, swapped as a whole.
 
+    Its values are those of the arm alone, as it is solved; its solver is that of one hypothesis.
+
     Attributes:
-        description: the parameters of the arm as it is solved.
-        config: what they say.
         settings: what is estimated.
         models: of each hypothesis, by its name.
     """
 
-    description: dict[str, Any]
-    config: Config
     settings: EstimatorSettings
     models: Mapping[str, ArmModel]
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> PreparedEstimator:
+    def of(cls, values: dict[str, Any]) -> PreparedEstimator:
         """Prepare what ``values`` describe.
 
         Raises:
@@ -49,7 +50,9 @@ class PreparedEstimator(NamedTuple):
         if config.tension_type:
             message_class(config.tension_type)
         settings = EstimatorSettings.from_parameters(own, config)
-        prepared = cls(description, config, settings, settings.models(config))
+        models = settings.models(config)
+        solver = next(iter(models.values())).solver
+        prepared = cls(description, config, solver, settings, models)
         # What is compiled or loaded at its first use is so before messages come.
         rest = Tensions(np.zeros(len(config.arm.tendons)), settings.noise.tension)
         prepared.tracker().add(0, [rest]).estimate.pose_covariance  # noqa: B018

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from geometry_msgs.msg import WrenchStamped
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from rclpy.node import Node
@@ -12,8 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS, BackbonePublishers
-from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import CovarianceWriter
 from octo_arm_model.wire.cdr_estimate import BIAS, CONTACT, TIP_WRENCH, EstimateWriter
@@ -21,44 +18,27 @@ from octo_arm_model.wire.cdr_uncertainty import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 
-class EstimatePublishers:
+class EstimatePublishers(BackbonePublishers):
     """Publishes estimates on all topics of one node."""
 
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
-        self._node = node
-        self.backbone = BackbonePublishers(node)
-        self._covariance, self._tip_wrench, self._contact, self._bias = (
-            self._open(kind, topic)
-            for kind, topic in (
-                (BackboneCovariance, COVARIANCE),
-                (WrenchStamped, TIP_WRENCH),
-                (WrenchStamped, CONTACT),
-                (TendonTensions, BIAS),
-            )
-        )
-        self._solver: Solver | None = None
-
-    def _open(self, kind: Any, topic: str) -> Any:
-        return create_publisher(self._node, kind, topic, OUTPUT_QOS)
-
-    def close(self) -> None:
-        """Destroy the publishers."""
-        self.backbone.close()
-        for publisher in (self._covariance, self._tip_wrench, self._contact, self._bias):
-            self._node.destroy_publisher(publisher)
+        super().__init__(node)
+        self._covariance = self._open(BackboneCovariance, COVARIANCE)
+        self._tip_wrench = self._open(WrenchStamped, TIP_WRENCH)
+        self._contact = self._open(WrenchStamped, CONTACT)
+        self._bias = self._open(TendonTensions, BIAS)
 
     def describe(self, solver: Solver, config: Config) -> None:
         """Prepare the messages for estimates of ``solver``, with the frames of ``config``."""
         if solver is self._solver:
             return
-        self._solver = solver
-        self.backbone.describe(solver, config)
-        self._markers = UncertaintyMarkersWriter(config.arm, solver.grid.s, config.base_frame)
+        super().describe(solver, config)
+        self._tube = UncertaintyMarkersWriter(config.arm, solver.grid.s, config.base_frame)
         self._covariances = CovarianceWriter(config.base_frame, solver.grid.s)
-        self._writer = EstimateWriter(config.base_frame, config.arm.tendon_names)
+        self._estimate_writer = EstimateWriter(config.base_frame, config.arm.tendon_names)
 
-    def publish(self, estimate: Estimate, stamp: Stamp) -> None:
+    def publish_estimate(self, estimate: Estimate, stamp: Stamp) -> None:
         """Publish an ``estimate`` of the arm that was described."""
         assert self._solver is not None
         backbone, covariance = estimate.backbone, estimate.pose_covariance
@@ -66,18 +46,19 @@ class EstimatePublishers:
         known = contact or NO_CONTACT
 
         def markers() -> bytes:
-            return self._markers.write(
+            return self._tube.write(
                 backbone.position, backbone.quaternion, covariance[:, :3, :3],
                 known.s, known.wrench[:3], known.covariance[:3, :3], *stamp,
             )  # fmt: skip
 
-        self.backbone.publish(backbone, covariance[-1], stamp, markers)
-        self.backbone.publish_estimates(backbone, stamp)
+        self.publish(backbone, covariance[-1], stamp, markers)
+        self.publish_tensions(backbone, stamp)
         if contact is not None:
             publisher = self._tip_wrench if contact.is_at_tip else self._contact
-            publisher.publish(self._writer.wrench(contact.wrench, *stamp))
+            publisher.publish(self._estimate_writer.wrench(contact.wrench, *stamp))
         if self._covariance.get_subscription_count():
             data = self._covariances.write(covariance, known.s, known.covariance, *stamp)
             self._covariance.publish(data)
         if estimate.tension_bias.size:
-            self._bias.publish(self._writer.tension_bias(estimate.tension_bias, *stamp))
+            bias = self._estimate_writer.tension_bias(estimate.tension_bias, *stamp)
+            self._bias.publish(bias)

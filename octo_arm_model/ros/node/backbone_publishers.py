@@ -7,6 +7,7 @@ from typing import Any
 
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
@@ -42,33 +43,33 @@ class BackbonePublishers:
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
         self._node = node
+        self._opened: list[Publisher] = []
         self._publishers = [
-            self._open(message_class(kind), topic, OUTPUT_QOS)
-            for topic, kind in BACKBONE_TOPICS.items()
+            self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
         ]
-        self._lengths = self._open(JointState, 'tendon_lengths', OUTPUT_QOS)
-        self._estimates = self._open(TendonTensions, 'tendon_tension_estimates', OUTPUT_QOS)
-        self._profiles = self._open(PointCloud2, PROFILES_TOPIC, OUTPUT_QOS)
+        self._lengths = self._open(JointState, 'tendon_lengths')
+        self._estimates = self._open(TendonTensions, 'tendon_tension_estimates')
+        self._profiles = self._open(PointCloud2, PROFILES_TOPIC)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
-        self._markers = self._open(MarkerArray, MARKERS_TOPIC, OUTPUT_QOS)
-        self._drawing = MarkerPublisher(node, self._markers)
+        self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
         self._transforms = make_broadcaster(node)
+        if self._transforms is not None:
+            self._opened.append(self._transforms)
         self._writer: BackboneWriter | None = None
         self._profiles_writer: TensionProfilesWriter | None = None
         self._frames: FramesWriter | None = None
         self._solver: Solver | None = None
 
-    def _open(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        return create_publisher(self._node, kind, topic, qos)
+    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
+        """A publisher of its own."""
+        self._opened.append(create_publisher(self._node, kind, topic, qos))
+        return self._opened[-1]
 
     def close(self) -> None:
         """Destroy the publishers."""
         self._drawing.stop()
-        of_tendons = (self._lengths, self._estimates, self._profiles)
-        others = (self._description, self._markers, self._transforms)
-        for publisher in (*self._publishers, *of_tendons, *others):
-            if publisher is not None:
-                self._node.destroy_publisher(publisher)
+        for publisher in self._opened:
+            self._node.destroy_publisher(publisher)
 
     def pause(self) -> None:
         """Drop the backbone that waits for the markers' timer."""
@@ -118,7 +119,7 @@ class BackbonePublishers:
             self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
         self._drawing.publish(backbone, stamp, more)
 
-    def publish_estimates(self, backbone: Backbone, stamp: Stamp) -> None:
+    def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""
         if self._writer is not None and self._estimates.get_subscription_count():
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))

@@ -15,6 +15,7 @@ from octo_arm_model.config.build import DiagnosticLimits
 from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
@@ -31,9 +32,6 @@ class Diagnostics:
     """Counts messages received, answered, skipped, refused and failed; reports once a period.
 
     Attributes:
-        model: name of the model that solves.
-        is_compiled: whether the compiled solver is used.
-        limits: thresholds of the warnings.
         publishers: counts the publishers of each input topic.
         apart: whole names of topics that are no further source of tensions.
         memory: of tendons with friction, if they have any.
@@ -44,8 +42,8 @@ class Diagnostics:
     def __init__(self, node: Node) -> None:
         """Report as part of ``node``."""
         self._node = node
-        self.model, self.is_compiled = '', False
-        self.limits = DiagnosticLimits(0.0, 0.0, 0.0)
+        self._model, self._is_compiled = '', False
+        self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
         self._idle = ''
         self.apart: frozenset[str] = frozenset()
@@ -78,6 +76,10 @@ class Diagnostics:
         # Steady: ROS time may stand still or jump.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)
+
+    def describe(self, solver: Solver, limits: DiagnosticLimits) -> None:
+        """Report of ``solver`` from now on, and warn beyond ``limits``."""
+        self._model, self._is_compiled, self._limits = solver.model, solver.is_compiled, limits
 
     def begin(self) -> None:
         """The node is subscribed to its inputs from now on."""
@@ -116,9 +118,9 @@ class Diagnostics:
             self._count('backwards')
         self._newest[source] = self._last = seconds
         now = self._seconds()
-        if now and now - seconds > self.limits.age:
+        if now and now - seconds > self._limits.age:
             self._count('old')
-        elif now and seconds - now > self.limits.ahead + _STEPS * self._step:
+        elif now and seconds - now > self._limits.ahead + _STEPS * self._step:
             self._count('ahead')
 
     def skipped(self, number: int) -> None:
@@ -166,8 +168,8 @@ class Diagnostics:
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
         return make_status('solver', level, problem, 'solving' if answered else 'waiting', {
-            'model': self.model,
-            'compiled': self.is_compiled,
+            'model': self._model,
+            'compiled': self._is_compiled,
             'residual': f'{self._residual:.3e}',
             'iterations': self._iterations,
             'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
@@ -184,7 +186,7 @@ class Diagnostics:
         silence = time.monotonic() - self._heard
         if self._idle:
             problems.append(self._idle)
-        elif silence > self.limits.silence:
+        elif silence > self._limits.silence:
             problems.append(f'silent for {silence:.1f} s')
         now = self._seconds()
         if not now:
@@ -201,7 +203,7 @@ class Diagnostics:
         for what, words in (
             ('backwards', 'stamps running backwards'),
             ('ahead', 'stamps from the future'),
-            ('old', f'stamps older than {self.limits.age:g} s'),
+            ('old', f'stamps older than {self._limits.age:g} s'),
             ('unstamped', 'without a stamp'),
         ):
             if lately[what]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -18,28 +18,15 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
-
-
-class Server(Protocol):
-    """What a node of an arm does, in the states of a managed one; see `ArmServer`."""
-
-    def configure(self) -> None:
-        """Load and validate the arm; raises OctoArmError if it cannot be."""
-
-    def activate(self) -> None:
-        """Start answering; raises OctoArmError if it cannot."""
-
-    def deactivate(self) -> None:
-        """Stop answering."""
-
-    def cleanup(self) -> None:
-        """Free what `configure` took."""
+from octo_arm_model.ros.node.server import Server
 
 
 class ManagedNode(CheckedNode, LifecycleNode):
     """Does what its server does while it is active."""
 
-    def __init__(self, name: str, make_server: Callable[[Node], Server], **options: Any) -> None:
+    def __init__(
+        self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
+    ) -> None:
         """Declare the parameters; the arm is loaded when it is configured.
 
         Raises:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ContinuationError
@@ -11,7 +12,8 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.tension_subscription import message_class
 
 
-class Prepared(NamedTuple):
+@dataclass(frozen=True)
+class Prepared:
     """An arm ready to be solved, swapped as a whole.
 
     Attributes:

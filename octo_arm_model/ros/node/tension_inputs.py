@@ -34,7 +34,7 @@ class TensionInputs:
         node: Node,
         work: WorkQueue,
         diagnostics: Diagnostics,
-        current: Callable[[], Config | None],
+        current: Callable[[], Config],
         answer: Callable[[TensionInput], None],
     ) -> None:
         """Subscribe to nothing yet.
@@ -83,9 +83,7 @@ class TensionInputs:
 
     def _subscribe_to_field(self) -> bool:
         """Subscribe to messages of the type that the parameters name, if they name one."""
-        config = self._current()
-        assert config is not None
-        if (field := field_of(config)) is not None and self._field_input is None:
+        if (field := field_of(self._current())) is not None and self._field_input is None:
             try:
                 self._field_input = self._subscribe(FIELD_TOPIC, field)
             except OctoArmError as error:
@@ -99,10 +97,7 @@ class TensionInputs:
         self._field_input = None
 
     def _names(self) -> tuple[str, ...]:
-        config = self._current()
-        return config.load_cells.names if config is not None else ()
+        return self._current().load_cells.names
 
     def _arm(self) -> Arm:
-        config = self._current()
-        assert config is not None  # it subscribes only while configured
-        return config.arm
+        return self._current().arm

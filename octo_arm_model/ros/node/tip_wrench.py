@@ -26,7 +26,7 @@ class TipWrench:
         self,
         node: Node,
         work: WorkQueue,
-        current: Callable[[], Prepared | None],
+        current: Callable[[], Prepared],
         refuse: Callable[[str, OctoArmError], None],
     ) -> None:
         """Subscribe to nothing yet.
@@ -34,7 +34,7 @@ class TipWrench:
         Args:
             node: the node that subscribes.
             work: has the turns in which messages are read.
-            current: returns the arm that they act on.
+            current: returns the arm that they act on, which is there while active.
             refuse: called with the topic and the error of a wrench that is none.
         """
         self._node, self._work = node, work
@@ -78,8 +78,7 @@ class TipWrench:
     def _keep(self, data: bytes, older: int) -> None:
         """Keep the wrench for the tensions to come."""
         prepared, latest = self._current(), self._latest
-        if prepared is None or latest is None:
-            return
+        assert latest is not None  # it called
         try:
             message = latest.decode(data)
             wrench = wrench_from_stamped(message, prepared.config.base_frame)

@@ -70,8 +70,9 @@ class ModelOverlay:
         """
         if self._solver is None or self._arm is None:
             return
+        shaped = tensions.reshape(self._config.arm.tension_shape)
         try:
-            self.backbone = self._solve(self._solver, tensions)
+            self.backbone = self._solver.follow(shaped, self.backbone)
         except OctoArmError as error:
             self.backbone = None
             self._text.content = numbers.failed(error)
@@ -79,12 +80,3 @@ class ModelOverlay:
         if self.backbone is not None:
             self._arm.show(self.backbone, pull)
             self._text.content = numbers.compared(tip, self.backbone)
-
-    def _solve(self, solver: Solver, tensions: FloatArray) -> Backbone:
-        shaped = tensions.reshape(solver.arm.tension_shape)
-        try:
-            return solver.solve(shaped, start=self.backbone)
-        except OctoArmError:
-            if self.backbone is None:
-                raise
-            return solver.solve(shaped)

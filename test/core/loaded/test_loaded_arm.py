@@ -526,7 +526,7 @@ def test_a_start_changes_how_long_it_takes_and_nothing_else(law: str) -> None:
     for factor, wrench in ((0.9, None), (1.2, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)), (0.0, None)):
         start = solver.solve(factor * HELICAL_TENSIONS, wrench)
         warm = solver.solve(HELICAL_TENSIONS, start=start)
-        assert_same(warm, cold, 1e-9)
+        assert_same(warm, cold, 2e-8)  # Some from a start on finer elements.
     assert solver.solve(HELICAL_TENSIONS, start=cold).iterations == 0
 
 

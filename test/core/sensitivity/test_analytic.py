@@ -197,7 +197,8 @@ def assert_derivative(
     for kind in range(5):
         rows = kinds == kind
         scale = np.abs(expected[rows]).max()
-        np.testing.assert_allclose(found[rows], expected[rows], atol=2e-6 * scale, rtol=0)
+        # Strains of derivatives are interpolated, see `RESOLVED`.
+        np.testing.assert_allclose(found[rows], expected[rows], atol=2e-5 * scale, rtol=0)
 
 
 def test_by_tension(solved: Solved) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.cli.main import main
@@ -59,20 +59,15 @@ def wide_csv(path: Path, hidden: bool = False) -> Path:
     return path
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
-    assert main([*words]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
-    said = run(capsys, 'compare', *files, *ARM, *STILL)
+    said = printed(capsys, 'compare', *files, *ARM, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
-    fitted = run(capsys, 'identify', *files, *ARM, *STILL, '--model', 'exact')
+    fitted = printed(capsys, 'identify', *files, *ARM, *STILL, '--model', 'exact')
     # Least squares spread the error of the model over all steps.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
@@ -94,7 +89,7 @@ def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
         (tmp_path / 'columns.yaml').write_text(text)
     track = wide_csv(tmp_path / 'track.csv', hidden=True)
     files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
-    said = run(capsys, 'compare', *files, *S, *ARM, *STILL)
+    said = printed(capsys, 'compare', *files, *S, *ARM, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
@@ -105,7 +100,7 @@ def test_a_file_of_loads_goes_with_a_bag_of_markers(
 ) -> None:
     loads = loads_csv(tmp_path / 'loads.csv')
     bag = str(marker_bag(tmp_path / 'bag'))
-    said = run(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
+    said = printed(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
 
@@ -122,7 +117,7 @@ def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
     header = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4'
     loads = loads_csv(tmp_path / 'loads.csv', header, raw)
     files = ['--tension-csv', str(loads), '--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
-    notes = run(capsys, 'compare', *files, *ARM, *STILL)['notes']
+    notes = printed(capsys, 'compare', *files, *ARM, *STILL)['notes']
     counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
     assert len(counts) == 3
     assert sum(counts) == pytest.approx(7 / 8 * len(staircase_of()[0]), rel=0.1)
@@ -136,7 +131,7 @@ def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
         **PARAMETERS, 'tension_deadband': 0.015, 'tension_scale': [1.25, 1.0, 1.0, 1.0],
         'tension_offset': [0.2, 0.0, 0.0, 0.0],
     }))  # fmt: skip
-    said = run(capsys, 'compare', *files, '--config', str(config), '--model', 'exact', *STILL)
+    said = printed(capsys, 'compare', *files, '--config', str(config), '--model', 'exact', *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.05)
 
@@ -210,6 +205,7 @@ def test_what_is_read_has_bounds(
          '--marker-frames and --midline-csv are given, expected one or the other'),
         (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
         (['bag', '--columns', 'no.yaml'], 'no.yaml'),
+        (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
     ],
 )  # fmt: skip
 def test_what_is_not_said_is_asked_for(

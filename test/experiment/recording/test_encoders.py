@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import (
     HELD,
     PARAMETERS,
@@ -19,10 +19,9 @@ from experiments import (
     staircase,
     tension_samples,
 )
-from recordings import TYPES, Sample, header, make
+from recordings import Sample, displacement_sample
 
-from octo_arm_model.analysis.displacement import displacements_of
-from octo_arm_model.cli.main import main
+from octo_arm_model.analysis.winding import displacements_of
 from octo_arm_model.config.config import Config, parameters_as_yaml
 from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.experiment.recording.alignment import Alignment
@@ -55,17 +54,11 @@ def lengths(pulled: np.ndarray) -> np.ndarray:
 
 def encoder_samples(names: tuple[str, ...] = NAMES, topic: str = '/tendon_displacements') -> list:
     """What encoders of the tendons ``names`` read, at 50 Hz."""
-    kind, none = 'sensor_msgs/msg/JointState', np.zeros(0)
     columns = [NAMES.index(name) if name in NAMES else 0 for name in names]
-    samples = []
-    for at, row in zip(TIME, lengths(PULLED)):
-        message = make(
-            kind, header=header(nanoseconds(at)), name=list(names),
-            position=np.ascontiguousarray(row[columns]), velocity=none, effort=none,
-        )  # fmt: skip
-        data = bytes(TYPES.serialize_cdr(message, kind))
-        samples.append(Sample(topic, kind, nanoseconds(at), data))
-    return samples
+    return [
+        displacement_sample(names, row[columns], nanoseconds(at), topic)
+        for at, row in zip(TIME, lengths(PULLED))
+    ]
 
 
 def frames() -> list[tuple[float, np.ndarray]]:
@@ -130,13 +123,12 @@ def test_without_load_cells_tensions_follow_from_lengths(
     check_driven(read_recording(bag, displacements='/winches'))
     out = tmp_path / 'out'
     arguments = ['compare', str(bag), '--displacements', 'winches', '--out', str(out), '--json']
-    assert main(arguments) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, *arguments)
     assert [step['tensions'][0] for step in said['steps']] == pytest.approx(HELD[:4], abs=2e-3)
     assert max(step['tip_error_percent'] for step in said['steps']) < 0.05
     arguments = ['identify', str(bag), '--displacements', '/winches', '--fit', 'axial_stiffness']
-    assert main([*arguments, '--model', 'exact', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)['estimates']['axial_stiffness']
+    found = printed(capsys, *arguments, '--model', 'exact', '--json')
+    found = found['estimates']['axial_stiffness']
     assert found['value'] == pytest.approx(500.0, rel=0.02)
 
 

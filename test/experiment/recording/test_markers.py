@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from differences import jacobian
 from experiments import one_tendon
 from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array, seen
@@ -15,18 +15,12 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.experiment.recording.markers import (
     check_marker_s,
-    marker_weights,
     mean_markers,
 )
 from octo_arm_model.experiment.recording.steady_windows import Window
 
 S = ['--marker-s', *map(str, MARKER_S)]
 STILL = ['--clock-offset', '0', '--json']
-
-
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
-    assert main([*words]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 def test_the_points_of_finite_elements_are_where_the_arm_begins_and_ends() -> None:
@@ -42,13 +36,13 @@ def test_four_points_have_the_errors_of_points(
 ) -> None:
     see, options = WAYS[way]
     bag = str(marker_bag(tmp_path / 'bag', see))
-    said = run(capsys, 'compare', bag, *S, *options, *STILL)
+    said = printed(capsys, 'compare', bag, *S, *options, *STILL)
     assert [step['tension'] for step in said['steps']] == pytest.approx(TENSIONS, abs=2e-3)
     for step, expected in zip(said['steps'], TIP_ERRORS):
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.03)
         assert step['mean_error_percent'] < step['tip_error_percent'] + 0.05
         assert step['hausdorff_percent'] is None
-    fitted = run(capsys, 'identify', bag, *S, *options, *STILL, '--model', 'exact')
+    fitted = printed(capsys, 'identify', bag, *S, *options, *STILL, '--model', 'exact')
     # The error of the model at the highest tensions, of which a marker at the tip sees all.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
@@ -64,8 +58,8 @@ def test_hidden_markers_are_left_out_and_their_frames_are_not(
         return points
 
     bag = str(marker_bag(tmp_path / 'bag', pose_array, change=hide))
-    said = run(capsys, 'compare', bag, *S, *STILL)
-    whole = run(capsys, 'compare', str(marker_bag(tmp_path / 'whole')), *S, *STILL)
+    said = printed(capsys, 'compare', bag, *S, *STILL)
+    whole = printed(capsys, 'compare', str(marker_bag(tmp_path / 'whole')), *S, *STILL)
     assert said['steps'][0]['tip_error_percent'] is None
     assert said['steps'][0]['mean_error_percent'] < 0.1
     average = np.mean(TIP_ERRORS[1:])
@@ -82,7 +76,7 @@ def test_millimetres_are_asked_about_and_not_guessed(
     bag = str(marker_bag(tmp_path / 'bag', change=lambda points, number: 1e3 * points))
     assert main(['compare', bag, *S, *STILL]) == 2
     assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err
-    said = run(capsys, 'compare', bag, *S, *STILL, '--length-unit', 'mm')
+    said = printed(capsys, 'compare', bag, *S, *STILL, '--length-unit', 'mm')
     average = np.mean(TIP_ERRORS)
     assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
     # The other way round, a bag in metres that is said to be in millimetres.
@@ -102,7 +96,7 @@ def test_a_camera_somewhere_else_is_aligned_by_markers(
         return points @ turned.T + [0.3, -0.2, 0.9]
 
     bag = str(marker_bag(tmp_path / 'bag', change=elsewhere))
-    said = run(capsys, 'compare', bag, *S, *STILL, '--align', 'fit')
+    said = printed(capsys, 'compare', bag, *S, *STILL, '--align', 'fit')
     assert said['models']['exact']['average_tip_error_percent'] < np.mean(TIP_ERRORS)
 
 
@@ -142,11 +136,7 @@ def test_an_outlier_of_one_marker_leaves_the_others_of_its_frame() -> None:
     assert mean_markers(window, list(hidden), np.array(MARKER_S)) is None
 
 
-def test_weights_interpolate_between_stations() -> None:
-    stations = np.array([0.0, 0.1, 0.3])
-    weights = marker_weights(np.array([0.0, 0.05, 0.1, 0.2, 0.3]), stations)
-    np.testing.assert_allclose(weights @ stations**1, [0.0, 0.05, 0.1, 0.2, 0.3], atol=1e-15)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+def test_how_many_markers_there_may_be_is_bounded() -> None:
     with pytest.raises(MeasurementError, match='at most 1000'):
         check_marker_s(list(np.linspace(0.0, 0.27, 1001)), 0.27)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -34,8 +34,7 @@ def test_what_has_no_steps_is_refused_with_the_way_to_read_it(
     ramp: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # At the defaults the turn at the top counts as a step, of a fraction of the time.
-    assert main(['compare', ramp, *STILL]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', ramp, *STILL)
     assert len(said['steps']) == 1
     assert any('tensions are steady in' in note and 'say --ramp' in note for note in said['notes'])
     assert main(['compare', ramp, '--steady', '0.02', *STILL]) == 1
@@ -48,8 +47,7 @@ def test_what_has_no_steps_is_refused_with_the_way_to_read_it(
 def test_a_ramp_has_the_errors_of_its_tensions(
     width: list[str], ramp: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['compare', ramp, '--ramp', *width, *STILL]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', ramp, '--ramp', *width, *STILL)
     assert len(said['steps']) > 20
     for step in said['steps']:
         expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
@@ -68,8 +66,7 @@ def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
         samples += pose_array(points, nanoseconds(at))
     bag = str(bag_of(tmp_path / 'bag', samples))
     given = ['--marker-s', *map(str, MARKER_S), '--ramp']
-    assert main(['compare', bag, *given, *STILL]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', bag, *given, *STILL)
     assert [step['outliers'] for step in said['steps']] == [0] * len(said['steps'])
     assert any('298 of 298 used' in note for note in said['notes'])
     for step in said['steps']:
@@ -78,8 +75,7 @@ def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
 
 
 def test_an_arm_is_fitted_to_a_ramp(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact']) == 0
-    fitted = json.loads(capsys.readouterr().out)
+    fitted = printed(capsys, 'identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact')
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import printed
 from experiments import bag_of, description, nanoseconds, tension_samples
 from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
 from recordings import Sample
@@ -58,8 +58,7 @@ def chain_bag(path: Path, *, has_base: bool = True, last_pan: float = np.inf) ->
 def test_chains_lead_to_the_base_of_the_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     assert any('midlines are in base_frame' in note for note in said['notes'])
@@ -69,8 +68,7 @@ def test_without_the_base_markers_are_in_the_root_and_aligned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(chain_bag(tmp_path / 'bag', has_base=False))
-    assert main(['compare', bag, *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', bag, *OPTIONS, '--json')
     assert any("midlines are in 'world'" in note for note in said['notes'])
     (model,) = said['models'].values()
     found = model['alignment_camera_to_base']
@@ -84,8 +82,7 @@ def test_before_and_after_its_stamps_a_transform_is_unknown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(chain_bag(tmp_path / 'bag', last_pan=12.0))
-    assert main(['compare', bag, *OPTIONS, '--json']) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = printed(capsys, 'compare', bag, *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS[: len(errors)], abs=0.03)
     assert 0 < len(errors) < len(TIP_ERRORS)
@@ -130,11 +127,25 @@ def test_between_stamps_a_transform_moves_evenly_and_turns_evenly() -> None:
     add(tree, 'world', 'camera', 10**9, 2.0, 0.0, 0.0, 0.0, 0.0, half, half)  # a quarter turn
     for stamp in (0, 500_000_000, 10**9):
         add(tree, 'camera', 'marker', stamp, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    skipped: list[int] = []
-    stamps, points = tree.origins('marker', 'world', lambda stamp, why: skipped.append(stamp))
+    skipped: list[str] = []
+    stamps, points = tree.origins('marker', 'world', skipped.append)
     assert (stamps.tolist(), skipped) == ([0, 500_000_000, 10**9], [])
     expected = [[1.0, 0.0, 0.0], [1.0 + half, half, 0.0], [2.0, 1.0, 0.0]]
     np.testing.assert_allclose(points, expected, atol=1e-15)
+
+
+def test_stamps_are_those_of_the_moving_transform_nearest_to_the_frame() -> None:
+    tree, level = TransformTree(), (0.0, 0.0, 0.0, 1.0)
+    for stamp in (0, 10, 20):
+        add(tree, 'world', 'body', stamp, 1.0, 0.0, 0.0, *level)
+    for stamp in (5, 15):
+        add(tree, 'body', 'camera', stamp, 2.0, 0.0, 0.0, *level)
+    skipped: list[str] = []
+    # Down a chain, where the transform of the target itself is the farthest.
+    stamps, points = tree.origins('world', 'camera', skipped.append)
+    assert (stamps.tolist(), points.tolist()) == ([10], [[-3.0, 0.0, 0.0]])
+    assert len(skipped) == 2
+    assert tree.origins('camera', 'world', skipped.append)[0].tolist() == [5, 15]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +159,7 @@ def test_a_transform_on_the_way_that_is_no_rotation_is_refused(
     add(tree, 'world', 'camera', 0, 0.0, 0.0, 0.0, *quaternion)
     add(tree, 'camera', 'marker', 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     with pytest.raises(MeasurementError, match=message):
-        tree.origins('marker', 'world', lambda stamp, why: None)
+        tree.origins('marker', 'world', lambda why: None)
 
 
 def test_circles_and_second_parents_are_refused() -> None:
@@ -163,7 +174,7 @@ def test_circles_and_second_parents_are_refused() -> None:
     add(tree, 'x', 'y', 0, *level)
     with pytest.raises(MeasurementError, match="no transforms connect 'y' and 'z'"):
         add(tree, 'z', 'w', 0, *level)
-        tree.origins('y', 'z', lambda stamp, why: None)
+        tree.origins('y', 'z', lambda why: None)
 
 
 def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:

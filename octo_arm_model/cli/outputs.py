@@ -1,0 +1,52 @@
+"""Files and folders that commands write, checked before the work."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from octo_arm_model.core.errors import BagError, ConfigError
+
+
+def check_out(
+    path: Path | None, *, folder: bool, name: str = '--out', draws: bool = False
+) -> None:
+    """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
+
+    Raises:
+        ConfigError: if it is the other of the two, or the folder cannot be made.
+        ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib, which is
+            said before the work.
+    """
+    if path is None:
+        return
+    if draws:
+        import matplotlib  # noqa: F401
+    if path.exists() and path.is_dir() != folder:
+        is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
+        raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
+    try:
+        (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
+
+
+def refuse_inside(bag: Path, *outputs: Path | None) -> None:
+    """Refuse to write ``outputs`` into a ``bag`` that is read.
+
+    Raises:
+        BagError: if one is inside, or the folder of the bag.
+    """
+    for out in outputs:
+        if out is not None and bag.resolve() in (out.resolve(), *out.resolve().parents):
+            raise BagError(f'{out}: inside {bag}, which stays as it is')
+
+
+@contextlib.contextmanager
+def unwritten(out: Path) -> Iterator[None]:
+    """Add to a KeyboardInterrupt that ``out`` is not written."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f'no {out} written') from None

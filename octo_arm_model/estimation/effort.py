@@ -1,0 +1,31 @@
+"""How much one update may ask of the solver: what takes more is refused, and not late."""
+
+from __future__ import annotations
+
+from octo_arm_model.core.errors import SolveError
+
+
+class Effort:
+    """Iterations of Newton's method that are left, which are as many on every machine.
+
+    Derivatives count as one.
+    """
+
+    def __init__(self, iterations: float) -> None:
+        """Of so many ``iterations``."""
+        self._iterations = self._left = iterations
+
+    def take(self, iterations: int) -> None:
+        """Note ``iterations`` made."""
+        self._left -= iterations
+
+    def check(self) -> None:
+        """Check that any are left.
+
+        Raises:
+            SolveError: if there are none.
+        """
+        if self._left <= 0.0:
+            raise SolveError(
+                f'the estimate did not converge within {self._iterations:g} iterations of shapes'
+            )

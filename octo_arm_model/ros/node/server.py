@@ -1,0 +1,149 @@
+"""What the nodes of an arm share: parameters, diagnostics, tensions and the publishers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, TypeVar
+
+from rclpy.node import Node
+
+from octo_arm_model.config.config import parameters_as_yaml
+from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.live_parameters import LiveParameters
+from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
+from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.ros.node.prepared_arm import Prepared
+from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
+from octo_arm_model.ros.node.tension_subscription import TensionInput
+from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.ros.qos import check_overrides
+from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.wire.stamp import Stamp
+
+ArmT = TypeVar('ArmT', bound=Prepared)
+PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
+
+
+class Server(ABC, Generic[ArmT, PublishersT]):
+    """Answers tensions, and whatever else a node hears, on behalf of that node.
+
+    `configure` loads the arm, `activate` starts answering, `deactivate` stops and `cleanup` frees
+    what `configure` took.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        table: Sequence[Parameter],
+        prepare: Callable[[dict[str, Any]], ArmT],
+        publishers: Callable[[Node], PublishersT],
+    ) -> None:
+        """Declare the parameters ``table`` of ``node``.
+
+        Args:
+            node: the node.
+            table: its parameters.
+            prepare: makes an arm of them, see `LiveParameters`.
+            publishers: makes the publishers of the node.
+
+        Raises:
+            ConfigError: if a value is of another type than ROS needs.
+        """
+        self._node, self._make_publishers = node, publishers
+        self._live = LiveParameters(node, table, prepare, self._use)
+        self._prepared: ArmT | None = None
+        self._publishers: PublishersT | None = None
+        self._diagnostics = Diagnostics(node)
+        self._diagnostics.end('unconfigured')
+        self._refusal_log = RefusalLog(node)
+        self._work = WorkQueue(node)
+        self._tensions = TensionInputs(
+            node, self._work, self._diagnostics, lambda: self._arm.config, self._on_tensions
+        )
+
+    def configure(self) -> None:
+        """Load and validate the arm.
+
+        Raises:
+            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible, or
+                they do not go together.
+        """
+        self._publishers = self._make_publishers(self._node)
+        self._live.begin()
+        self._diagnostics.end('inactive')
+
+    def activate(self) -> None:
+        """Start answering.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        self._tensions.open()
+        self._open()
+        self._diagnostics.begin()
+        check_overrides(self._node)
+
+    def deactivate(self) -> None:
+        """Stop answering."""
+        self._tensions.close()
+        self._close()
+        self._work.clear()
+        if self._publishers is not None:
+            self._publishers.pause()
+        self._diagnostics.end('inactive')
+
+    def cleanup(self) -> None:
+        """Free the arm and its publishers."""
+        self._live.end()
+        if self._publishers is not None:
+            self._publishers.close()
+        self._publishers = self._prepared = None
+        self._diagnostics.end('unconfigured')
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Offer and subscribe to what there is besides tensions."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """End what `_open` began, or as much of it as was."""
+
+    @abstractmethod
+    def _change_arm(self, before: ArmT | None, now: ArmT) -> None:
+        """Go on with the arm ``now``, after that ``before`` if there was one."""
+
+    @abstractmethod
+    def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
+        """Answer what load cells read [N], of `Arm.tension_shape`, that came on ``topic``."""
+
+    def _use(self, prepared: ArmT, names: set[str]) -> None:
+        """Answer with the arm ``prepared`` from now on, between two messages."""
+        assert self._publishers is not None
+        config, solver = prepared.config, prepared.solver
+        before, self._prepared = self._prepared, prepared
+        if before is not None and field_of(before.config) != field_of(config):
+            self._tensions.change_field()
+        self._diagnostics.describe(solver, config.diagnostic_limits)
+        self._publishers.describe(solver, config)
+        self._publishers.announce(parameters_as_yaml(prepared.values))
+        self._change_arm(before, prepared)
+
+    @property
+    def _arm(self) -> ArmT:
+        """The present arm, which there is while anything is answered."""
+        assert self._prepared is not None
+        return self._prepared
+
+    def _on_tensions(self, given: TensionInput) -> None:
+        self._diagnostics.skipped(given.older)
+        if isinstance(given.tensions, OctoArmError):
+            self._refuse(given.topic, given.tensions)
+        else:
+            self._on_readings(given.topic, given.stamp, given.tensions)
+
+    def _refuse(self, topic: str, error: OctoArmError) -> None:
+        self._diagnostics.refused(topic, error)
+        self._refusal_log.warn(topic, error)
