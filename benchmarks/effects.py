@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -40,30 +40,34 @@ def movement(tensions: FloatArray) -> list[FloatArray]:
     ]
 
 
-def least(function: Callable[[], None]) -> float:
-    """Least time of several rounds [s]."""
-    times = []
+def least(steps: Callable[[], Iterator[None]]) -> float:
+    """Time of all ``steps``, each the least of several rounds [s], as others use the machine."""
+    rounds = []
     for _ in range(_ROUNDS):
-        began = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - began)
-    return min(times)
+        times = [time.perf_counter()]
+        times.extend(time.perf_counter() for _ in steps())
+        rounds.append(np.diff(times))
+    return float(np.min(rounds, axis=0).sum())
 
 
-def follow(solver: Solver, moved: list[FloatArray], wrench: tuple[float, ...] | None) -> None:
+def follow(
+    solver: Solver, moved: list[FloatArray], wrench: tuple[float, ...] | None
+) -> Iterator[None]:
     """Solve for every set of tensions, each from the last solution."""
     last: Backbone | None = None
     for tensions in moved:
         last = solver.follow(tensions, last, wrench)
+        yield
 
 
 def wind(
     solver: Solver, lengths: list[dict[str, float]], wrench: tuple[float, ...] | None, first: Wound
-) -> None:
+) -> Iterator[None]:
     """Solve for every set of lengths, each from the last solution."""
     last = first
     for wanted in lengths:
         last = solve_displacements(solver, wanted, start=last, tip_wrench=wrench)
+        yield
 
 
 def main() -> None:
@@ -86,7 +90,7 @@ def main() -> None:
                     for one in (plain.solve(each, wrench) for each in moved)
                 ]
                 first = solve_displacements(plain, lengths[0], tip_wrench=wrench)
-                follow(soft, moved[:1], wrench)
+                list(follow(soft, moved[:1], wrench))
                 solve = least(lambda: follow(plain, moved, wrench))
                 sheath = least(lambda: follow(soft, moved, wrench))
                 friction = least(lambda: follow(rough, moved, wrench))

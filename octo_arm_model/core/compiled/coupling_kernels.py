@@ -56,8 +56,7 @@ def find_couplings(
     Under ``twist`` (4, points), with the ``hessian`` (4, 4, points) of the energy there.
     """
     sections, count = tables.sections, twist.shape[1]
-    bends, width = np.empty((4, count)), 1.0
-    slope = 0.0
+    bends, width, slope = np.empty((4, count)), 1.0, 0.0
     for place, k in enumerate(pulled):
         for i in range(count):
             if sections.widens:

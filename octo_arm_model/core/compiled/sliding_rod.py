@@ -32,7 +32,7 @@ class _Found(NamedTuple):
         systems: iterations of Newton's method.
         corrected: how far all but the first have turned the arm [rad].
         is_resolved: whether elements are as fine as tensions along tendons need.
-        sticks: whether any tendon sticks, so that no elements are for strains.
+        sticks: whether any tendon sticks, where strains have a kink that no elements resolve.
     """
 
     held: Condition
@@ -78,10 +78,11 @@ class SlidingRod:
     ) -> Solution | Shape | None:
         """`Settle` of the rod."""
         balance = self._balance(wanted, shape, TOLERANCE)
-        if balance is None or balance.corrected > MOST_CORRECTED:
+        if balance is None:
             return None
         spending.add(balance.systems, 0.0, TOLERANCE, balance.shape.twist)
-        if not (balance.sticks or balance.is_resolved):
+        is_resolved = balance.sticks or balance.is_resolved
+        if not is_resolved or balance.corrected > MOST_CORRECTED:
             return None
         kind = ANY_READINGS if balance.sticks else READINGS
         solution = self._compiled.settle(balance.held, balance.shape, spending, kind)

@@ -48,7 +48,7 @@ def find_sliding_balance(
     These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
     they end as the ``transmission`` of both tables and of those at the stations, with their
     ``slip`` (tendons, points). If ``is_known``, the ``known`` system of a balance nearby makes
-    steps as long as it leaves little.
+    steps for as long as these leave little.
 
     Returns:
         How many systems it took, as iterations of Newton's method count; -1 where there is no

@@ -40,8 +40,9 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 # part of the length at most, and of far less at the tip, where the error of Gauss points is of
 # twice the order.
 RESOLVED = 1e-4
-STRAIGHT = 1e-3  # angle over its length that an arm turns by at least for that [rad]
-# Likewise of the tensions of tendons with friction, whose rate of change is far less exact.
+# Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
+STRAIGHT = 1e-3
+# That of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
 _KEPT = 64  # loads whose resultants are, and rods

@@ -25,6 +25,7 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.core.models import exact
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
 MODELS = ('closed_form', 'exact')
@@ -136,6 +137,24 @@ def test_machine_code_pulls_and_releases_under_loads_as_numpy_does(material: str
         solver.follow(PULL, last, wrench) for solver, last in ((machine, one), (plain, one))
     )
     assert_same(one, other, arm.length)
+
+
+def test_a_movement_under_loads_is_followed_without_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = helical_arm(friction=(0.2,))
+    machine, plain = (Solver(arm, 'exact', 41, compiled=compiled) for compiled in (True, False))
+    wrench = [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
+    one = machine.solve(PULL, wrench)
+    parts = 1.0 + 0.02 * np.sin(np.arange(8.0))
+    expected, other = [], one
+    for part in parts:
+        other = plain.follow(part * PULL, other, wrench)
+        expected.append(other)
+    monkeypatch.setattr(exact, 'follow', None)
+    for part, other in zip(parts, expected):
+        one = machine.follow(part * PULL, one, wrench)
+        assert_same(one, other, arm.length)
+        assert one.residual <= 1e-11
+        assert one.iterations <= 3
 
 
 @settings(max_examples=15, deadline=None)
