@@ -119,7 +119,7 @@ def test_by_default_a_tendon_compresses_its_thin_end_by_a_tenth(
     [
         (('--highest', 'much'), '--highest is not JSON at character 1, expected'),
         (('--highest', '"1"'), '--highest is "1", expected a number or rows'),
-        (('--highest', '[[1]]'), 'highest is [[1]], expected one number or shape (3, 4)'),
+        (('--highest', '[[1]]'), 'highest: tensions have shape (1, 1)'),
         (('--samples', '0'), 'samples is 0, expected'),
         (('--out', '.'), "--out is '.', a folder, expected a file"),
     ],
