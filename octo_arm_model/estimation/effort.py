@@ -1,4 +1,4 @@
-"""How much one update may ask of the solver: what takes more is refused, and not late."""
+"""How much updates may ask of the solver: what takes more is refused, and not late."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ class Effort:
     Derivatives count as one.
     """
 
-    def __init__(self, iterations: float) -> None:
-        """Of so many ``iterations``."""
+    def __init__(self, iterations: float, within: Effort | None = None) -> None:
+        """Of so many ``iterations``, and of no more than are left ``within`` another."""
         self._iterations = self._left = iterations
+        self._within = within
 
     def take(self, iterations: int) -> None:
         """Note ``iterations`` made."""
         self._left -= iterations
+        if self._within is not None:
+            self._within.take(iterations)
 
     def check(self) -> None:
         """Check that any are left.
@@ -29,3 +32,5 @@ class Effort:
             raise SolveError(
                 f'the estimate did not converge within {self._iterations:g} iterations of shapes'
             )
+        if self._within is not None:
+            self._within.check()

@@ -108,11 +108,12 @@ class ArmModel:
     @contextlib.contextmanager
     def within(self, iterations: int) -> Iterator[Effort]:
         """Solve no more than ``iterations`` of Newton's method make, together; see `Effort`."""
-        self._effort = Effort(iterations)
+        outer = self._effort
+        self._effort = Effort(iterations, outer)
         try:
             yield self._effort
         finally:
-            self._effort = Effort(math.inf)
+            self._effort = outer
 
     def tip_wrench(self, x: FloatArray) -> FloatArray:
         """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""

@@ -7,6 +7,7 @@ the arm is lost.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,10 @@ from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.updated import Innovation
+
+ITERATIONS = (
+    20_000  # of Newton's method for shapes, of each model in all trials of a new beginning
+)
 
 
 class Tracked(NamedTuple):
@@ -81,6 +86,7 @@ class Tracker:
             raise MeasurementError(
                 f'recover_after is {recover_after!r}, expected a finite number >= 0 [s]'
             )
+        self._models = models.values()
         self._begin = lambda: Hypotheses(models, change_time, gate, window)
         self._bank, self._late = self._begin(), 0
         self._contradiction = Contradiction(recover_after)
@@ -145,14 +151,20 @@ class Tracker:
         readings = self._contradiction.readings() if time >= self._newest else []
         if not readings:
             return None
-        trials = [_Trial(self._begin(), readings)]
-        if refused := trials[0].refused:
-            # Of sensors that contradict each other the first is believed: let the others be that.
-            others = [
-                one for one in readings
-                if one.measurement.is_linear or one.measurement.name in refused or one.time == time
-            ]  # fmt: skip
-            trials.append(_Trial(self._begin(), others))
+        with contextlib.ExitStack() as stack:
+            for model in self._models:
+                stack.enter_context(model.within(ITERATIONS))
+            trials = [_Trial(self._begin(), readings)]
+            if refused := trials[0].refused:
+                # Of sensors that contradict each other the first is believed: let the others be.
+                others = [
+                    one
+                    for one in readings
+                    if one.measurement.is_linear
+                    or one.measurement.name in refused
+                    or one.time == time
+                ]
+                trials.append(_Trial(self._begin(), others))
         best = max(trials, key=lambda one: one.agreement)
         believed = {one.measurement.name for one in readings if one.is_accepted}
         is_vain = best.tracked is None or best.agreement[0] <= len(believed)

@@ -45,3 +45,12 @@ def test_an_update_that_takes_too_much_leaves_a_filter_as_it_was(
     assert own.last.time == 0.0
     after = own.add(1e-9, [])
     np.testing.assert_allclose(after.mean, before.mean, atol=1e-6)
+
+
+def test_what_is_left_of_several_updates_bounds_each() -> None:
+    with MODEL.within(10), MODEL.within(1000) as inner:
+        MODEL.solve(TRUTH.x, None)
+        inner.take(20)
+        with pytest.raises(SolveError, match='within 10 iterations'):
+            MODEL.solve(TRUTH.x, None)
+    assert MODEL.solve(TRUTH.x, None).iterations > 0

@@ -10,6 +10,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.estimation import tracker as tracker_module
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracked, Tracker
@@ -92,6 +93,19 @@ def test_an_arm_that_moves_faster_than_told_is_found_again() -> None:
     later = steps(own, range(11, 18), [cells, markers, tip], is_moved=True)
     assert_is(later[-1], MOVED)
     assert own.restarts == 1
+
+
+def test_a_new_beginning_that_takes_too_much_is_put_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = tracker()
+    steps(own, range(4), [cells, markers, tip])
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker_module, 'ITERATIONS', 5)
+        lost = steps(own, range(4, 12), [cells, markers, tip], is_moved=True)
+    assert own.restarts == 0 and not lost[-1].begins_anew
+    # The next one after a wait twice as long.
+    found = steps(own, range(12, 24), [cells, markers, tip], is_moved=True)
+    assert own.restarts == 1
+    assert_is(found[-1], MOVED)
 
 
 def test_it_is_lost_for_ever_where_it_may_not_begin_anew() -> None:
