@@ -7,7 +7,6 @@ correct until a step reduces the error too little; then they are computed anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from octo_arm_model.core.compiled.numba_build import find_step
+from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -111,16 +111,14 @@ class Winding:
         self._tip_wrench = tip_wrench
         self._length = solver.arm.length
         self._compliance = tendon_compliance(solver)
-        self._find_step: Callable[..., bool] | None = None
+        self._is_near = False  # so that few tendons become slack or taut
 
     def follow(self, tensions: FloatArray, start: Wound) -> Wound:
         """What holds the wanted displacements, from another solution.
 
         ``tensions`` (tendons,) [N] are those of ``start``, or others where tendons are not driven.
         """
-        if self._solver.is_compiled:
-            # From there few tendons become slack or taut.
-            self._find_step = find_step()
+        self._is_near = self._solver.is_compiled
         # By the derivatives of the solution before.
         moved = tensions - start.backbone.tensions.ravel()
         displacement = start.displacement.ravel() + start.changes @ moved
@@ -213,8 +211,8 @@ class Winding:
         """Newton's step of all tensions; zero but for those that are free."""
         step = np.zeros_like(tensions)
         wrong = np.where(self._driven, self._wanted - displacement, 0.0)
-        if self._find_step is not None and self._find_step(
-            changes, wrong, tensions, self._driven, self._rounding, step
+        if self._is_near and find_step()(
+            own(changes), wrong, tensions, self._driven, self._rounding, step
         ):
             return step
         free = np.flatnonzero(self._free(tensions, displacement))

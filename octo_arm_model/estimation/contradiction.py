@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.estimation.measurements import Measurement
@@ -38,11 +38,18 @@ class _Sensor:
     def __init__(self, is_linear: bool) -> None:
         most = _LINEAR if is_linear else _KEPT
         self.is_linear, self.readings = is_linear, collections.deque[Reading](maxlen=most)
-        self.since = math.inf
+        self.since = self._before = math.inf
 
     def add(self, reading: Reading) -> None:
+        self._before = self.since
         self.since = math.inf if reading.is_accepted else min(reading.time, self.since)
         self.readings.append(reading)
+
+    def refuse(self, time: float) -> None:
+        """Its newest reading is refused after all, if it is of that ``time`` [s]."""
+        if self.readings[-1].time == time:
+            self.readings[-1] = self.readings[-1]._replace(is_accepted=False)
+            self.since = min(time, self._before)
 
     @property
     def refused_for(self) -> float:
@@ -67,6 +74,12 @@ class Contradiction:
             sensor.add(one)
             if one.is_accepted:
                 self._patience.pop(measurement.name, None)
+
+    def refuse(self, time: float, names: Iterable[str]) -> None:
+        """Note that readings of ``time`` [s] are refused for what else was measured then."""
+        for name in names:
+            if name in self._sensors:
+                self._sensors[name].refuse(time)
 
     def begin(self, *, is_vain: bool) -> None:
         """Forget all readings; if they were of no use wait for twice as long for the next."""

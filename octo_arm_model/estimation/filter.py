@@ -118,7 +118,7 @@ class Filter:
         """
         step, before, newest = self._window.add(time, measurements)
         self.innovations = step.updated.innovations_after(
-            None if before is None else before.updated
+            *((), None) if before is None else (before.measurements, before.updated)
         )
         for one in self.innovations:
             if not one.is_accepted:

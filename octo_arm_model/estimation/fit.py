@@ -91,7 +91,9 @@ def fit(
     posterior = Posterior(prior, noise, at.model, known.agreed.weight)
     step = posterior.step(local, local.x)
     first = step.cost
-    for _ in range(_MOST):
+    evaluations = 0
+    while evaluations < _MOST:
+        evaluations += 1
         wanted = posterior.mean(local, step)
         most = _WORSE * posterior.square(local.x, local.left) + wanted.size
         for halved in range(_HALVED):
@@ -131,7 +133,7 @@ def fit(
         if step.size > _GROWTH * size:
             break
         size, is_near = step.size, step.size <= _NEAR
-    raise ConvergenceError('the estimate', step.size, _MOST)
+    raise ConvergenceError('the estimate', step.size, evaluations)
 
 
 def _fit(step: Step, at: Prediction, known: Curvature) -> Fit:

@@ -112,7 +112,8 @@ class Hypotheses:
                 if before is not None and before.has_shape[number]:
                     earlier = before.steps[number]
                 innovations = then.updated.innovations_after(
-                    None if earlier is None else earlier.updated
+                    () if before is None else before.measurements,
+                    None if earlier is None else earlier.updated,
                 )
             probability = float(newest.probability[number])
             ranked.append(Ranked(name, probability, estimate, innovations))

@@ -130,12 +130,16 @@ class Tracker:
                 raise
             tracked = found
         else:
+            innovations = {one.name: one for one in tracked.innovations}
             self._contradiction.add(
                 [
-                    Reading(time, measurement, one.is_whole(measurement))
-                    for measurement, one in zip(measurements, tracked.innovations, strict=False)
+                    Reading(time, one, innovations[one.name].is_whole(one))
+                    for one in measurements
+                    if one.name in innovations
                 ]
             )
+            others = innovations.keys() - {one.name for one in measurements}
+            self._contradiction.refuse(time, others)
             tracked = self._found_anew(time) or tracked
         self.origin_ns, self._newest = origin, max(time, self._newest)
         count_innovations(self.consistency, stamp_ns, tracked.innovations)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.core.hints import FloatArray
@@ -65,7 +65,18 @@ class Updated(NamedTuple):
     curvatures: Mapping[Kinds, Curvature]
     refused: frozenset[str]
 
-    def innovations_after(self, before: Updated | None) -> tuple[Innovation, ...]:
-        """Of what was not measured yet where this was ``before``."""
-        known = () if before is None else {one.name for one in before.innovations}
-        return tuple(one for one in self.innovations if one.name not in known)
+    def innovations_after(
+        self, measured: Sequence[Measurement], before: Updated | None
+    ) -> tuple[Innovation, ...]:
+        """Of what is new after what was ``measured``, which was this ``before`` if it had a shape.
+
+        What was accepted then and is refused now is new too.
+        """
+        earlier = () if before is None else before.innovations
+        known = {one.name for one in measured} | {one.name for one in earlier}
+        accepted = {one.name for one in earlier if one.is_accepted}
+        return tuple(
+            one
+            for one in self.innovations
+            if one.name not in known or (one.name in accepted and not one.is_accepted)
+        )

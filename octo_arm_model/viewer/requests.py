@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import viser
 
-from octo_arm_model.core.errors import shown
+from octo_arm_model.core.errors import in_short, shown
 
 _FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
 _MOST_PIXELS = 100_000  # along one side of a window
@@ -93,7 +93,7 @@ class Requests:
         try:
             request = _decoder.decode(data)
         except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-            return f'no request of this page: {shown(error)}'
+            return f'no request of this page: {in_short(error)}'
         if isinstance(request, _Camera):
             return request.objection()
         if isinstance(request, _Value):

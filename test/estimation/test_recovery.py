@@ -108,6 +108,20 @@ def test_a_new_beginning_that_takes_too_much_is_put_off(monkeypatch: pytest.Monk
     assert_is(found[-1], MOVED)
 
 
+def test_a_sensor_that_another_of_the_same_stamp_contradicts_is_reported_as_refused() -> None:
+    own = tracker()
+    steps(own, range(4), [cells, markers, tip])
+    stamp = ORIGIN + 4 * PERIOD
+    off = TipPosition(CALM.tip + [0.0, 0.0, 0.015], PLACE)  # which a force explains
+    alone = own.add(stamp, [off])
+    both = own.add(stamp, [markers(CALM, TENSIONS)])
+    assert [(one.name, one.is_accepted) for one in alone.innovations] == [('tip position', True)]
+    told = {one.name: one.is_accepted for one in both.innovations}
+    assert told == {'markers': True, 'tip position': False}
+    assert own.consistency['tip position'].refused == 1
+    assert_is(both, CALM)
+
+
 def test_it_is_lost_for_ever_where_it_may_not_begin_anew() -> None:
     model = rubber(Unknowns(STEADY, tip_force=LIKELY))
     own = Tracker({'tip': model})

@@ -73,7 +73,7 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
     Raises:
         ArmDefinitionError: if it is not a finite number within these, in ``unit``.
     """
-    expected = f'a finite number within [{low:g}, {high:g}] [{unit}]'
+    expected = f'a finite number within [{low:.12g}, {high:.12g}] [{unit}]'
     number = finite(name, value, expected)
     if not low <= number <= high:
         raise ArmDefinitionError(name, value, expected)

@@ -21,6 +21,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_minima,
     find_shapes,
     find_sliding_balance,
+    find_step,
     find_turn,
     read_out,
 )
@@ -104,6 +105,8 @@ class Compiled:
 
     def measure(self, lengths: TendonLengths) -> None:
         """Have ``lengths`` of tendons that keep their places measured in machine code."""
+        if isinstance(self._tables, ExactTables):
+            _make(find_step)
         if not isinstance(lengths.sections, SheathedSections):
             tables = self._tables if isinstance(self._tables, ExactTables) else None
             self.lengths = CompiledLengths(lengths, tables, self._grid)

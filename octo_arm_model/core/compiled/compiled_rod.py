@@ -51,7 +51,7 @@ class CompiledRod:
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = balance(), rod.equilibrium.loads
-        # Systems of the balances found last, and the twists of these.
+        # Systems of the balances found or followed from last, and the twists of these.
         sizes = self._tables.step.size, self._tables.weights.size
         self._systems = [system_of(*sizes) for _ in range(_KEPT)]
         self._twists: list[FloatArray | None] = [None] * _KEPT
@@ -185,9 +185,6 @@ class CompiledRod:
         known = self._place_of(shape)
         place = known or 0
         if wanted != READ_ONLY:
-            if known is not None:
-                self._places.remove(known)
-                self._places.append(known)
             place = self._places.pop(0)
             self._places.append(place)
             self._twists[place] = None
@@ -208,7 +205,13 @@ class CompiledRod:
         return None if place is None else self._systems[place]
 
     def _place_of(self, shape: Shape) -> int | None:
-        return next((i for i, twist in enumerate(self._twists) if twist is shape.twist), None)
+        """Of the system about ``shape``, if it is kept: from now on the one used last."""
+        for place, twist in enumerate(self._twists):
+            if twist is shape.twist:
+                self._places.remove(place)
+                self._places.append(place)
+                return place
+        return None
 
 
 def state_of(shape: Shape) -> RodState:

@@ -47,7 +47,7 @@ class Outcome(NamedTuple):
         corrected: how far all but the first have turned the arm [rad].
         sign: of the determinant of the system, 0 where there is no balance.
         is_least: whether it is seen to be one of least energy.
-        is_definite: otherwise, whether the compliance of the tip is definite.
+        is_definite: otherwise, of a balance alone, whether the compliance of the tip is definite.
         is_read: whether it was read out.
     """
 
@@ -131,10 +131,11 @@ def balance(
 ) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
     """Find balance from the twist of ``state`` and ``orientation``, and fill in that it ends in.
 
-    ``orientation`` (2, points) is that of `Quaternions`. Where the state is not seen to be one of
-    least energy, which takes that the loads have an energy, the ``compliance`` (6, 6) of the tip
-    and the ``change`` (4, points, 6) that unit wrenches on it make are filled in, see `TipAnswer`;
-    the ``readings`` as ``wanted``. As to the systems see `iterate`.
+    ``orientation`` (2, points) is that of `Quaternions`. Where a balance alone is ``wanted`` and
+    the state is not seen to be one of least energy, which takes that the loads have an energy, the
+    ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) that unit wrenches on it
+    make are filled in, see `TipAnswer`; the ``readings`` as ``wanted``. As to the systems see
+    `iterate`.
 
     Returns:
         The fields of `Outcome`. To make one numba would call Python, which takes signals then, and

@@ -81,13 +81,14 @@ class SlidingRod:
         if balance is None:
             return None
         spending.add(balance.systems, 0.0, TOLERANCE, balance.shape.twist)
-        is_resolved = balance.sticks or balance.is_resolved
-        if not is_resolved or balance.corrected > MOST_CORRECTED:
+        if balance.corrected > MOST_CORRECTED:
             return None
         kind = ANY_READINGS if balance.sticks else READINGS
         solution = self._compiled.settle(balance.held, balance.shape, spending, kind)
         if not isinstance(solution, Solution):
             return solution
+        if not (balance.sticks or balance.is_resolved):
+            return solution.shape
         tables = self._compiled.tables
         along, at_stations = tables.sections.transmission, tables.station_sections.transmission
         return solution._replace(tendons=TendonTensions(along.copy(), at_stations.copy()))
@@ -98,7 +99,7 @@ class SlidingRod:
         if condition.before is not None:
             before = own(condition.before)
         tables, tip_wrench = self._compiled.tables, own(condition.tip_wrench)
-        slip = np.full(tables.sections.transmission.shape, -1.0)
+        slip = np.empty_like(tables.sections.transmission)
         near = self._compiled.system_about(shape)
         for known in (None,) if near is None else (near, None):
             state = state_of(shape)

@@ -19,8 +19,9 @@ from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
 # Points in each element; where tendons have friction, whose tensions are less smooth; and in each
-# where elements are many, as of an arm of many sections.
-_POINTS, _WITH_FRICTION, _MANY, _FEWEST = 8, 10, 24, 6
+# of more elements than `_MANY`, as of an arm of many sections.
+_POINTS, _WITH_FRICTION, _FEWEST = 8, 10, 6
+_MANY = 24
 _LONGEST = 0.27  # of the length of the arm
 # Ratio of the radii at the ends of an element: compliances go with the fourth power of the radius,
 # and what changes more within an element takes many more points.

@@ -42,7 +42,7 @@ from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
 RESOLVED = 1e-4
 # Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
 STRAIGHT = 1e-3
-# That of the tensions of tendons with friction, whose rate of change is far less exact.
+# `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
 _KEPT = 64  # loads whose resultants are, and rods

@@ -126,7 +126,7 @@ def smoothed(
         times.append(1e-9 * (group[0].stamp_ns - kept[0][0].stamp_ns))
         if found.anew_from is not None:
             starts.append(bisect.bisect_left(times, found.anew_from))
-    for start, stop in itertools.pairwise([*starts, len(kept)]):
+    for part, (start, stop) in enumerate(itertools.pairwise([*starts, len(kept)])):
         recording = [
             (time, [one.measurement for one in group])
             for time, group in zip(times[start:stop], kept[start:stop], strict=True)
@@ -135,6 +135,6 @@ def smoothed(
         for number, estimate in enumerate(estimates):
             yield TimedEstimate(
                 *_stamps_of(kept[start + number]), name, {name: 1.0}, estimate.innovations,
-                estimate, bool(start) and number == 0,
+                estimate, part > 0 and number == 0,
             )  # fmt: skip
     progress(total, total)

@@ -45,7 +45,9 @@ class MeasurementInputs:
 
     def open(self) -> None:
         """Subscribe."""
-        self._inputs = [self._subscribe(topic) for topic in MEASUREMENT_TOPICS]
+        for topic in MEASUREMENT_TOPICS:
+            # One by one: where the next cannot be, `close` ends those before it.
+            self._inputs.append(self._subscribe(topic))
         publishers = {one.topic: one.count_publishers for one in self._inputs}
         self._diagnostics.publishers |= publishers
         self._diagnostics.apart = frozenset(publishers)

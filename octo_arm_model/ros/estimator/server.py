@@ -68,6 +68,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             + '; '.join([', '.join(now.models), *settings.notes])
         )
 
+    def cleanup(self) -> None:
+        """Free the arm and what is known of it."""
+        super().cleanup()
+        self._measured = None
+
     def _begin_anew(self) -> Tracker:
         self._tracker = tracker = self._arm.tracker()
         self._newest = Stamp(0, 0)

@@ -54,7 +54,9 @@ class TensionInputs:
 
     def open(self) -> None:
         """Subscribe."""
-        self._inputs = [self._subscribe(topic) for topic in TOPICS]
+        for topic in TOPICS:
+            # One by one: where the next cannot be, `close` ends those before it.
+            self._inputs.append(self._subscribe(topic))
         self._is_active = True
         self._subscribe_to_field()
 

@@ -680,17 +680,22 @@ def test_a_step_from_the_last_balance_ends_where_one_from_its_copy_does() -> Non
         np.testing.assert_allclose(one.k, other.k, atol=1e-10)
 
 
-def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it() -> None:
-    solver = Solver(HELICAL, 'exact', loads=Loads(gravity=(0.0, 2.0, -5.0)), compiled=True)
+@pytest.mark.parametrize('friction', [(), (0.2,)])
+def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it(
+    friction: tuple[float, ...],
+) -> None:
+    arm = dataclasses.replace(HELICAL, friction=friction)
+    solver = Solver(arm, 'exact', loads=Loads(gravity=(0.0, 2.0, -5.0)), compiled=True)
     tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
     last = solver.solve(tensions)
     statics = solver._statics
     assert isinstance(statics, Exact) and last.shape is not None
-    settle = statics._rod(0).settle
+    settle = statics._rod(statics.rods.level_of(last.shape.twist)).settle
     assert isinstance(settle, types.MethodType)
+    rod = settle.__self__._compiled if friction else settle.__self__
     for part in np.linspace(1.0, 1.1, 40):
         solver.solve(part * tensions, start=last)
-    assert settle.__self__.system_about(last.shape) is not None
+    assert rod.system_about(last.shape) is not None
 
 
 def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:

@@ -89,3 +89,22 @@ def test_a_managed_node_that_cannot_publish_leaves_no_publisher_behind():
                     lambda client=client: client.node.count_publishers('backbone/path') == 0,
                     'a node without publishers',
                 )
+
+
+def test_a_managed_node_that_cannot_subscribe_leaves_no_subscription_behind():
+    for name, module, topic, first in (
+        ('octo_arm', 'ros.node.lifecycle', 'tendon_tensions/joint_state', 'tendon_tensions'),
+        (
+            'octo_arm_estimator', 'ros.estimator.lifecycle', 'measured/markers',
+            'measured/tip_pose',
+        ),
+    ):  # fmt: skip
+        given = '-p', f'qos_overrides./{topic}.subscription.depth:=-5'
+        with running(module, *given, node=name) as client:
+            assert client.transition(Transition.TRANSITION_CONFIGURE)
+            for _ in range(2):
+                assert not client.transition(Transition.TRANSITION_ACTIVATE)
+                client.wait(
+                    lambda client=client, first=first: client.node.count_subscribers(first) == 0,
+                    'a node without subscriptions',
+                )
