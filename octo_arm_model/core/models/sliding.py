@@ -31,8 +31,10 @@ class Rods:
 
     def level_of(self, values: FloatArray) -> int:
         """Level of the rod at whose points ``values`` (..., points) are."""
-        points = values.shape[-1]
-        return next(level for level in range(len(CUTS)) if self.rod(level).points == points)
+        level, points = 0, values.shape[-1]
+        while self.rod(level).points != points:
+            level += 1
+        return level
 
     def at_level(self, before: FloatArray | None, level: int) -> FloatArray | None:
         """Tensions ``before`` (tendons, points) at the points of the rod of ``level``."""

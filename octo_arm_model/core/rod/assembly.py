@@ -86,8 +86,9 @@ class Results:
         if solution.tendons is not None:
             self.add_tendons(part, solution.tendons)
         if solution.strains is not None and solution.frames is not None:
-            self.position[part], self.quaternion[part] = solution.frames
-            self.strains[:] = solution.strains
+            # Of one arm, made for this result alone.
+            self.position, self.quaternion = solution.frames
+            self.strains = solution.strains
             return
         self._check(twist[3])
         if solution.frames is not None:
