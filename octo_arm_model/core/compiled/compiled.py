@@ -105,10 +105,10 @@ class Compiled:
 
     def measure(self, lengths: TendonLengths) -> None:
         """Have ``lengths`` of tendons that keep their places measured in machine code."""
-        if isinstance(self._tables, ExactTables):
+        tables = self._tables if isinstance(self._tables, ExactTables) else None
+        if tables is not None:
             _make(find_step)
         if not isinstance(lengths.sections, SheathedSections):
-            tables = self._tables if isinstance(self._tables, ExactTables) else None
             self.lengths = CompiledLengths(lengths, tables, self._grid)
 
     @staticmethod

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.compiled.dense_kernels import solve_definite
+from octo_arm_model.core.compiled.dense_kernels import eliminate_definite, substitute_definite
 from octo_arm_model.core.compiled.friction_kernels import find_strain, find_turning
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -57,6 +57,8 @@ def find_couplings(
     """
     sections, count = tables.sections, twist.shape[1]
     bends, width, slope = np.empty((4, count)), 1.0, 0.0
+    factors = hessian.copy()
+    eliminate_definite(factors)
     for place, k in enumerate(pulled):
         for i in range(count):
             if sections.widens:
@@ -71,7 +73,7 @@ def find_couplings(
                 + (sections.dx[k, i] - t * y) * e_n
                 + (sections.dy[k, i] + t * x) * e_b
             )
-        solve_definite(hessian.copy(), bends)
+        substitute_definite(factors, bends)
         for row, j in enumerate(pulled):
             path = turning.path[j]
             for i in range(count):

@@ -176,22 +176,36 @@ def is_definite(matrix: FloatArray) -> bool:
 
 
 def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
-    """Solve in place for ``right`` (n, count), with definite matrices (n, n, count).
+    """Solve in place for ``right`` (n, count), with definite matrices (n, n, count)."""
+    eliminate_definite(matrix)
+    substitute_definite(matrix, right)
 
-    By elimination in the lower halves, as `batched_ldlt` does; all of them side by side.
+
+def eliminate_definite(matrix: FloatArray) -> None:
+    """Eliminate in the lower halves of definite matrices (n, n, count), all of them side by side.
+
+    As `batched_ldlt` does.
     """
-    n, factor = len(matrix), np.empty(right.shape[1])
+    n, factor = len(matrix), np.empty(matrix.shape[2])
     for j in range(n):
         for i in range(j + 1, n):
             for p in range(factor.size):
                 factor[p] = matrix[i, j, p] / matrix[j, j, p]
-                right[i, p] -= factor[p] * right[j, p]
             for k in range(j + 1, i + 1):
                 for p in range(factor.size):
                     matrix[i, k, p] -= factor[p] * matrix[k, j, p]
+
+
+def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
+    """Solve in place for ``right`` (n, count), with what `eliminate_definite` left."""
+    n, count = right.shape
+    for j in range(n):
+        for i in range(j + 1, n):
+            for p in range(count):
+                right[i, p] -= matrix[i, j, p] / matrix[j, j, p] * right[j, p]
     for j in range(n - 1, -1, -1):
         for i in range(j + 1, n):
-            for p in range(factor.size):
+            for p in range(count):
                 right[j, p] -= matrix[i, j, p] * right[i, p]
-        for p in range(factor.size):
+        for p in range(count):
             right[j, p] /= matrix[j, j, p]
