@@ -11,6 +11,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.products import add_products
+from octo_arm_model.core.compiled.resolution_kernels import largest_tail
 from octo_arm_model.core.compiled.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.friction import SAME
@@ -120,18 +121,6 @@ def integrate(
     return start + step * whole
 
 
-def largest_tail(tables: FrictionTables, values: FloatArray) -> float:
-    """Largest of the last Legendre coefficients of ``values`` (points,)."""
-    s, largest = tables.weights.size, 0.0
-    for first in range(0, values.size, s):
-        one, other = 0.0, 0.0
-        for j in range(s):
-            one += tables.tail[0, j] * values[first + j]
-            other += tables.tail[1, j] * values[first + j]
-        largest = max(largest, abs(one), abs(other))
-    return largest
-
-
 def resolves_tensions(tables: FrictionTables, tensions: FloatArray) -> bool:
     """Whether points resolve those along tendons of ``tensions`` at the base, which do not stick.
 
@@ -139,6 +128,6 @@ def resolves_tensions(tables: FrictionTables, tensions: FloatArray) -> bool:
     """
     for tendon in np.flatnonzero(tensions):
         along = tables.sections.transmission[tendon]
-        if largest_tail(tables, along) > RESOLVED_TENSIONS * tensions.max():
+        if largest_tail(tables.tail, along) > RESOLVED_TENSIONS * tensions.max():
             return False
     return True

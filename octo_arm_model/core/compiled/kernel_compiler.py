@@ -29,6 +29,7 @@ from octo_arm_model.core.compiled import (
     orientation_kernels,
     products,
     readout_kernels,
+    resolution_kernels,
     response_kernels,
     rod_kernels,
     section_kernels,
@@ -63,7 +64,7 @@ _KERNELS = (
     start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels,
     orientation_kernels, response_kernels, dense_kernels, readout_kernels, products,
     friction_kernels, sliding_kernels, length_kernels, sliding_rod_kernels, winding_kernels,
-    sensitivity_kernels, step_kernels, stability_kernels, coupling_kernels,
+    sensitivity_kernels, step_kernels, stability_kernels, resolution_kernels, coupling_kernels,
 )  # fmt: skip
 
 

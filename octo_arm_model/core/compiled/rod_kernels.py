@@ -13,6 +13,7 @@ import numpy as np
 from octo_arm_model.core.compiled.dense_kernels import is_definite
 from octo_arm_model.core.compiled.orientation_kernels import find_turn, turn_by
 from octo_arm_model.core.compiled.readout_kernels import Readings, read_rod
+from octo_arm_model.core.compiled.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_tables import SectionTables
@@ -28,7 +29,6 @@ from octo_arm_model.core.compiled.system_kernels import System, find_system
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, MOST, NEAR, PROGRESS, QUICK, SAME
-from octo_arm_model.core.loaded.rod import RESOLVED, STRAIGHT
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
@@ -179,7 +179,7 @@ def search(
     if (
         wanted != BALANCE and corrected <= MOST_CORRECTED
         and (is_least or (sign > 0 and not has_energy))
-        and (wanted == ANY_READINGS or is_resolved(tables, state.twist))
+        and (wanted == ANY_READINGS or resolves_twist(tables.tail, tables.length, state.twist))
         and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
@@ -207,26 +207,6 @@ def find_compliance(
                     weight = tables.step[i // s] * tables.weights[i % s]
                     total += weight * wrench[k, i, row] * change[k, i, column]
             compliance[row, column] = total
-
-
-def is_resolved(tables: RodTables, twist: FloatArray) -> bool:
-    """Whether elements are fine enough for ``twist`` (4, points), as `LoadedRod.resolves`."""
-    s = tables.weights.size
-    size, last = np.zeros(4), np.zeros(4)
-    for k in range(4):
-        for first in range(0, twist.shape[1], s):
-            one, other = 0.0, 0.0
-            for i in range(s):
-                value = twist[k, first + i]
-                size[k] = max(size[k], abs(value))
-                one += value * tables.tail[i, 0]
-                other += value * tables.tail[i, 1]
-            last[k] = max(last[k], max(abs(one), abs(other)))
-    angular = max(max(size[0], size[1]), max(size[2], STRAIGHT / tables.length))
-    for k in range(4):
-        if not last[k] <= RESOLVED * (angular if k < 3 else size[3]):
-            return False
-    return True
 
 
 def has_fibres(sections: SectionTables, twist: FloatArray) -> bool:

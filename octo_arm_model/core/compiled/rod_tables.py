@@ -22,7 +22,7 @@ class RodTables(NamedTuple):
         to_end_columns: likewise of the integrals to its end.
         twice: integrals to the end, of values at each point times the integral to that point of
             others: (each, others x ends).
-        tail: matrix (each, 2) to the last two Legendre coefficients.
+        tail: from values at the points to the last two Legendre coefficients, (2, each).
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
         force: resultant of the loads beyond each point [N], (3, points).
@@ -97,7 +97,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         from_start_columns=rule.from_start.T,
         to_end_columns=rule.to_end.T,
         twice=np.einsum('lj,il->lji', rule.from_start, rule.to_end).reshape(rule.points.size, -1),
-        tail=rule.tail.T,
+        tail=rule.tail,
         weights=rule.weights,
         step=own.step,
         force=problem.loads.dead.force,
@@ -136,7 +136,7 @@ def no_rod() -> RodTables:
     nothing = np.zeros((3, 0))
     runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
     return RodTables(
-        sections, table, table, table, table, np.zeros((0, 2)), none, none, nothing, nothing,
+        sections, table, table, table, table, np.zeros((2, 0)), none, none, nothing, nothing,
         np.zeros(4), 1.0, np.zeros(3), runs, none, runs, none, none, 0, sections,
         np.zeros(0, np.int64),
     )  # fmt: skip

@@ -16,7 +16,6 @@ from octo_arm_model.core.compiled.coupling_kernels import (
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.friction_kernels import (
     find_tensions,
-    largest_tail,
     resolves_tensions,
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
@@ -28,13 +27,13 @@ from octo_arm_model.core.compiled.minimum_kernels import (
     set_twist,
 )
 from octo_arm_model.core.compiled.products import add_runs
+from octo_arm_model.core.compiled.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections, set_scales
 from octo_arm_model.core.compiled.section_rows import WIDTH, T, set_strain
 from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.rod import RESOLVED, STRAIGHT
 from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
@@ -152,16 +151,9 @@ def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) ->
 
     For ``tensions`` at the base; of tendons that do not stick.
     """
-    if not resolves_tensions(tables, tensions):
-        return False
-    size = np.empty(4)
-    for k in range(4):
-        size[k] = np.abs(twist[k]).max()
-    angular = max(size[0], size[1], size[2], STRAIGHT / tables.step.sum())
-    for k in range(4):
-        if largest_tail(tables, twist[k]) > RESOLVED * (angular if k < 3 else size[3]):
-            return False
-    return True
+    return resolves_tensions(tables, tensions) and resolves_twist(
+        tables.tail, tables.step.sum(), twist
+    )
 
 
 def find_sliding_shapes(
