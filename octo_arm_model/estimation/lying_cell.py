@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -51,9 +52,9 @@ def nearby(
         return take_nearby(linear.belief, others, known, gate)
 
     at = Prediction(model, belief.mean, last.shape)
+    apart = functools.cache(lambda: _each_apart(measurements, at))  # usually nobody asks
     if last.refused:
-        apart = _each_apart(measurements, at)
-        doubted = [one for one in apart if one.single.name in last.refused]
+        doubted = [one for one in apart() if one.single.name in last.refused]
         if not others:
             return _still_refused(belief, measurements, doubted, at, last, gate)
         if found := _without_one(belief, measurements, doubted, at, take, gate):
@@ -62,11 +63,10 @@ def nearby(
         return None
     if whole := agreeing(belief, measurements, at, take, gate):
         return whole
-    apart = _each_apart(measurements, at)
-    if len(others) < 2 or not apart:
+    if len(others) < 2 or not apart():
         return None
     explained = _explained(belief, measurements, last.at)
-    worst = max(apart, key=lambda one: explained[one.place])
+    worst = max(apart(), key=lambda one: explained[one.place])
     return _without_one(belief, measurements, [worst], at, take, gate)
 
 
