@@ -74,13 +74,11 @@ class Client(Participant):
 
     def connect(self) -> None:
         """Wait until the node answers."""
-
-        def is_answered() -> bool:
-            if not self._answers:
-                self._send('tendon_tensions')
-            return bool(self._answers)
-
-        self.wait(is_answered, 'the node did not answer')
+        self.wait(
+            lambda: bool(self._answers),
+            'the node did not answer',
+            lambda: self._send('tendon_tensions'),
+        )
         while self._spin(0.5):
             pass
 

@@ -178,10 +178,19 @@ class Participant:
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def wait(self, is_there: Callable[[], bool], what: str) -> None:
-        """Spin until something ``is_there``, or else end with the error ``what``."""
+    def wait(
+        self,
+        is_there: Callable[[], bool],
+        what: str,
+        meanwhile: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Spin until something ``is_there``, and do something ``meanwhile`` before every spin.
+
+        Or else end with the error ``what``.
+        """
         end = time.monotonic() + DEADLINE
         while not is_there():
+            meanwhile()
             if time.monotonic() > end:
                 raise SystemExit(what)
             self._executor.spin_once(timeout_sec=0.1)
@@ -205,13 +214,11 @@ class Client(Participant):
             for kind, topic in ((Path, 'backbone/path'), (SectionStrains, 'strains'))
         ]
 
-        def is_answered() -> bool:
-            if self._answers and all(it.get_publisher_count() for it in self._others):
-                return True
-            self._publisher.publish(question(0))
-            return False
-
-        self.wait(is_answered, 'the node did not answer')
+        self.wait(
+            lambda: bool(self._answers) and all(it.get_publisher_count() for it in self._others),
+            'the node did not answer',
+            lambda: self._publisher.publish(question(0)),
+        )
         self._drain(0.5)
 
     def close(self) -> None:
