@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
         ]
-    commands.append(('octo_arm_model.ros.simulator_node', *common, *parameter_arguments(playing)))
+    commands.append(('octo_arm_model.ros.simulator.main', *common, *parameter_arguments(playing)))
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)

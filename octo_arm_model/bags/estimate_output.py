@@ -8,7 +8,7 @@ from typing import Any
 from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.replay import open_copies
+from octo_arm_model.bags.replay.replay import open_copies
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, parameters_as_yaml

@@ -11,7 +11,7 @@ import numpy as np
 
 from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
 from octo_arm_model.bags.topics import is_answer, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config

@@ -61,7 +61,7 @@ def _run(options: argparse.Namespace) -> None:
         # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
     try:
-        from octo_arm_model.ros.arm_swap import swap_arm
+        from octo_arm_model.ros.client.arm_swap import swap_arm
     except ModuleNotFoundError as error:
         raise ConfigError(_NO_ROS.format(error.name)) from error
     swap_arm(values, options.node, options.wait)

@@ -14,14 +14,14 @@ from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.csv_table import read_columns
 from octo_arm_model.experiment.recording.measured_points import Measured
-from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
 
 T = TypeVar('T')
 

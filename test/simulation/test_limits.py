@@ -96,6 +96,10 @@ def test_a_profile_beyond_a_limit_is_refused_with_its_row():
 def test_commands_are_published_in_one_place():
     folder = Path(octo_arm_model.__file__).parent
     makes = re.compile(r'create_publisher\((\w+,)?\s*TendonTensions')
-    found = {path.name for path in folder.rglob('*.py') if makes.search(path.read_text())}
+    found = {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob('*.py')
+        if makes.search(path.read_text())
+    }
     # The simulator publishes what it measures.
-    assert found == {'command_publisher.py', 'simulator_node.py'}
+    assert found == {'ros/client/command_publisher.py', 'ros/simulator/main.py'}

@@ -23,7 +23,7 @@ from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.records import Record
+    from octo_arm_model.bags.store.records import Record
     from octo_arm_model.bags.tensions import Reading
 
 

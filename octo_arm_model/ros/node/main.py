@@ -18,10 +18,10 @@ from rclpy.signals import SignalHandlerOptions
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
-from octo_arm_model.ros.interruption import install, interruptible
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.start import start_ros
+from octo_arm_model.ros.work.interruption import install, interruptible
 from octo_arm_model.terminal import fail
 
 LONGEST_WAIT = 0.5  # [s] between checks for shutdown

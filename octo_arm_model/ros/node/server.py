@@ -18,9 +18,9 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
 from octo_arm_model.ros.node.tension_subscription import TensionInput
-from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 
 ArmT = TypeVar('ArmT', bound=Prepared)
