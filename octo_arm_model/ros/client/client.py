@@ -22,9 +22,10 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
-from octo_arm_model.ros.client.topic import Meter, Topic, read_poses
+from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.wire.cdr_backbone import read_poses
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
 from octo_arm_model.wire.cdr_estimate import CONTACT, TIP_WRENCH
