@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.held_back import AUTO

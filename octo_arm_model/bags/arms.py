@@ -11,7 +11,7 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.types import STRING
 from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, namespace, usual_topics
-from octo_arm_model.config.config import parse_parameters
+from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS

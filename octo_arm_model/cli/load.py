@@ -6,8 +6,9 @@ import argparse
 from typing import Any
 
 from octo_arm_model.cli.options import add_config_argument, add_number, new_command
-from octo_arm_model.config.config import Config, load_parameters, naming
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.validation import positive

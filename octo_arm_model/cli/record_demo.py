@@ -13,7 +13,7 @@ from octo_arm_model.cli.options import (
     new_command,
 )
 from octo_arm_model.cli.outputs import unwritten
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
 
 _DESCRIPTION = """\

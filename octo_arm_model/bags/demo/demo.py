@@ -18,7 +18,8 @@ from octo_arm_model.bags.demo.messages import START, DemoMessages
 from octo_arm_model.bags.demo.true_arm import TrueArm
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated

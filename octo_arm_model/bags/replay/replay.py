@@ -16,7 +16,8 @@ from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.tensions import Reading, TensionTopic
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter, Message
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 
 _WRENCH = 'tip_wrench'
 _TOGETHER = 128  # messages of tensions at a time, and less where others come between

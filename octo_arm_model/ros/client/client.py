@@ -17,7 +17,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from octo_arm_model.config.config import Config, parse_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray

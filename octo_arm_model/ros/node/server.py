@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
-from octo_arm_model.config.config import parameters_as_yaml
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters

@@ -26,8 +26,8 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.records import stamp_of
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import load_parameters, parse_parameters
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.parameter_files import load_parameters, parse_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.wire.displacement_messages import read_displacements

@@ -49,7 +49,11 @@ from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import load_parameters, parameters_as_yaml, parse_parameters
+from octo_arm_model.config.parameter_files import (
+    load_parameters,
+    parameters_as_yaml,
+    parse_parameters,
+)
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.cdr_backbone import BackboneWriter
 from octo_arm_model.wire.stamp import Stamp

@@ -25,8 +25,8 @@ from recordings import (
 from octo_arm_model import Config, displacements_of, solve_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import load_parameters, parameters_as_yaml
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.config.presets import preset_path
 
 PARAMETERS = load_parameters(preset_path('renda2012_table4')) | {
