@@ -13,6 +13,8 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_layout import ENCAPSULATION, POSE, Layout, aligned, text_field
 from octo_arm_model.wire.cdr_templates import BatchTemplate, Template
 
+# Of tendons; the second only where some are driven by length.
+TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'
 # Topics on which a backbone is published, and their types.
 BACKBONE_TOPICS: dict[str, str] = {
     'backbone/path': 'nav_msgs/msg/Path',

@@ -14,6 +14,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
+from octo_arm_model.wire.measurement_messages import MARKERS, TIP_POSE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 CAMERA_FRAME = 'camera'
@@ -77,14 +78,14 @@ class DemoMessages:
             covariance=covariance,
         )  # fmt: skip
         header = self._header(time, self._config.base_frame)
-        self._add('/measured/tip_pose', name, time, self._make(name, header=header, pose=pose))
+        self._add(f'/{TIP_POSE}', name, time, self._make(name, header=header, pose=pose))
 
     def add_markers(self, time: float, points: FloatArray) -> None:
         """Add markers at ``points`` (n, 3) [m] seen at ``time`` [s]."""
         name = 'geometry_msgs/msg/PoseArray'
         header = self._header(time, self._config.base_frame)
         poses = [self._pose(point, _LEVEL) for point in points]
-        self._add('/measured/markers', name, time, self._make(name, header=header, poses=poses))
+        self._add(f'/{MARKERS}', name, time, self._make(name, header=header, poses=poses))
 
     def write(self) -> None:
         """Write all of them."""

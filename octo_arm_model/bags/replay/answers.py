@@ -16,10 +16,13 @@ from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
+from octo_arm_model.wire.cdr_backbone import (
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    BackboneBatchWriter,
+    BackboneWriter,
+)
 
-LENGTHS = 'tendon_lengths'
-ESTIMATES = 'tendon_tension_estimates'
 _ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # that depend on tensions
 _TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
 _TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
@@ -29,9 +32,9 @@ class Answer(NamedTuple):
     """The answer to one message of tensions or displacements.
 
     Attributes:
-        messages: bytes of the message on each of the topics, in their order, but on `ESTIMATES`,
-            the last, only where tendons are driven by length; none where there is no trustworthy
-            answer.
+        messages: bytes of the message on each of the topics, in their order, but on
+            `TENSION_ESTIMATES`, the last, only where tendons are driven by length; none where
+            there is no trustworthy answer.
         reason: why there is none, or ''.
         is_failure: whether the model had no answer, and not the message nothing for the arm.
         tensions: those of all tendons that hold the shape [N]; None if the message had them.
@@ -61,7 +64,7 @@ class Answers:
         """
         self._config = config
         self._solver = config.solver()
-        wanted = {LENGTHS: lengths, ESTIMATES: displacements}
+        wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
         self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
         self._winding = WoundSequence(FrictionMemory())
         grid = self._solver.grid
@@ -101,7 +104,7 @@ class Answers:
             writer.strains(backbone, *stamp),
             writer.tip_pose(backbone, covariance, *stamp),
         ]
-        if LENGTHS in self.topics:
+        if TENDON_LENGTHS in self.topics:
             lengths = self._solver.tendon_lengths(backbone)
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if self._winding.displacements:

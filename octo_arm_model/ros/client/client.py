@@ -26,7 +26,7 @@ from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
-from octo_arm_model.wire.cdr_backbone import read_poses
+from octo_arm_model.wire.cdr_backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
 from octo_arm_model.wire.cdr_estimate import CONTACT, TIP_WRENCH
@@ -36,7 +36,7 @@ from octo_arm_model.wire.tension_messages import JOINT_STATE
 POSES: dict[str, Any] = {'backbone/poses': PoseArray}
 DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
-    'tendon_lengths': JointState,
+    TENDON_LENGTHS: JointState,
     'tip_pose': PoseWithCovarianceStamped,
     COVARIANCE: CovarianceMessage,
     TIP_WRENCH: WrenchStamped,
@@ -149,7 +149,7 @@ class ArmClient:
         if name == 'strains':
             values = (message.s, message.tau, message.xi, message.k, message.q)
             self.strains = PublishedStrains(message.model, *map(np.asarray, values))
-        elif name == 'tendon_lengths':
+        elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
             self._read_covariance(message)

@@ -24,8 +24,8 @@ from octo_arm_model.ros.messages import pose_message
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.wire.measurement_messages import BASE_WRENCH, MARKERS, TIP_POSE
 
-TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
