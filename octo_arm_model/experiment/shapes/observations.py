@@ -12,7 +12,7 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.core.numerics.interpolation import interpolated, nearest
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.clock_offset import RANGE, clock_offset
@@ -224,6 +224,4 @@ def _unseen(recording: Recording) -> list[str]:
 
 def _distance(times: FloatArray, samples: FloatArray) -> FloatArray:
     """Time from each of ``times`` to the nearest of ascending ``samples`` [s]."""
-    after = np.clip(np.searchsorted(samples, times), 1, max(len(samples) - 1, 1))
-    before = np.abs(times - samples[after - 1])
-    return np.minimum(before, np.abs(times - samples[np.minimum(after, len(samples) - 1)]))
+    return np.abs(times - samples[nearest(times, samples)])
