@@ -82,7 +82,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Validate what the command line sets."""
-        positive('--stiffness', self.stiffness, 'of that of the config')
+        positive('--stiffness', self.stiffness, '-')
         within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
         not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
