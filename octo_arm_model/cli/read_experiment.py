@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -79,7 +78,7 @@ def read_options(
             'alignment is fitted'
         )
     ramp = options.ramp
-    width = None if ramp is None or math.isnan(ramp) else ramp
+    width = None if ramp is True else ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
     with Bar('clock offsets') as bar:
         observations = observe(recording, pairing, alignment, bar.on_terminal)

@@ -84,3 +84,9 @@ def test_windows_that_are_too_many_are_refused(
 ) -> None:
     assert main(['compare', ramp, '--ramp', '1e-4', *STILL]) == 2
     assert 'more than 1000 windows of 0.0001 N, expected a wider' in capsys.readouterr().err
+
+
+def test_a_width_that_is_none_is_refused(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for width in ('nan', '0'):
+        assert main(['compare', ramp, '--ramp', width, *STILL]) == 2
+        assert '--ramp is ' in capsys.readouterr().err
