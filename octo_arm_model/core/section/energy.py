@@ -180,6 +180,26 @@ class SectionEnergy:
             gradient[4], gradient[5] = u_n, u_b
         return gradient
 
+    def gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Gradient (n, batch, nodes) of the whole energy."""
+        bending, stretch = strain[1:3], strain[3]
+        f = self.law.density(stretch, np.add.reduce(bending * bending) * self.squared_radius)
+        gradient = self.tendon_gradient(strain, local_tensions)
+        gradient[0] += self.stiffness.torsion * strain[0]
+        gradient[1:3] += (2.0 * self.stiffness.axial * self.squared_radius * f.by_bend) * bending
+        gradient[3] += self.stiffness.axial * f.by_stretch
+        if self.strains == 6:
+            gradient[4:] += self.shear_stiffness * strain[4:]
+        return gradient
+
+    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Gradient (n, batch, nodes) of sum T |u|."""
+        width, slope, _ = self.widening(strain[3])
+        u_t, u_n, u_b, length = self.stretching(strain, width)
+        towards = self._gradient((u_t, u_n, u_b), length, slope)
+        total: FloatArray = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
+        return total
+
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:

@@ -160,6 +160,11 @@ class SheathedSections(SectionEnergy):
         """As `SectionEnergy.tendons`."""
         return SheathedTendons(self, local_tensions) if self._in_planes else None
 
+    def tendon_gradient(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Gradient (n, batch, nodes) of that energy: at the offsets, which are in balance."""
+        moved = self.placed(strain, local_tensions)
+        return SectionEnergy.tendon_gradient(moved, strain, local_tensions)
+
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
