@@ -127,14 +127,13 @@ class Linearised:
         turn, bend = (self._collocation.by_element(x) * h for x in (by_turn, by_bend))
         follow = self._collocation.by_element(follow)
         arms, elements, points = turn.shape[2:]
-        # Rows (row, point), columns (column, point).
-        matrix = np.empty((arms, elements, 3, points, 3, points))
-        system = matrix.transpose(2, 4, 0, 1, 3, 5)
-        system[...] = ((turn * h) @ self._collocation.twice).reshape(system.shape)
+        system = ((turn * h) @ self._collocation.twice).reshape(*turn.shape, points)
         system -= rule.to_end * bend[..., np.newaxis, :]
         system -= rule.from_start * (follow * h)[..., np.newaxis]
-        index = np.arange(points)
-        system[..., index, index] += self._collocation.by_element(bending)
+        diagonal = system.reshape(*turn.shape[:-1], -1)[..., :: points + 1]
+        diagonal += self._collocation.by_element(bending)
+        # Rows (row, point), columns (column, point).
+        matrix = system.transpose(2, 3, 0, 4, 1, 5)
         self._matrix = matrix.reshape(arms, elements, 3 * points, 3 * points)
         try:
             self._inverse = np.linalg.inv(self._matrix)
@@ -179,10 +178,9 @@ class Linearised:
         )
         if singular:
             raise _singular()
-        # Pivots of each arm are numbers of its own rows.
-        self._first = np.arange(0, arms * size, size)[:, np.newaxis]
         self._band = factors.T.reshape(band.shape)
-        self._pivots = pivots.reshape(arms, size) - self._first
+        # Pivots of each arm are numbers of its own rows.
+        self._pivots = pivots.reshape(arms, size) - _first_rows(arms, size)
 
     @property
     def signs(self) -> IntArray:
@@ -217,7 +215,7 @@ class Linearised:
         ends[:, :, 3:] -= (carried @ rule.weights).transpose(2, 3, 0, 1) / self._unit
         found, _ = dgbtrs(
             self._band.reshape(-1, 3 * _BAND + 1).T, _BAND, _BAND, right.reshape(-1, columns),
-            (self._pivots + self._first).ravel(),
+            (self._pivots + _first_rows(*self._pivots.shape)).ravel(),
         )  # fmt: skip
         ends = found.reshape(arms, elements + 1, 6, columns)
         bends += self._bends @ np.concatenate([ends[:, :-1, :3], ends[:, 1:, 3:]], axis=2)
@@ -270,11 +268,14 @@ class Linearised:
         part = copy.copy(self)
         for name in ('_rotation', '_rows', '_stretched', '_small', '_axial'):
             setattr(part, name, getattr(self, name)[:, :, arms])
-        for name in ('_matrix', '_inverse', '_bends', '_before', '_ends', '_pivots'):
+        for name in ('_matrix', '_inverse', '_bends', '_before', '_ends', '_band', '_pivots'):
             setattr(part, name, getattr(self, name)[arms])
-        part._first = self._first[: len(arms)]
-        part._band = self._band.reshape(*self._pivots.shape, -1)[arms]
         return part
+
+
+def _first_rows(arms: int, size: int) -> IntArray:
+    """The first of the ``size`` rows of each arm in the system of all, (arms, 1)."""
+    return np.arange(0, arms * size, size)[:, np.newaxis]
 
 
 @functools.cache

@@ -152,7 +152,7 @@ def _begin(
     problem: Equilibrium, condition: Condition, shape: Shape, known: System | None
 ) -> _Progress:
     state, is_known = problem.state(condition, shape), known is not None
-    nothing = 0.0 * state.residual
+    nothing = np.zeros_like(state.residual)
     return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing)
 
 

@@ -36,8 +36,14 @@ def gradient_by_twist(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
 ) -> FloatArray:
     """The gradient of `derivatives_by_twist` alone."""
-    gradient = energy.gradient(to_scaled(energy.law, twist), local_tensions)
-    return unscale_gradient(energy, twist, gradient)
+    width, slope, _ = energy.widening(twist[3])
+    strain = twist.copy()
+    strain[:3] *= width
+    gradient = energy.gradient(strain, local_tensions, width, slope)
+    # As `unscale_gradient`, whose widening is known here.
+    gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
+    gradient[:3] *= width
+    return gradient
 
 
 def derivatives_by_twist(
