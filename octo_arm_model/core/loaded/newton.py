@@ -94,16 +94,9 @@ class _Progress(NamedTuple):
 _STUCK, _BALANCED, _SAME_SYSTEM, _NEW_SYSTEM, _ANEW = range(5)
 
 
-def newton(
-    problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float,
-    known: System | None = None,
-) -> Iterate:  # fmt: skip
-    """`Newton` for ``problem``.
-
-    The system of a balance nearby that is ``known`` makes the first step, as long as that leaves a
-    small part of the residual.
-    """
-    now = _begin(problem, condition, shape, known)
+def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+    """`Newton` for ``problem``."""
+    now = _begin(problem, condition, shape, None)
     most = _MOST_LINEAR if problem.loads.without_tangent else MOST
     if now.state.residual <= tolerance:
         return Iterate(now.state, 0, 0.0, now.last_system)
@@ -126,6 +119,9 @@ def newton_of_all(
     known: System | None = None,
 ) -> list[tuple[IntArray, Iterate]]:  # fmt: skip
     """`newton` of several arms at once, in groups of those that go the same way.
+
+    The system of balances nearby that is ``known`` makes the first step, as long as that leaves a
+    small part of the residual.
 
     Returns:
         Numbers of the arms of each group, and what became of them.

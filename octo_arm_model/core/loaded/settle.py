@@ -71,25 +71,26 @@ class Settling:
             return found.outcome._replace(iterations=spending.iterations)
         return found.outcome
 
-    def settle_all(self, wanted: Condition, shape: Shape) -> list[Settled | None]:
+    def settle_all(self, wanted: Condition, shape: Shape) -> list[Solution | None]:
         """As `Settle` of many arms, ``wanted`` for each, from one ``shape`` or from one of each.
 
-        None for arms that have to be solved one by one, which tells what is wrong with them.
+        None for arms that have to be solved one by one.
         """
-        found: list[Settled | None] = []
+        found: list[Solution | None] = []
         for first in range(0, len(wanted.tensions), _TOGETHER):
             part = slice(first, first + _TOGETHER)
             condition = wanted._replace(
                 tensions=wanted.tensions[part], tip_wrench=wanted.tip_wrench[part]
             )
-            one, count = shape, len(condition.tensions)
+            begin = shape
             if shape.twist.ndim == 3:
                 a, b = shape.orientation
-                one = Shape(shape.twist[:, part], Quaternions(a[part], b[part]))
+                begin = Shape(shape.twist[:, part], Quaternions(a[part], b[part]))
             try:
-                found += self._settle(condition, one)
+                outcomes = [settled.outcome for settled in self._settle(condition, begin)]
             except SolveError:
-                found += [None] * count
+                outcomes = [None] * len(condition.tensions)
+            found += [one if isinstance(one, Solution) else None for one in outcomes]
         return found
 
     def _settle(self, wanted: Condition, shape: Shape) -> list[Settled]:
@@ -141,13 +142,15 @@ class Settling:
         if system is not None:
             is_stable = (found.corrected <= MOST_CORRECTED) & self._are_stable(state, system)
             strain = to_scaled(energy.law, twist)
-            energy.check_tendons(strain, energy.local_tensions(state.condition.tensions))
             is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
             for number in np.flatnonzero(is_stable & ~is_read).tolist():
                 outcomes[number] = shapes[number]
             numbers = np.flatnonzero(is_read)
             if numbers.size:
-                read = rod.read_out(state if numbers.size == len(shapes) else state.of(numbers))
+                part = state if numbers.size == len(shapes) else state.of(numbers)
+                local_tensions = energy.local_tensions(part.condition.tensions)
+                energy.check_tendons(strain[:, numbers], local_tensions)
+                read = rod.read_out(part)
                 for i, number in enumerate(numbers.tolist()):
                     outcomes[number] = Solution(
                         read[0][:, i], residual[number], found.iterations, shapes[number],

@@ -136,10 +136,8 @@ class Exact:
     ) -> list[Solution | None]:
         """`solve` of loaded arms, ``tensions`` (arms, tendons) [N] and ``tip_wrench`` (arms, 6).
 
-        None for those that Newton's method alone does not lead to a stable balance.
-
-        Raises:
-            ContinuationError: if an arm takes more than the budget.
+        None for those that are to be solved one by one, as Newton's method alone does not lead
+        them to a stable balance, or takes more than the budget.
         """
         rod = self._rod(self._level_of(start))
         nothing: list[Solution | None] = [None] * len(tensions)
@@ -152,8 +150,8 @@ class Exact:
             except SolveError:
                 return nothing  # One by one they tell which.
         found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
-        outcomes = [one.outcome if one is not None else None for one in found]
-        return [one if isinstance(one, Solution) else None for one in outcomes]
+        most = self._setup.budget.iterations
+        return [one if one is not None and one.iterations <= most else None for one in found]
 
     def _level_of(self, start: Backbone | None) -> int:
         """Level of the rod on which a ``start`` was found, or on which to begin."""
