@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.validation import real_numbers
+from octo_arm_model.core.arm.validation import LARGEST, real_numbers
 from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
 from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product, displacement
@@ -32,7 +32,8 @@ class Pose:
     """Position [m] and orientation (quaternion x, y, z, w) in the base frame.
 
     Raises:
-        ConfigError: if a component is not finite or the quaternion is not of unit length.
+        ConfigError: if a component is not finite, or beyond `LARGEST`, or the quaternion is not of
+            unit length.
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -43,9 +44,10 @@ class Pose:
         for name, size in (('position', 3), ('quaternion', 4)):
             values = getattr(self, name)
             array = real_numbers(values)
-            if array is None or array.shape != (size,) or not np.isfinite(array).all():
+            if array is None or array.shape != (size,) or not (np.abs(array) <= LARGEST).all():
                 raise ConfigError(
-                    f'base.{name} is {shown(values)}, expected {size} finite numbers'
+                    f'base.{name} is {shown(values)}, expected {size} finite numbers of at most '
+                    f'{LARGEST:g}'
                 )
             if name == 'quaternion':
                 norm = float(np.linalg.norm(array))
