@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.types import STRING
 from octo_arm_model.bags.tensions import pick_tensions
-from octo_arm_model.bags.topics import DESCRIPTION, namespace, usual_topics
+from octo_arm_model.bags.topics import DESCRIPTION, holds_displacements, namespace, usual_topics
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.errors import BagError, ConfigError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME

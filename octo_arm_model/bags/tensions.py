@@ -1,4 +1,4 @@
-"""Tensions read from a bag, message by message, refusals included."""
+"""Tensions and displacements read from a bag, message by message, refusals included."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import BagError, TensionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.wire.displacement_messages import read_displacements
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage
@@ -176,6 +178,15 @@ class TensionTopic:
         """Whether the bag defines a type as it is known here, so that it has the known layout."""
         types, known = self._reader.types_of(type_name), known_types()
         return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
+
+
+def read_lengths(reader: BagReader, arm: Arm, records: Sequence[Record]) -> list[Reading]:
+    """Displacements of each of ``records``, as the node reads them, or why it was refused."""
+    readings = []
+    for record in records:
+        stamp, found, reason = reader.read(record, partial(read_displacements, arm=arm))
+        readings.append(stampable(Reading(stamp, None, reason, found)))
+    return readings
 
 
 def stampable(reading: Reading) -> Reading:

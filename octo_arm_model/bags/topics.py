@@ -9,6 +9,7 @@ from octo_arm_model.core.errors import BagError, listed
 from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
+from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
@@ -33,6 +34,11 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
         if names(topic, name):
             return topic.removesuffix(name)
     return topic[: topic.rfind('/') + 1]
+
+
+def holds_displacements(topic: str, type_name: str) -> bool:
+    """Whether messages of a type on ``topic`` are displacements for the node."""
+    return names(topic, DISPLACEMENTS) and type_name == DISPLACEMENT_TYPE
 
 
 def is_answer(topic: str) -> bool:

@@ -19,23 +19,6 @@ from octo_arm_model.core.errors import ConfigError, OctoArmError
 
 Prepared = TypeVar('Prepared')
 
-_ROS_TYPES = {
-    'bool': RosParameter.Type.BOOL,
-    'double': RosParameter.Type.DOUBLE,
-    'double[]': RosParameter.Type.DOUBLE_ARRAY,
-    'integer': RosParameter.Type.INTEGER,
-    'integer[]': RosParameter.Type.INTEGER_ARRAY,
-    'string': RosParameter.Type.STRING,
-    'string[]': RosParameter.Type.STRING_ARRAY,
-}
-_LISTS = (
-    RosParameter.Type.BYTE_ARRAY,
-    RosParameter.Type.BOOL_ARRAY,
-    RosParameter.Type.INTEGER_ARRAY,
-    RosParameter.Type.DOUBLE_ARRAY,
-    RosParameter.Type.STRING_ARRAY,
-)
-
 
 class LiveParameters(Generic[Prepared]):
     """Keeps the object that is built from the parameters of a node in step with them."""
@@ -129,7 +112,7 @@ def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
             description=parameter.description,
             additional_constraints=parameter.range,
         )
-        ros_type = _ROS_TYPES[parameter.type_name]
+        ros_type = _ros_type(parameter)
         node.declare_parameter(parameter.name, ros_type, descriptor, ignore_override=True)
         value = given.get(parameter.name, parameter.default_or_none_given)
         values.append(ros_parameter(parameter, value))
@@ -151,7 +134,12 @@ def ros_parameter(parameter: Parameter, value: Any) -> RosParameter:
     """
     converted = parameter.convert(value)
     plain = list(converted) if parameter.is_array else converted
-    return RosParameter(parameter.name, _ROS_TYPES[parameter.type_name], plain)
+    return RosParameter(parameter.name, _ros_type(parameter), plain)
+
+
+def _ros_type(parameter: Parameter) -> RosParameter.Type:
+    """DOUBLE_ARRAY for ``double[]``, and so on."""
+    return RosParameter.Type[parameter.type_name.upper().replace('[]', '_ARRAY')]
 
 
 def _type_empty_lists(
@@ -164,7 +152,7 @@ def _type_empty_lists(
     lists = {parameter.name: parameter for parameter in table if parameter.is_array}
     return [
         ros_parameter(lists[change.name], [])
-        if change.name in lists and change.type_ in _LISTS and not len(change.value)
+        if change.name in lists and change.type_.name.endswith('_ARRAY') and not len(change.value)
         else change
         for change in changes
     ]

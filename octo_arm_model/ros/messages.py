@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
@@ -15,12 +17,26 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import LoadError
+from octo_arm_model.core.errors import LoadError, MessageError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+
+
+def decoded(data: bytes, kind: Any) -> Any:
+    """The message of type ``kind`` that ``data`` is.
+
+    Raises:
+        MessageError: if it is none.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:
+        # The middleware raises errors of several types for bytes that are no message.
+        raise MessageError(f'{len(data)} bytes that are no {kind.__name__}') from error
 
 
 def wrench_values(message: Wrench) -> FloatArray:

@@ -74,17 +74,19 @@ def _read(path: str | Path, arm: Arm) -> CommandProfile:
 
 def _numbers(row: _Row, arm: Arm) -> list[float]:
     """Time and tensions of a row."""
-    texts = {'time': row.time, **dict(zip(arm.tendon_names, row.tensions, strict=True))}
-    numbers = []
-    for name, text in texts.items():
-        number = float(text) if NUMBER.match(text) else math.nan
-        if not math.isfinite(number) or (number < 0.0 and name != 'time'):
-            line, expected = row.line, 'a finite number >= 0 [N]'
-            if name == 'time':
-                line, expected = row.time_line, 'a finite number [s]'
-            raise _LineError(line, f'{name} is {shown(text)}, expected {expected}')
-        numbers.append(number)
-    return numbers
+    time = _number(row.time_line, 'time', row.time, -math.inf, 'a finite number [s]')
+    tensions = (
+        _number(row.line, name, text, 0.0, 'a finite number >= 0 [N]')
+        for name, text in zip(arm.tendon_names, row.tensions, strict=True)
+    )
+    return [time, *tensions]
+
+
+def _number(line: int, name: str, text: str, least: float, expected: str) -> float:
+    number = float(text) if NUMBER.match(text) else math.nan
+    if not (math.isfinite(number) and number >= least):
+        raise _LineError(line, f'{name} is {shown(text)}, expected {expected}')
+    return number
 
 
 def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
@@ -97,8 +99,10 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
         line = reader.line_num
         if header is None:
             header = [_without_unit(cell.strip()) for cell in cells]
-            if sorted(header) != sorted(('time', *arm.tendon_names)):
-                expected = ', '.join(('time', *arm.tendon_names))
+            names = ('time', *arm.tendon_names)
+            # A tendon may be called time as well.
+            if sorted(header) != sorted(names) or len(set(names)) < len(names):
+                expected = ', '.join(names)
                 raise _LineError(line, f'header is {", ".join(header)}; expected {expected}')
             continue
         if len(cells) != len(header):
@@ -111,7 +115,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
 
 def _without_unit(name: str) -> str:
     """The ``name`` of a column without its unit, s of the time and N of tensions."""
-    return name.removesuffix(' [s]' if name.startswith('time') else ' [N]')
+    return 'time' if name == 'time [s]' else name.removesuffix(' [N]')
 
 
 def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:

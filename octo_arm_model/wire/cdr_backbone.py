@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, MessageError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr_layout import ENCAPSULATION, POSE, Layout, aligned, text_field
@@ -197,11 +197,17 @@ def read_poses(data: bytes) -> tuple[float, FloatArray]:
     """Stamp [s] and poses (poses, 7) of a serialised geometry_msgs/PoseArray.
 
     Ten times faster than deserialising every pose into an object.
+
+    Raises:
+        MessageError: if ``data`` is none.
     """
-    order, start = '<' if data[1] else '>', len(ENCAPSULATION)
-    sec, nanosec, length = struct.unpack_from(f'{order}iII', data, start)
-    place = start + aligned(12 + length, 4)
-    (count,) = struct.unpack_from(f'{order}I', data, place)
-    place = start + aligned(place + 4 - start, 8)
-    poses = np.frombuffer(data[place : place + 8 * POSE * count], f'{order}f8')
-    return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, POSE)
+    try:
+        order, start = '<' if data[1] else '>', len(ENCAPSULATION)
+        sec, nanosec, length = struct.unpack_from(f'{order}iII', data, start)
+        place = start + aligned(12 + length, 4)
+        (count,) = struct.unpack_from(f'{order}I', data, place)
+        place = start + aligned(place + 4 - start, 8)
+        poses = np.frombuffer(data[place : place + 8 * POSE * count], f'{order}f8')
+        return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, POSE)
+    except (IndexError, ValueError, struct.error) as error:
+        raise MessageError(f'{len(data)} bytes that are no PoseArray') from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from pathlib import Path
 
@@ -52,6 +53,32 @@ def test_yaml_rows_are_in_the_order_of_the_tendons(tmp_path: Path, prototype: Co
     assert profile.times.tolist() == [0.0, 1.0, 2.5]
     assert profile.tensions[1].tolist() == [1.0, 0.0, 0.0, 0.1]
     assert profile.interpolation == 'linear'
+
+
+@pytest.mark.parametrize('name', ['time_left', 'timer [N]', 's [s]'])
+def test_names_like_that_of_the_time_are_those_of_tendons(
+    tmp_path: Path, prototype: Config, name: str
+) -> None:
+    arm = dataclasses.replace(prototype.arm, tendon_names=(name, 'b', 'c', 'd'))
+    times, tensions = np.arange(2.0), np.arange(8.0).reshape(2, 4)
+    file = io.StringIO()
+    write_csv(file, times, tensions, arm)
+    assert read_profile(written(tmp_path, file.getvalue(), '.csv'), arm).tensions.tolist() == (
+        tensions.tolist()
+    )
+
+
+def test_a_tendon_called_time_is_not_mistaken_for_the_time(
+    tmp_path: Path, prototype: Config
+) -> None:
+    arm = dataclasses.replace(prototype.arm, tendon_names=('time', 'b', 'c', 'd'))
+    profile = read_profile(written(tmp_path, YAML, '.yaml'), arm)
+    assert profile.times.tolist() == [0.0, 1.0, 2.5]
+    assert profile.tensions[1].tolist() == [1.0, 0.0, 0.0, 0.1]
+    for header in ('time,time,b,c,d', 'time,b,c,d'):
+        rows = ''.join(f'{i}' + ',1' * header.count(',') + '\n' for i in range(2))
+        with pytest.raises(ProfileError, match=r'header is .*; expected time, time, b, c, d'):
+            read_profile(written(tmp_path, f'{header}\n{rows}', '.csv'), arm)
 
 
 def test_a_written_profile_is_read_again(tmp_path: Path, table4: Config) -> None:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.arms import RecordedArm
-from octo_arm_model.bags.displacements import DisplacementTopic
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay.answers import Answer, Answers
 from octo_arm_model.bags.replay.csv_output import CsvAnswers
 from octo_arm_model.bags.replay.report import Report, TopicReport, check_answered
 from octo_arm_model.bags.store.records import Record
-from octo_arm_model.bags.tensions import Reading, TensionTopic
+from octo_arm_model.bags.tensions import Reading, TensionTopic, read_lengths
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
@@ -102,9 +102,9 @@ class _Output:
         self.topics, self.model = arm.topics, config.model
         self._tendons = config.arm.tendon_names
         self._inputs = {
-            topic: DisplacementTopic(reader, config.arm)
+            topic: partial(read_lengths, reader, config.arm)
             if topic in arm.displacements
-            else TensionTopic(reader, config, arm.fields.get(topic, ''))
+            else TensionTopic(reader, config, arm.fields.get(topic, '')).read
             for topic in arm.topics
         }
         self._newest: dict[str, int] = {}
@@ -121,9 +121,9 @@ class _Output:
     ) -> dict[int, Answer]:
         """Answers to those of ``records`` that are of this arm, by their places."""
         readings: dict[int, Reading] = {}
-        for topic, given in self._inputs.items():
+        for topic, read in self._inputs.items():
             places = [i for i, record in enumerate(records) if record.topic == topic]
-            readings.update(zip(places, given.read([records[i] for i in places])))
+            readings.update(zip(places, read([records[i] for i in places])))
         places = sorted(readings)
         answers = self._answers.answer([readings[place] for place in places])
         for place, answer in zip(places, answers):

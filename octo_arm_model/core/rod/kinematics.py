@@ -26,13 +26,16 @@ from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
 from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product, displacement
 from octo_arm_model.core.rod.grid import StationGrid
 
+FARTHEST = 1e9  # [m] of a base from its frame: positions are then rounded to 1e-7 m
+
 
 @dataclass(frozen=True)
 class Pose:
     """Position [m] and orientation (quaternion x, y, z, w) in the base frame.
 
     Raises:
-        ConfigError: if a component is not finite or the quaternion is not of unit length.
+        ConfigError: if a component is not finite or beyond `FARTHEST`, or the quaternion not of
+            unit length.
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -43,9 +46,10 @@ class Pose:
         for name, size in (('position', 3), ('quaternion', 4)):
             values = getattr(self, name)
             array = real_numbers(values)
-            if array is None or array.shape != (size,) or not np.isfinite(array).all():
+            if array is None or array.shape != (size,) or not (np.abs(array) <= FARTHEST).all():
                 raise ConfigError(
-                    f'base.{name} is {shown(values)}, expected {size} finite numbers'
+                    f'base.{name} is {shown(values)}, expected {size} finite numbers of at most '
+                    f'{FARTHEST:g}'
                 )
             if name == 'quaternion':
                 norm = float(np.linalg.norm(array))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,11 +79,11 @@ def read_tendons(
         table = read_csv(files.tensions, files.columns, count)
         tensions = Stamped(str(files.tensions), *csv_tensions(table, config, refusals))
     if encoders is not None:
-        from octo_arm_model.bags.displacements import DisplacementTopic
+        from octo_arm_model.bags.tensions import read_lengths
 
         assert reader is not None
-        read = DisplacementTopic(reader, config.arm).read
-        displacements = _of_topic(reader, encoders, read, config, refusals, count)
+        lengths = partial(read_lengths, reader, config.arm)
+        displacements = _of_topic(reader, encoders, lengths, config, refusals, count)
     elif files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
         found = csv_displacements(table, config.arm, refusals)

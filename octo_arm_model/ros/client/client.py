@@ -14,7 +14,6 @@ from octo_arm_msgs.msg import SectionStrains
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -22,10 +21,11 @@ from std_msgs.msg import String
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
 from octo_arm_model.wire.cdr_backbone import TENDON_LENGTHS, read_poses
@@ -138,7 +138,7 @@ class ArmClient:
         """Take the messages that have arrived; returns whether there is a new shape.
 
         Raises:
-            OctoArmError: if the description of the arm is invalid.
+            OctoArmError: if the description of the arm or diagnostics are invalid.
         """
         for message in self._description.take():
             self._describe(message.data)
@@ -147,7 +147,11 @@ class ArmClient:
         before = self.shape
         for name, topic in self._topics.items():
             for data, info in topic.take_raw():
-                self._read(name, data, info)
+                self._problems[name] = ''
+                try:
+                    self._read(name, data, info)
+                except MessageError as error:
+                    self._problems[name] = f'{name}: {error}'
         return self.shape is not before
 
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
@@ -156,7 +160,7 @@ class ArmClient:
         if name == 'backbone/poses':
             self._read_shape(data, info)
             return
-        message = deserialize_message(data, DETAILS[name])
+        message = decoded(data, DETAILS[name])
         if name == 'strains':
             values = (message.s, message.tau, message.xi, message.k, message.q)
             self.strains = PublishedStrains(message.model, *map(np.asarray, values))
@@ -172,7 +176,10 @@ class ArmClient:
 
     @property
     def problem(self) -> str:
-        """Warnings and errors in the newest diagnostics of the arm's nodes; empty for none."""
+        """Warnings and errors in the newest diagnostics of the arm's nodes; empty for none.
+
+        Also which of the newest messages are none of their types.
+        """
         return '; '.join(problem for problem in self._problems.values() if problem)
 
     def rate(self) -> float:

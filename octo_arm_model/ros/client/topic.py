@@ -7,7 +7,8 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
+
+from octo_arm_model.ros.messages import decoded
 
 # Best effort: a slow reader never blocks the publisher.
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -36,8 +37,12 @@ class Topic:
         return taken
 
     def take(self) -> list[Any]:
-        """As `take_raw`, deserialised."""
-        return [deserialize_message(data, self._kind) for data, _ in self.take_raw()]
+        """As `take_raw`, deserialised.
+
+        Raises:
+            MessageError: if bytes are no message of the type.
+        """
+        return [decoded(data, self._kind) for data, _ in self.take_raw()]
 
 
 class Meter:

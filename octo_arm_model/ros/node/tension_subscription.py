@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError, shown
+from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
@@ -102,12 +102,7 @@ class LatestSubscription:
         Raises:
             MessageError: if it is no message of the type.
         """
-        try:
-            return deserialize_message(data, self._kind)
-        except Exception as error:
-            # The middleware raises errors of several types for bytes that are no message.
-            problem = f'{len(data)} bytes that are no {self._kind.__name__}'
-            raise MessageError(problem) from error
+        return decoded(data, self._kind)
 
 
 class TensionInput(NamedTuple):

@@ -182,6 +182,7 @@ def test_the_local_x_axis_is_the_tangent_of_the_curve() -> None:
     [
         ((0.0, 0.0), (0, 0, 0, 1), r'base.position is \(0.0, 0.0\), expected 3 finite numbers'),
         ((0.0, 0.0, math.nan), (0, 0, 0, 1), 'base.position is .*nan.*, expected 3 finite'),
+        ((0.0, 0.0, 2e9), (0, 0, 0, 1), r'base.position is .*, expected 3 .* at most 1e\+09'),
         ('here', (0, 0, 0, 1), "base.position is 'here', expected 3 finite numbers"),
         ((0, 0, 0), (0, 0, 1), r'base.quaternion is \(0, 0, 1\), expected 4 finite numbers'),
         ((0, 0, 0), (0, 0, math.inf, 1), 'base.quaternion is .*inf.*, expected 4 finite numbers'),
