@@ -174,7 +174,8 @@ def _speed_up(rod: LoadedRod) -> None:
             rod.settle = compiled.settle
             rod.differentiate = compiled.differentiate
             rod.differentiate_tip = compiled.differentiate_tip
-        rod.minimum, rod.equilibrium.frames = compiled.minimum, compiled.frames
+        rod.minimum = rod.near_minimum = compiled.minimum
+        rod.equilibrium.frames = compiled.frames
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:

@@ -19,6 +19,7 @@ _SMALLEST_STEP = 1e-3
 # have left its branch of equilibria: a smaller load step follows the branch more closely.
 MOST_CORRECTED = 0.25
 _USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
+_LONGER = 1.7  # times the step before, at most
 _PER_DESCENT = 200
 _BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
 _PERTURBATION = 0.02  # of an unstable equilibrium [rad]
@@ -98,7 +99,7 @@ def _growth(corrected: float) -> float:
 
     That correction grows with the square of the step.
     """
-    return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), 2.5)
+    return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), _LONGER)
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:

@@ -22,6 +22,7 @@ from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.load_resultants import LoadTable
 from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
+from octo_arm_model.core.loaded.second_variation import are_least
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
@@ -176,11 +177,12 @@ class Equilibrium:
     ) -> Stability:
         """Whether a balanced ``state`` is stable.
 
-        The compliance at the tip of a stable arm is positive definite, and the determinant of its
-        equations has the sign it has without loads: one unstable mode reverses the sign, two at
-        once leave it and show in the compliance alone. ``answer`` is that to wrenches on the tip
-        or a system linearised about nearly the same state, if there is, or the stability where
-        that is known already.
+        It is where the second variation of the energy is seen to be positive. Elsewhere the
+        compliance at the tip tells: that of a stable arm is positive definite, and the determinant
+        of its equations has the sign it has without loads: one unstable mode reverses the sign,
+        two at once leave it and show in the compliance alone. ``answer`` is that to wrenches on
+        the tip or a system linearised about nearly the same state, if there is, or the stability
+        where that is known already.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
@@ -188,10 +190,14 @@ class Equilibrium:
         self.require_tangents('the stability check')
         if isinstance(answer, Stability):
             return answer
-        if not isinstance(answer, TipAnswer):
-            answer = self.tip_answer(state, answer or self.linearised(state))
         # Without an energy nothing follows from compliance.
         is_known = self.loads.has_energy(state.condition.tip_wrench)
+        if not isinstance(answer, TipAnswer):
+            system = answer or self.linearised(state)
+            if is_known and isinstance(system, Linearised):
+                if are_least(system, self.collocation.rule.weights).all():
+                    return Stability(True, 1, None)
+            answer = self.tip_answer(state, system)
         if answer.sign > 0 and (answer.is_definite or not is_known):
             return Stability(True if is_known else None, answer.sign, None)
         compliance = answer.compliance

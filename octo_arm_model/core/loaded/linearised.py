@@ -16,13 +16,12 @@ import functools
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.numerics.batched_ldlt import are_definite, factorise, invert
+from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.core.numerics.vectors import skew
 
 _BAND = 8  # rows and columns from the diagonal that two neighbouring ends reach
@@ -76,6 +75,14 @@ class Linearised:
 
     Linear strains follow from rotations and curvatures at the same point, by the rows (a x n) for
     their axes a and by what couples them to curvatures.
+
+    Attributes:
+        axial: factors of the Hessian of the energy by the linear strains, (n, n, arms, points).
+        matrix: of each element, from k to what Phi at its first end and d m at its last leave,
+            (arms, elements, 3 each, 3 each).
+        ends: how much Phi at the last end of each element exceeds that at the first, and d m at
+            the first that at the last, by Phi at the first and d m at the last, (arms, elements,
+            6, 6).
     """
 
     def __init__(
@@ -104,8 +111,8 @@ class Linearised:
         self._rotation = rotation = rotation.reshape(3, 3, *by_arm)
         tangent, moment, force = (x.reshape(3, *by_arm) for x in (tangent, moment, force))
         axes = rotation[:, : len(hessian) - 3]
-        self._axial = factorise(hessian[3:, 3:])
-        self._small = invert(self._axial)
+        self.axial = factorise(hessian[3:, 3:])
+        self._small = invert(self.axial)
         turned = np.einsum('ijan,jkan->ikan', rotation, hessian[:3])
         across = np.einsum('jian,jkan->ikan', skew(force), axes)
         self._rows = rows = np.concatenate([across, -turned[:, 3:]])
@@ -134,9 +141,9 @@ class Linearised:
         diagonal += self._collocation.by_element(bending)
         # Rows (row, point), columns (column, point).
         matrix = system.transpose(2, 3, 0, 4, 1, 5)
-        self._matrix = matrix.reshape(arms, elements, 3 * points, 3 * points)
+        self.matrix = matrix.reshape(arms, elements, 3 * points, 3 * points)
         try:
-            self._inverse = np.linalg.inv(self._matrix)
+            self._inverse = np.linalg.inv(self.matrix)
         except np.linalg.LinAlgError:
             raise _singular() from None
         # k by Phi at the first end and by d m at the last.
@@ -151,8 +158,8 @@ class Linearised:
         before = before.transpose(2, 3, 0, 1, 4).reshape(arms, elements, 3, 3 * points)
         self._before = before / -self._unit
         # From Phi at the first end and d m at the last to Phi at the last and d m at the first.
-        self._ends = np.concatenate([self._turned(bends), self._before @ bends], axis=2)
-        self._ends[..., 3:, :3] -= (turn @ rule.weights).transpose(2, 3, 0, 1) / self._unit
+        self.ends = np.concatenate([self._turned(bends), self._before @ bends], axis=2)
+        self.ends[..., 3:, :3] -= (turn @ rule.weights).transpose(2, 3, 0, 1) / self._unit
         self._link()
 
     def _turned(self, bends: FloatArray) -> FloatArray:
@@ -164,11 +171,11 @@ class Linearised:
 
     def _link(self) -> None:
         """Factorise the banded system of Phi and d m at all ends of elements of all arms."""
-        arms, elements = self._ends.shape[:2]
+        arms, elements = self.ends.shape[:2]
         size = 6 * (elements + 1)
         blocks = np.tile(_ENDS, (arms, elements, 1, 1))
-        blocks[..., :3] -= self._ends[..., :3]
-        blocks[..., 9:] -= self._ends[..., 3:]
+        blocks[..., :3] -= self.ends[..., :3]
+        blocks[..., 9:] -= self.ends[..., 3:]
         band = np.zeros((arms, size, 3 * _BAND + 1))
         band[:, [0, 1, 2, size - 3, size - 2, size - 1], _MIDDLE] = 1.0
         places = _places(elements)
@@ -187,7 +194,7 @@ class Linearised:
         """Sign of the determinant of the whole system of each arm, 1 or -1."""
         odd = np.count_nonzero(self._pivots != np.arange(self._pivots.shape[1]), axis=1)
         odd += np.count_nonzero(self._band[..., _MIDDLE] < 0.0, axis=1)
-        odd += np.count_nonzero(np.linalg.slogdet(self._matrix)[0] < 0.0, axis=1)
+        odd += np.count_nonzero(np.linalg.slogdet(self.matrix)[0] < 0.0, axis=1)
         return np.asarray(1 - 2 * (odd % 2))
 
     @property
@@ -229,46 +236,12 @@ class Linearised:
         np.einsum('klan,lcan->kcan', self._small, linear, out=twist[3:])
         return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
 
-    @property
-    def is_least(self) -> NDArray[np.bool_]:
-        """Whether the second variation of the energy of each arm is seen to be positive.
-
-        Where its loads have an energy. The variation is a quadratic form of the bends k at all
-        points. It is positive if that of each element with its end free is, and what is left as
-        the bends are eliminated with the rotations of all ends held, a form of these rotations
-        (inertia is additive, Haynsworth 1968). False where an element with its end free is
-        unstable: other ways have to tell.
-        """
-        elements = self._inverse.shape[1]
-        is_stretched = np.ones(1, bool)
-        for row in range(len(self._small)):
-            is_stretched = is_stretched & (self._axial[row, row] > 0.0).all(axis=-1)
-        weights = np.tile(self._collocation.rule.weights, 3)[:, np.newaxis]
-        is_held = are_definite(self._matrix * weights)
-        ends, one = self._ends, np.eye(3)
-        try:
-            stiffness = np.linalg.inv(ends[..., :3, 3:])
-        except np.linalg.LinAlgError:
-            return np.zeros(len(ends), bool)
-        by_first, by_last = one + ends[..., :3, :3], one + ends[..., 3:, 3:]
-        before = by_last @ stiffness
-        form = np.zeros((len(ends), elements, 3, elements, 3))
-        this = np.arange(elements)
-        last, following = this[:-1], this[1:]
-        form[:, this, :, this] = stiffness.swapaxes(0, 1)
-        at_first = (before @ by_first - ends[..., 3:, :3])[:, 1:]
-        form[:, last, :, last] += at_first.swapaxes(0, 1)
-        form[:, last, :, following] = -before[:, 1:].swapaxes(0, 1)
-        form[:, following, :, last] = -(stiffness @ by_first)[:, 1:].swapaxes(0, 1)
-        is_free = are_definite(form.reshape(len(ends), 3 * elements, -1))
-        return np.asarray(is_stretched & is_held & is_free)
-
     def of(self, arms: IntArray) -> Linearised:
         """The systems of some ``arms`` of several."""
         part = copy.copy(self)
-        for name in ('_rotation', '_rows', '_stretched', '_small', '_axial'):
+        for name in ('_rotation', '_rows', '_stretched', '_small', 'axial'):
             setattr(part, name, getattr(self, name)[:, :, arms])
-        for name in ('_matrix', '_inverse', '_bends', '_before', '_ends', '_band', '_pivots'):
+        for name in ('matrix', '_inverse', '_bends', '_before', 'ends', '_band', '_pivots'):
             setattr(part, name, getattr(self, name)[arms])
         return part
 

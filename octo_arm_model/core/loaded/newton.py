@@ -129,6 +129,8 @@ def newton_of_all(
     found = []
     now = _begin(problem, condition, shape, known)
     start = np.where(now.state.residual <= tolerance, _BALANCED, _SAME_SYSTEM)
+    # In the banded system of all arms NaN would spread to others.
+    start[np.isnan(now.state.residual)] = _STUCK
     groups = _groups(np.arange(start.size), start, now, now)
     while groups:
         verdict, arms, now = groups.pop()

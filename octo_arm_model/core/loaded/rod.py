@@ -20,12 +20,10 @@ from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
+from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import Condition, State
-from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
-from octo_arm_model.core.numerics.quaternion import Quaternions, product
-from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Shape, Solution
@@ -37,7 +35,6 @@ from octo_arm_model.core.section.parameter_derivatives import ParameterDerivativ
 from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import (
     check_fibres,
-    derivatives_by_twist,
     to_twist,
 )
 
@@ -83,6 +80,7 @@ class LoadedRod:
         equilibrium: its equations.
         newton: Newton's method for these.
         minimum: the twist under tensions alone.
+        near_minimum: nearly that, for little.
         read_out: what a state is at nodes and stations.
         settle: both in one call of machine code, if there is.
         base: pose of the base.
@@ -118,7 +116,8 @@ class LoadedRod:
         self.equilibrium = Equilibrium(energy, own, table, base.rotation, friction)
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
-        self.read_out: ReadOut = self._read_out
+        self.near_minimum: Minimum = self._near_minimum
+        self.read_out: ReadOut = functools.partial(read_out, self)
         self.settle: Settle | None = None
         if friction is None and not loads.others:
             settling = Settling(self)
@@ -165,6 +164,15 @@ class LoadedRod:
         twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
         return self.equilibrium.shape(twist[:, 0])
 
+    def near_unloaded(self, tensions: FloatArray, before: FloatArray | None = None) -> Shape:
+        """Nearly the shape of `unloaded`, from where Newton's method leads as far.
+
+        Without friction that of (..., tendons) too.
+        """
+        if self.equilibrium.friction is not None:
+            return self.unloaded(tensions, before)
+        return self.equilibrium.shape(self.near_minimum(tensions))
+
     def under(self, local_tensions: FloatArray) -> Shape:
         """The unloaded shape under tensions (tendons, points) [N] at the points.
 
@@ -177,10 +185,16 @@ class LoadedRod:
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
         energy = self.equilibrium.energy
-        local_tensions = energy.local_tensions(np.atleast_2d(tensions))
+        local_tensions = energy.local_tensions(tensions[np.newaxis])
         start = initial_strain(energy, local_tensions)
         strain = minimise(energy, local_tensions, start).strain
         check_fibres(energy, strain)
+        return to_twist(energy.law, strain)[:, 0]
+
+    def _near_minimum(self, tensions: FloatArray) -> FloatArray:
+        """`Minimum`, but for how tendons turn; of (..., tendons)."""
+        energy = self.equilibrium.energy
+        strain = initial_strain(energy, energy.local_tensions(np.atleast_2d(tensions)))
         twist = to_twist(energy.law, strain)
         return twist if tensions.ndim > 1 else twist[:, 0]
 
@@ -201,55 +215,6 @@ class LoadedRod:
         force, moment = dead_resultants(self._arm, self._own, loads)
         force = force + np.array(loads.tip_force)[:, np.newaxis]
         return force, moment + np.array(loads.tip_moment)[:, np.newaxis]
-
-    def _read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """`ReadOut` of this rod."""
-        # Integrals of rates are far more exact than values between the points.
-        t, n, b = 0.5 * state.shape.twist[:3]
-        a_rate, b_rate = product(*state.shape.orientation, 1j * t, n + 1j * b)
-        rates = np.stack([a_rate.imag, b_rate.real, b_rate.imag, a_rate.real])
-        carried = cross(state.tangent, state.force)
-        found = self.stations.integrate_from_base(np.concatenate([state.tangent, rates, carried]))
-        a, b = self.base.rotation
-        position = np.moveaxis(found[:3], 0, -1) + self.base.position
-        turn = np.moveaxis(found[3:7], 0, -1) + [
-            a.imag.item(), b.real.item(), b.imag.item(), a.real.item()
-        ]  # fmt: skip
-        turn /= np.sqrt(np.add.reduce(turn * turn, axis=-1, keepdims=True))
-        twist = self.nodes.interpolate(state.shape.twist)
-        twist[..., self.station_node] = self._at_stations(state, turn, carried, found[7:])
-        return twist, position, turn
-
-    def _at_stations(
-        self, state: State, turn: FloatArray, carried: FloatArray, before: FloatArray
-    ) -> FloatArray:
-        """Twist (n, ..., stations) at the stations, of orientations ``turn`` (..., stations, 4).
-
-        The wrench of the loads is an integral, and far more exact between the points than what is
-        interpolated of the twist: one step of Newton's method balances it with the cross section.
-        Moments of forces change along s by what is ``carried`` (3, ..., points), whose integrals
-        from the base are those ``before`` (3, ..., stations).
-        """
-        energy, stations, own = self.station_sections, self.stations, self._own
-        others = state.moment - own.integrate_from_tip(carried)
-        at = stations.interpolate(np.concatenate([others, state.force, state.shape.twist]))
-        twist = at[6:]
-        # As a batch of cross sections, of one arm or several.
-        batch = twist.reshape(len(twist), -1, twist.shape[-1])
-        if state.sliding is None:
-            tensions = energy.local_tensions(np.atleast_2d(state.condition.tensions))
-        else:
-            tensions = stations.interpolate(state.sliding.tensions)
-        gradient, hessian = derivatives_by_twist(energy, batch, tensions)
-        moment = at[:3] + (carried @ own.weights)[..., np.newaxis] - before
-        rotation = Quaternions.from_xyzw(turn).matrix()
-        wrench = np.concatenate([
-            np.einsum('ji...,j...->i...', rotation, moment),
-            np.einsum('ji...,j...->i...', rotation, at[3:6]),
-        ])[: len(twist)]  # fmt: skip
-        left = wrench.reshape(batch.shape) - gradient
-        step = substitute(factorise(hessian), left)
-        return twist + step.reshape(twist.shape)
 
     def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
         """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""

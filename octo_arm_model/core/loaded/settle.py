@@ -13,6 +13,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
+from octo_arm_model.core.loaded.second_variation import are_least
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
@@ -185,7 +186,7 @@ class Settling:
         has_energy = np.array(
             [problem.loads.has_energy(wrench) for wrench in state.condition.tip_wrench]
         )
+        least = are_least(system, problem.collocation.rule.weights)
         if has_energy.all():
-            return system.is_least
-        is_same = system.signs == problem.unloaded_sign
-        return np.where(has_energy, system.is_least, is_same)
+            return least
+        return np.where(has_energy, least, system.signs == problem.unloaded_sign)

@@ -143,12 +143,7 @@ class Exact:
         nothing: list[Solution | None] = [None] * len(tensions)
         if not isinstance(rod.settle, Settling):
             return nothing
-        shape = start.shape if start else None
-        if shape is None:
-            try:
-                shape = rod.unloaded(start.tensions.ravel() if start else tensions)
-            except SolveError:
-                return nothing  # One by one they tell which.
+        shape = rod.near_unloaded(tensions) if start is None else _shape_of(start, rod)
         found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
         most = self._setup.budget.iterations
         return [one if one is not None and one.iterations <= most else None for one in found]
@@ -168,16 +163,16 @@ class Exact:
         level = self._level_of(start)
         wanted = Condition(tensions, tip_wrench, 1.0, self.rods.at_level(before, level))
         spending, rod = Spending(self._setup.budget), self._rod(level)
-        shape = start.shape if start else None
-        if shape is None:
-            shape = rod.unloaded(start.tensions.ravel() if start else tensions, wanted.before)
-        found = rod.settle(wanted, shape, spending) if rod.settle is not None else None
+        shape, found = None if start is None else _shape_of(start, rod, wanted.before), None
+        if rod.settle is not None:
+            begin = shape or rod.near_unloaded(tensions, wanted.before)
+            found = rod.settle(wanted, begin, spending)
         if isinstance(found, Solution):
             return found
         if found is not None:
             known, shape = wanted, found
-        elif start is None:
-            known, shape = self._nearly(wanted, shape, spending)
+        elif start is None or shape is None:
+            known, shape = self._nearly(wanted, spending)
         else:
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
@@ -202,21 +197,22 @@ class Exact:
             tendons,
         )  # fmt: skip
 
-    def _nearly(
-        self, wanted: Condition, unloaded: Shape, spending: Spending
-    ) -> tuple[Condition, Shape]:
+    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
         """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
 
         That is ``wanted`` itself where Newton's method or few points lead there, else that of the
-        ``unloaded`` shape.
+        unloaded shape.
+
+        Raises:
+            SolveError: if there is none.
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         fine, coarse = self._rod(0), self._rod(0, COARSE)
         is_plain = not (self.slides or fine.equilibrium.loads.without_tangent)
         if not (is_plain and coarse.points < fine.points):
-            return known, unloaded
+            return known, fine.unloaded(wanted.tensions, wanted.before)
         if fine.settle is None:
-            found = fine.newton(wanted, unloaded, TOLERANCE)
+            found = fine.newton(wanted, fine.unloaded(wanted.tensions), TOLERANCE)
             state = found.state
             spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
             if state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
@@ -232,7 +228,7 @@ class Exact:
         except ContinuationError:
             raise  # Its budget is spent.
         except ConvergenceError:
-            return known, unloaded  # Too few points, perhaps.
+            return known, fine.unloaded(wanted.tensions)  # Too few points, perhaps.
         return wanted, fine.from_coarser(coarse, state.shape)
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
@@ -272,6 +268,15 @@ class Exact:
         else:
             level = self.rods.level_of(shape.twist)
         return self._rod(level), condition, shape
+
+
+def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None) -> Shape:
+    """The shape of a ``start`` at the points of a ``rod``; tensions ``before`` are of the next.
+
+    Raises:
+        SolveError: if there is none.
+    """
+    return start.shape or rod.unloaded(start.tensions.ravel(), before)
 
 
 def _sections(rod: LoadedRod) -> ExactSections:

@@ -9,6 +9,8 @@ import pytest
 from helical_arm import HELICAL
 
 from octo_arm_model import Arm, Backbone, Config, Loads, PointLoad, SolveError, Solver
+from octo_arm_model.core.loaded.settle import Settling
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.rod.solution import Solution
 
@@ -76,6 +78,19 @@ def test_an_arm_without_balance_is_named_and_spoils_no_other(table4: Config) -> 
     tensions[3] = 0.0
     found = solver.solve(tensions, start=expected)
     np.testing.assert_allclose(found.position[4], expected.position, atol=1e-11)
+
+
+def test_an_impossible_start_spreads_to_no_other_arm(table4: Config) -> None:
+    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER)
+    assert isinstance(solver._statics, Exact)
+    rod = solver._statics._rod(0)
+    tensions = np.tile(0.1 * HIGHEST * np.array([1.0, 0.0, 0.0, 1.0]), (5, 1, 1)).reshape(5, 12)
+    shape = rod.near_unloaded(tensions)
+    shape.twist[3, 1] = -1.0
+    assert isinstance(rod.settle, Settling)
+    with np.errstate(invalid='ignore'):
+        found = rod.settle.settle_all(Condition(tensions, np.zeros((5, 6)), 1.0), shape)
+    assert [one is not None for one in found] == [True, False, True, True, True]
 
 
 @pytest.mark.parametrize('part', [1.0, 1.001, 1.03, 1.3, 0.3])

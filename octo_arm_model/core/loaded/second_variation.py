@@ -1,0 +1,47 @@
+"""Whether balances of loaded rods are of least energy."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.linearised import Linearised
+from octo_arm_model.core.numerics.batched_ldlt import are_definite
+
+
+def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
+    """Whether the second variation of the energy of each arm is seen to be positive, (arms,).
+
+    From the ``system`` linearised about balances under loads that have an energy; ``weights`` are
+    of the integral over an element of length one, (each,).
+
+    The variation is a quadratic form of the bends k at all points. It is positive if that of each
+    element with its end free is, and what is left of it as the bends are eliminated with the
+    rotations of all ends held, a form of these rotations (inertia is additive, Haynsworth 1968).
+    False where an element with its end free is unstable: other ways have to tell.
+    """
+    ends, axial = system.ends, system.axial
+    arms, elements = ends.shape[:2]
+    is_stretched = np.ones(arms, bool)
+    for row in range(len(axial)):
+        is_stretched &= (axial[row, row] > 0.0).all(axis=-1)
+    # The rows of an element are those of the form over the weights of their points.
+    are_free = are_definite(system.matrix * np.tile(weights, 3)[:, np.newaxis])
+    try:
+        stiffness = np.linalg.inv(ends[..., :3, 3:])
+    except np.linalg.LinAlgError:
+        return np.zeros(arms, bool)
+    # Moments at both ends of an element by the rotations of both.
+    by_first, by_last = np.eye(3) + ends[..., :3, :3], np.eye(3) + ends[..., 3:, 3:]
+    before = by_last @ stiffness
+    at_first = before @ by_first - ends[..., 3:, :3]
+    form = np.zeros((arms, elements, 3, elements, 3))
+    this = np.arange(elements)
+    last, following = this[:-1], this[1:]
+    form[:, this, :, this] = stiffness.swapaxes(0, 1)
+    form[:, last, :, last] += at_first[:, 1:].swapaxes(0, 1)
+    form[:, last, :, following] = -before[:, 1:].swapaxes(0, 1)
+    form[:, following, :, last] = -(stiffness @ by_first)[:, 1:].swapaxes(0, 1)
+    are_held = are_definite(form.reshape(arms, 3 * elements, -1))
+    return np.asarray(is_stretched & are_free & are_held)
