@@ -224,3 +224,36 @@ def test_where_a_tendon_sticks_derivatives_are_refused() -> None:
     released = solve_displacements(solver, less, start=wound)
     with pytest.raises(SolveError, match='no derivatives: with friction'):
         wound_sensitivity(solver, released)
+
+
+# The lengths of these contradicted each other by less than tensions can tell, a tendon had to get
+# slack first, or the slipping part of many grew past points of the arm.
+REVERSALS = [
+    *(('by tension', seed) for seed in (27, 28, 42, 50)),
+    *(('by length', seed) for seed in (23, 68)),
+]
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+@pytest.mark.parametrize('kind, seed', REVERSALS)
+def test_tendons_that_do_not_stretch_are_reversed_at_random(
+    table4: Config, model: str, kind: str, seed: int
+) -> None:
+    arm = dataclasses.replace(table4.arm, friction=(0.1,))
+    solver = Solver(arm, model, 41)
+    random = np.random.default_rng(seed)
+    tensions = random.uniform(0.1, 1.0, (3, 4)) * np.array([[0.15], [1.0], [3.0]])
+    wound = solve_displacements(solver, {}, by_name(solver, tensions))
+    reversed_tensions = tensions * random.uniform(0.5, 1.2, (3, 4))
+    lengths = displacements_of(solver, solver.follow(reversed_tensions, wound.backbone))
+    if kind == 'by length':
+        lengths = wound.displacement * random.uniform(0.9, 1.05, (3, 4))
+    found = solve_displacements(solver, by_name(solver, lengths), start=wound)
+    taut = found.backbone.tensions > 0.0
+    lacking = np.where(taut, found.displacement - lengths, 0.0)
+    assert (found.displacement - lengths >= -1e-6 * arm.length).all()
+    assert np.abs(lacking).max() <= 1e-6 * arm.length
+    # Four parallel tendons of an arm have lengths of which two together are the other two.
+    alternate = np.array([1.0, -1.0, 1.0, -1.0])
+    agreeing = lacking - np.outer(lacking @ alternate, alternate) / 4.0
+    assert np.abs(agreeing).max() <= 1e-8 * arm.length
