@@ -13,6 +13,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_minima,
     find_turn,
 )
+from octo_arm_model.core.compiled.orientation_kernels import DEFECTS
 from octo_arm_model.core.compiled.readout_kernels import Readings, empty_readings
 from octo_arm_model.core.compiled.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
 from octo_arm_model.core.compiled.rod_tables import (
@@ -28,6 +29,7 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
+from octo_arm_model.core.loaded.kinematics import unit
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
@@ -81,7 +83,7 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self._tables, twist, turn)
+        self._find_turn(self._tables, twist, DEFECTS, turn)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
@@ -224,5 +226,5 @@ def state_of(shape: Shape) -> RodState:
 
 
 def quaternions_of(turn: FloatArray) -> Quaternions:
-    """Of components w, x, y, z (4, points)."""
-    return Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3])
+    """Unit quaternions of components w, x, y, z (4, points) of any norm."""
+    return unit(Quaternions(turn[0] + 1j * turn[1], turn[2] + 1j * turn[3]))

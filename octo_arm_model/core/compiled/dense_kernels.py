@@ -10,7 +10,8 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
     """Factorise a ``matrix`` (n, n) in place, by rows and with their exchanges ``pivots`` (n,).
 
-    Four columns at a time, so that what is left of a row is loaded and stored once for the four.
+    On the diagonal the inverses are left, since divisions wait longest for one another. Four
+    columns at a time, so that what is left of a row is loaded and stored once for the four.
 
     Returns:
         The sign of its determinant, 1 or -1; 0 where it is singular.
@@ -33,6 +34,7 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
             if matrix[j, j] < 0.0:
                 sign = -sign
             over = 1.0 / matrix[j, j]
+            matrix[j, j] = over
             for i in range(j + 1, n):
                 factor = matrix[i, j] * over
                 matrix[i, j] = factor
@@ -59,40 +61,44 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """Solve in place with the transposed of what was factorised; each of ``right`` (columns, n).
 
-    Both substitutions go along rows of ``factors``, which lie in order in memory, by fours.
+    Both substitutions go along rows of ``factors``, which lie in order in memory, by fours; all
+    columns side by side, since the steps of one wait for each other.
     """
-    n = len(factors)
+    n, columns = len(factors), len(right)
     whole = n - n % 4
-    for column in range(len(right)):
-        x = right[column]
-        for i in range(0, whole, 4):
-            one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
-            a = x[i] / one[i]
-            b = (x[i + 1] - a * one[i + 1]) / two[i + 1]
-            c = (x[i + 2] - a * one[i + 2] - b * two[i + 2]) / three[i + 2]
-            d = (x[i + 3] - a * one[i + 3] - b * two[i + 3] - c * three[i + 3]) / four[i + 3]
+    for i in range(0, whole, 4):
+        one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        for column in range(columns):
+            x = right[column]
+            a = x[i] * one[i]
+            b = (x[i + 1] - a * one[i + 1]) * two[i + 1]
+            c = (x[i + 2] - a * one[i + 2] - b * two[i + 2]) * three[i + 2]
+            d = (x[i + 3] - a * one[i + 3] - b * two[i + 3] - c * three[i + 3]) * four[i + 3]
             x[i], x[i + 1], x[i + 2], x[i + 3] = a, b, c, d
-            rest, one, two = x[i + 4 :], one[i + 4 :], two[i + 4 :]
-            three, four = three[i + 4 :], four[i + 4 :]
-            for k in range(rest.size):
-                rest[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
+            for k in range(i + 4, n):
+                x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
+    for column in range(columns):
+        x = right[column]
         for i in range(whole, n):
-            x[i] /= factors[i, i]
+            x[i] *= factors[i, i]
             for k in range(i + 1, n):
                 x[k] -= x[i] * factors[i, k]
         for i in range(n - 1, whole - 1, -1):
             for k in range(i):
                 x[k] -= x[i] * factors[i, k]
-        for i in range(whole - 4, -1, -4):
-            one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+    for i in range(whole - 4, -1, -4):
+        one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+        for column in range(columns):
+            x = right[column]
             d = x[i + 3]
             c = x[i + 2] - d * four[i + 2]
             b = x[i + 1] - d * four[i + 1] - c * three[i + 1]
             a = x[i] - d * four[i] - c * three[i] - b * two[i]
             x[i], x[i + 1], x[i + 2] = a, b, c
-            rest, one, two, three, four = x[:i], one[:i], two[:i], three[:i], four[:i]
-            for k in range(rest.size):
-                rest[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
+            for k in range(i):
+                x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
+    for column in range(columns):
+        x = right[column]
         for i in range(n - 1, -1, -1):
             other = pivots[i]
             x[i], x[other] = x[other], x[i]
@@ -106,7 +112,7 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
         return
     for i in range(n):
         subtract_rows(right, factors[:i, i], 0, i)
-        over, out = 1.0 / factors[i, i], right[i]
+        over, out = factors[i, i], right[i]
         for c in range(out.size):
             out[c] *= over
     for i in range(n - 2, -1, -1):
@@ -184,13 +190,15 @@ def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
 def eliminate_definite(matrix: FloatArray) -> None:
     """Eliminate in the lower halves of definite matrices (n, n, count), all of them side by side.
 
-    As `batched_ldlt` does.
+    As `batched_ldlt` does; on the diagonal the inverses are left.
     """
     n, factor = len(matrix), np.empty(matrix.shape[2])
     for j in range(n):
+        for p in range(factor.size):
+            matrix[j, j, p] = 1.0 / matrix[j, j, p]
         for i in range(j + 1, n):
             for p in range(factor.size):
-                factor[p] = matrix[i, j, p] / matrix[j, j, p]
+                factor[p] = matrix[i, j, p] * matrix[j, j, p]
             for k in range(j + 1, i + 1):
                 for p in range(factor.size):
                     matrix[i, k, p] -= factor[p] * matrix[k, j, p]
@@ -202,10 +210,10 @@ def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
     for j in range(n):
         for i in range(j + 1, n):
             for p in range(count):
-                right[i, p] -= matrix[i, j, p] / matrix[j, j, p] * right[j, p]
+                right[i, p] -= matrix[i, j, p] * matrix[j, j, p] * right[j, p]
     for j in range(n - 1, -1, -1):
         for i in range(j + 1, n):
             for p in range(count):
                 right[j, p] -= matrix[i, j, p] * right[i, p]
         for p in range(count):
-            right[j, p] /= matrix[j, j, p]
+            right[j, p] *= matrix[j, j, p]

@@ -91,7 +91,7 @@ evaluate_sections = _made(
     np.zeros((4, 4, 0)), _FOUR,
 )  # fmt: skip
 find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
-find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, _FOUR)
+find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, 1.0, _FOUR)
 _NO_SYSTEM = system_kernels.system_of(0, 0)
 find_sliding_balance = _made(
     sliding_rod_kernels.find_sliding_balance, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0,

@@ -7,9 +7,10 @@ import numpy as np
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.hints import FloatArray
 
-_MOST_SWEEPS = 60
+MOST_SWEEPS = 60
 # Sum of squares of the defects that the last sweep takes out, which leaves a millionth of them.
-_SETTLED = 1e-17
+DEFECTS = 1e-17
+MOST_DEFECTS = 1e-6  # likewise on the way to a balance, at most
 
 
 def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray) -> None:
@@ -50,7 +51,7 @@ def solve_turn(
         turn[k, first:last] = found[k * s : k * s + s]
 
 
-def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> None:
+def find_turn(tables: RodTables, twist: FloatArray, settled: float, turn: FloatArray) -> float:
     """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
 
     Within each element from its start, with the collocated equations
@@ -64,37 +65,52 @@ def find_turn(tables: RodTables, twist: FloatArray, turn: FloatArray) -> None:
 
     exact but for the error of Q and of quadrature: few sweeps are enough. Where the twist is so
     large that they are not, the equations are solved. Then one element is put after another.
+
+    What is found solves the equations, and is of norm 1 at the ends of elements alone: by that it
+    is known again where it is given.
+
+    Returns:
+        Sum of squares of the defects that the last sweep has taken out, at most ``settled``.
     """
     s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
-    half, size = np.empty(count), np.inf
-    for element in range(elements):
-        half[element * s : element * s + s] = 0.5 * tables.step[element]
+    half, size = 0.5 * tables.lengths, np.inf
     rate, defect = np.empty((4, count)), np.empty((4, count))
     more, raw = np.empty((4, count)), np.empty((4, count))
     from_starts(tables, twist, half, turn, rate, raw)
     each = 4 * elements, s
     rates, integrals = rate.reshape(each), tables.from_start_columns
-    for _ in range(_MOST_SWEEPS):
+    for _ in range(MOST_SWEEPS):
         find_rate(twist, half, raw, rate)
         np.dot(rates, integrals, defect.reshape(each))
-        size = 0.0
         for k in range(4):
             out, found, start = defect[k], raw[k], 0.0 if k else 1.0
             for j in range(count):
                 out[j] += start - found[j]
-                size += out[j] * out[j]
+        size = sum_of_squares(defect)
         find_rate(twist, half, defect, rate)
         times_inverse(rate, raw, rate)
         np.dot(rates, integrals, more.reshape(each))
         add_product(more, raw, defect)
         raw += defect
-        if size <= _SETTLED:
+        if size <= settled:
             break
-    if not size <= _SETTLED:
+    if not size <= settled:
         for element in range(elements):
             solve_turn(tables, twist, half, element * s, raw)
+        size = 0.0
     find_rate(twist, half, raw, rate)
     chain(tables, raw, rate, turn)
+    return size
+
+
+def sum_of_squares(rows: FloatArray) -> float:
+    """Of all elements of ``rows`` (4, n)."""
+    # Row by row side by side, since each addition waits for the one before.
+    a, b, c, d = rows[0], rows[1], rows[2], rows[3]
+    e, f, g, h = 0.0, 0.0, 0.0, 0.0
+    for j in range(a.size):
+        e, f, g, h = e + a[j] * a[j], f + b[j] * b[j], g + c[j] * c[j], h + d[j] * d[j]
+    return (e + f) + (g + h)
 
 
 def from_starts(
@@ -129,7 +145,7 @@ def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: Floa
 def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
     """Fill in orientations ``turn`` (4, points) from ``raw`` ones, each from its element's start.
 
-    Their ``rate`` gives what they are at the end of the element. All become of norm 1.
+    Their ``rate`` gives what they are at the end of the element, which becomes of norm 1.
     """
     s = tables.weights.size
     start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
@@ -142,6 +158,11 @@ def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray
             for j in range(s):
                 end[k, 0] += tables.weights[j] * rate[k, first + j]
         turn_all(w, x, y, z, end, start)
+        normalise(start)
+
+
+def normalise(turn: FloatArray) -> None:
+    """Divide quaternions (4, n) by their norm."""
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
     for j in range(a.size):
         over = 1.0 / np.sqrt(a[j] * a[j] + b[j] * b[j] + c[j] * c[j] + d[j] * d[j])
@@ -186,12 +207,13 @@ def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
 
 
 def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
-    """Fill in the matrices (3, 3, points) of orientations."""
+    """Fill in the matrices (3, 3, points) of orientations, of any norm."""
     for i in range(turn.shape[1]):
         w, x, y, z = turn[0, i], turn[1, i], turn[2, i], turn[3, i]
-        rotation[0, 0, i] = 1.0 - 2.0 * (y * y + z * z)
-        rotation[0, 1, i], rotation[1, 0, i] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
-        rotation[0, 2, i], rotation[2, 0, i] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
-        rotation[1, 1, i] = 1.0 - 2.0 * (x * x + z * z)
-        rotation[1, 2, i], rotation[2, 1, i] = 2.0 * (y * z - x * w), 2.0 * (y * z + x * w)
-        rotation[2, 2, i] = 1.0 - 2.0 * (x * x + y * y)
+        f = 2.0 / ((w * w + x * x) + (y * y + z * z))
+        rotation[0, 0, i] = 1.0 - f * (y * y + z * z)
+        rotation[0, 1, i], rotation[1, 0, i] = f * (x * y - z * w), f * (x * y + z * w)
+        rotation[0, 2, i], rotation[2, 0, i] = f * (x * z + y * w), f * (x * z - y * w)
+        rotation[1, 1, i] = 1.0 - f * (x * x + z * z)
+        rotation[1, 2, i], rotation[2, 1, i] = f * (y * z - x * w), f * (y * z + x * w)
+        rotation[2, 2, i] = 1.0 - f * (x * x + y * y)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import solve_definite
-from octo_arm_model.core.compiled.orientation_kernels import find_rotation
+from octo_arm_model.core.compiled.orientation_kernels import find_rate, find_rotation, normalise
 from octo_arm_model.core.compiled.products import add_products, add_runs
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.section_kernels import evaluate_sections
-from octo_arm_model.core.compiled.state_kernels import RodState
+from octo_arm_model.core.compiled.state_kernels import RodState, into_axes
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -44,104 +44,100 @@ def read_rod(
     readings: Readings,
 ) -> None:  # fmt: skip
     """Fill in ``readings`` of a balanced ``state`` under all loads, as `LoadedRod`."""
-    s = tables.weights.size
-    at_nodes, position, quaternion = readings.twist, readings.position, readings.quaternion
-    at_nodes[:] = 0.0
-    add_runs(tables.node_runs, tables.to_nodes, s, state.twist, at_nodes)
+    s, count = tables.weights.size, tables.station_node.size
+    readings.twist[:] = 0.0
+    add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
     # Position, orientation and the moment of the forces.
-    rate, total = np.empty((10, s)), np.zeros(10)
-    total[:3] = tables.position
-    total[3], total[4], total[5], total[6] = (
-        tables.base[1], tables.base[2], tables.base[3], tables.base[0],
-    )  # fmt: skip
-    found, wrench = np.empty((10, len(position))), np.zeros((6, len(position)))
-    others = np.empty((6, s))
+    rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
+    set_rates(tables.lengths, state, rate)
+    total[:3], total[3:7], total[7:] = tables.position, tables.base, 0.0
+    found, force, moment = np.empty((10, count)), np.zeros((3, count)), np.zeros((3, count))
     done, run = 0, 0
     for element in range(tables.step.size):
         first = element * s
-        set_rates(state, first, tables.step[element], rate)
-        for k in range(3):
-            for i in range(s):
-                # What of the moment is no integral of the force, such as moments of point loads.
-                others[k, i] = tip_wrench[3 + k] + tables.moment[k, first + i]
-                others[3 + k, i] = state.force[k, first + i]
         while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
-            start, count = tables.station_runs[run, 1], tables.station_runs[run, 2]
-            within = tables.to_stations[done : done + s * count].reshape(s, count)
-            values = tables.at_stations[done : done + s * count].reshape(s, count)
+            start, stop = tables.station_runs[run, 1], tables.station_runs[run, 1]
+            stop += tables.station_runs[run, 2]
+            size = s * (stop - start)
+            within = tables.to_stations[done : done + size].reshape(s, stop - start)
+            values = tables.at_stations[done : done + size].reshape(s, stop - start)
             for k in range(10):
-                out = found[k, start : start + count]
-                out[:] = total[k]
-                add_products(rate[k], within, out)
-            for k in range(6):
-                add_products(others[k], values, wrench[k, start : start + count])
-            run, done = run + 1, done + s * count
+                found[k, start:stop] = total[k]
+                add_products(rate[k, first : first + s], within, found[k, start:stop])
+            for k in range(3):
+                # What of the moment is no integral of the force, such as moments of point loads.
+                others, forces = tables.moment[k, first : first + s], state.force[k]
+                add_products(others, values, moment[k, start:stop])
+                add_products(forces[first : first + s], values, force[k, start:stop])
+            run, done = run + 1, done + size
         for k in range(10):
             for i in range(s):
-                total[k] += tables.weights[i] * rate[k, i]
-    for i in range(len(position)):
-        square = found[3, i] ** 2 + found[4, i] ** 2 + found[5, i] ** 2 + found[6, i] ** 2
-        over = 1.0 / np.sqrt(square)
+                total[k] += tables.weights[i] * rate[k, first + i]
+    normalise(found[3:7])
+    for k in range(3):
+        beyond, out, lever = tip_wrench[3 + k] + total[7 + k], moment[k], found[7 + k]
+        for i in range(count):
+            out[i] += beyond - lever[i]
+    for i in range(count):
         for k in range(3):
-            position[i, k] = found[k, i]
-            wrench[k, i] += total[7 + k] - found[7 + k, i]
-        for k in range(4):
-            quaternion[i, k] = over * found[3 + k, i]
-    balance_stations(tables, tensions, wrench, readings)
+            readings.position[i, k] = found[k, i]
+            readings.quaternion[i, k] = found[4 + k, i]
+        readings.quaternion[i, 3] = found[3, i]
+    balance_stations(tables, tensions, force, moment, found[3:7], readings)
 
 
-def set_rates(state: RodState, first: int, h: float, rate: FloatArray) -> None:
-    """Fill in what position, orientation x, y, z, w and moment change by along an element.
+def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
+    """Fill in what position, orientation w, x, y, z and moment change by along an element.
 
-    (10, s), over its length ``h``, at the points from ``first`` on.
+    (10, points), over the ``lengths`` of the elements that the points lie in, (points,).
     """
-    twist, rotation, force, half = state.twist, state.rotation, state.force, 0.5 * h
-    for i in range(rate.shape[1]):
-        at = first + i
-        for k in range(3):
-            rate[k, i] = h * rotation[k, 0, at] * twist[3, at]
-        t, n, m = half * twist[0, at], half * twist[1, at], half * twist[2, at]
-        w, x, y, z = state.turn[0, at], state.turn[1, at], state.turn[2, at], state.turn[3, at]
-        rate[3, i] = w * t + y * m - z * n
-        rate[4, i] = w * n + z * t - x * m
-        rate[5, i] = w * m + x * n - y * t
-        rate[6, i] = -x * t - y * n - z * m
-        rate[7, i] = rate[1, i] * force[2, at] - rate[2, i] * force[1, at]
-        rate[8, i] = rate[2, i] * force[0, at] - rate[0, i] * force[2, at]
-        rate[9, i] = rate[0, i] * force[1, at] - rate[1, i] * force[0, at]
+    twist, force, stretch = state.twist, state.force, state.twist[3]
+    for k in range(3):
+        tangent, moved = state.rotation[k, 0], rate[k]
+        for i in range(moved.size):
+            moved[i] = lengths[i] * tangent[i] * stretch[i]
+    find_rate(twist, 0.5 * lengths, state.turn, rate[3:7])
+    for k in range(3):
+        n, m = (k + 1) % 3, (k + 2) % 3
+        x_n, x_m, f_n, f_m, out = rate[n], rate[m], force[n], force[m], rate[7 + k]
+        for i in range(out.size):
+            out[i] = x_n[i] * f_m[i] - x_m[i] * f_n[i]
 
 
 def balance_stations(
-    tables: RodTables, tensions: FloatArray, wrench: FloatArray, readings: Readings
-) -> None:
-    """Balance the twist at the stations with a ``wrench`` (6, stations) in base_frame.
+    tables: RodTables, tensions: FloatArray, force: FloatArray, moment: FloatArray,
+    turn: FloatArray, readings: Readings,
+) -> None:  # fmt: skip
+    """Balance the twist at the stations, of orientations ``turn`` (4, stations).
 
-    As `LoadedRod` does, by one step of Newton's method from what is interpolated.
+    With a ``force`` and a ``moment`` (3, stations) in base_frame. As `LoadedRod` does, by one step
+    of Newton's method from what is interpolated.
     """
-    count = tables.station_node.size
-    twist, left = np.empty((4, count)), np.empty((4, count))
+    count, nodes = tables.station_node.size, tables.station_node
+    twist, left, gradient = np.empty((4, count)), np.empty((4, count)), np.empty((4, count))
     scale, hessian = np.empty((4, count)), np.empty((4, 4, count))
-    turn, rotation = np.empty((4, count)), np.empty((3, 3, count))
-    for i in range(count):
-        for k in range(4):
-            twist[k, i] = readings.twist[k, tables.station_node[i]]
-            turn[k, i] = readings.quaternion[i, (k + 3) % 4]
+    rotation = np.empty((3, 3, count))
+    for k in range(4):
+        out, at_nodes = twist[k], readings.twist[k]
+        for i in range(count):
+            out[i] = at_nodes[nodes[i]]
     find_rotation(turn, rotation)
-    evaluate_sections(tables.station_sections, tensions, twist, left, hessian, scale)
-    for i in range(count):
-        left[3, i] = -left[3, i]
-        for k in range(3):
-            left[k, i] = -left[k, i]
-            left[3, i] += rotation[k, 0, i] * wrench[3 + k, i]
-            for m in range(3):
-                left[k, i] += rotation[m, k, i] * wrench[m, i]
+    evaluate_sections(tables.station_sections, tensions, twist, gradient, hessian, scale)
+    into_axes(rotation, force, moment, left)
+    left -= gradient
     solve_definite(hessian, left)
-    for i in range(count):
-        node, stretch = tables.station_node[i], twist[3, i] + left[3, i]
-        for k in range(3):
-            found = twist[k, i] + left[k, i]
-            readings.twist[k, node], readings.strains[k, i] = found, found / stretch
-        readings.twist[3, node], readings.strains[3, i] = stretch, stretch - 1.0
+    twist += left
+    for k in range(4):
+        found, at_nodes, strain, stretch = (
+            twist[k],
+            readings.twist[k],
+            readings.strains[k],
+            twist[3],
+        )
+        for i in range(count):
+            at_nodes[nodes[i]] = found[i]
+        for i in range(count):
+            strain[i] = found[i] / stretch[i] if k < 3 else found[i] - 1.0
 
 
 def read_changes(

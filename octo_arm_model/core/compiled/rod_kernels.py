@@ -11,7 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.dense_kernels import is_definite
-from octo_arm_model.core.compiled.orientation_kernels import find_turn, turn_by
+from octo_arm_model.core.compiled.orientation_kernels import (
+    DEFECTS,
+    MOST_DEFECTS,
+    find_turn,
+    normalise,
+    turn_by,
+)
 from octo_arm_model.core.compiled.readout_kernels import Readings, read_rod
 from octo_arm_model.core.compiled.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.response_kernels import respond, tip_wrenches
@@ -62,10 +68,10 @@ class Outcome(NamedTuple):
 
 def turn_of(tables: RodTables, change: FloatArray) -> float:
     """How far a ``change`` (4, points) turns the arm [rad]."""
-    points, total = tables.weights.size, 0.0
+    total = 0.0
     for i in range(change.shape[1]):
         square = change[0, i] ** 2 + change[1, i] ** 2 + change[2, i] ** 2
-        total += tables.step[i // points] * tables.weights[i % points] * np.sqrt(square)
+        total += tables.quadrature[i] * np.sqrt(square)
     return total
 
 
@@ -100,8 +106,14 @@ def iterate(
         iterations += 1
         new.twist[:] = state.twist + step
         turn_by(turn, state.turn, new.turn)
-        find_turn(tables, new.twist, new.turn)
+        angle = turn_of(tables, step)
+        # A step leaves about its square.
+        settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
+        left = find_turn(tables, new.twist, settled, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
+        if found <= tolerance and left > DEFECTS:
+            find_turn(tables, new.twist, DEFECTS, new.turn)
+            found = find_state(tables, tensions, tip_wrench, factor, new)
         if is_known:
             is_known = False
             if not found <= PREDICTED * residual:
@@ -111,7 +123,6 @@ def iterate(
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
-        angle = turn_of(tables, step)
         turned += angle
         if not is_first:
             corrected += angle
@@ -149,6 +160,7 @@ def balance(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
         state, system, compliance, change, readings,
     )  # fmt: skip
+    normalise(turn)
     for i in range(turn.shape[1]):
         orientation[0, i] = complex(turn[0, i], turn[1, i])
         orientation[1, i] = complex(turn[2, i], turn[3, i])
@@ -196,7 +208,7 @@ def find_compliance(
     tables: RodTables, state: RodState, system: System, compliance: FloatArray, change: FloatArray
 ) -> None:
     """Fill in the ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) for it."""
-    s, count = tables.weights.size, state.twist.shape[1]
+    count = state.twist.shape[1]
     wrench = tip_wrenches(tables, state)
     respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for row in range(6):
@@ -204,8 +216,7 @@ def find_compliance(
             total = 0.0
             for k in range(4):
                 for i in range(count):
-                    weight = tables.step[i // s] * tables.weights[i % s]
-                    total += weight * wrench[k, i, row] * change[k, i, column]
+                    total += tables.quadrature[i] * wrench[k, i, row] * change[k, i, column]
             compliance[row, column] = total
 
 

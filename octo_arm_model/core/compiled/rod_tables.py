@@ -25,6 +25,8 @@ class RodTables(NamedTuple):
         tail: from values at the points to the last two Legendre coefficients, (2, each).
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
+        lengths: of the element that each point lies in [m], (points,).
+        quadrature: weights of the integral over the arm [m], (points,).
         force: resultant of the loads beyond each point [N], (3, points).
         moment: of the moments of point loads [N m], likewise.
         base: orientation of the base w, x, y, z, (4,).
@@ -48,6 +50,8 @@ class RodTables(NamedTuple):
     tail: FloatArray
     weights: FloatArray
     step: FloatArray
+    lengths: FloatArray
+    quadrature: FloatArray
     force: FloatArray
     moment: FloatArray
     base: FloatArray
@@ -89,6 +93,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     nodes, stations = rod.nodes, rod.stations
     node_runs, to_nodes = runs_by_element(nodes.element, nodes.values)
     within = stations.within / own.step[stations.element, np.newaxis]
+    lengths = np.repeat(own.step, rule.points.size)
     station_runs, to_stations = runs_by_element(stations.element, within)
     _, at_stations = runs_by_element(stations.element, stations.values)
     return RodTables(
@@ -100,6 +105,8 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         tail=rule.tail,
         weights=rule.weights,
         step=own.step,
+        lengths=lengths,
+        quadrature=lengths * np.tile(rule.weights, own.step.size),
         force=problem.loads.dead.force,
         moment=problem.loads.dead.moment,
         base=np.array([a.real, a.imag, b.real, b.imag]),
@@ -136,7 +143,8 @@ def no_rod() -> RodTables:
     nothing = np.zeros((3, 0))
     runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
     return RodTables(
-        sections, table, table, table, table, np.zeros((2, 0)), none, none, nothing, nothing,
+        sections, table, table, table, table, np.zeros((2, 0)), none, none, none, none, nothing,
+        nothing,
         np.zeros(4), 1.0, np.zeros(3), runs, none, runs, none, none, 0, sections,
         np.zeros(0, np.int64),
     )  # fmt: skip

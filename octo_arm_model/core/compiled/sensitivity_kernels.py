@@ -64,10 +64,10 @@ def find_imbalance(
     tendons; ``own`` (tendons,) is what each offset changes of its tendon's length while the twist
     stays.
     """
-    sections, tendons, s = tables.sections, tensions.size, tables.weights.size
+    sections, tendons = tables.sections, tensions.size
     own[:] = 0.0
     for i in range(twist.shape[1]):
-        weight = tables.step[i // s] * tables.weights[i % s]
+        weight = tables.quadrature[i]
         kappa_t, kappa_n, kappa_b, stretched = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
         width, slope, _ = widening(sections.widens, stretched)
         t, n, b = width * kappa_t, width * kappa_n, width * kappa_b
@@ -176,12 +176,12 @@ def differentiate(
 
 def weigh(tables: RodTables, values: FloatArray) -> None:
     """Multiply ``values`` (rows, 4, points) by the weights of the integral along the arm."""
-    s = tables.weights.size
-    for i in range(values.shape[2]):
-        weight = tables.step[i // s] * tables.weights[i % s]
-        for row in range(len(values)):
-            for k in range(4):
-                values[row, k, i] *= weight
+    weights = tables.quadrature
+    for row in range(len(values)):
+        for k in range(4):
+            out = values[row, k]
+            for i in range(out.size):
+                out[i] *= weights[i]
 
 
 def differentiate_tip(
@@ -195,7 +195,7 @@ def differentiate_tip(
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
     """
-    count, tendons, s = state.twist.shape[1], tensions.size, tables.weights.size
+    count, tendons = state.twist.shape[1], tensions.size
     find_state(tables, tensions, tip_wrench, 1.0, state)
     system = empty_system(tables)
     sign = find_system(tables, state, system)
@@ -205,7 +205,7 @@ def differentiate_tip(
     change = np.empty_like(wrench)
     respond(tables, system, wrench, change, np.empty((3, count, 6)))
     for i in range(count):
-        weight = tables.step[i // s] * tables.weights[i % s]
+        weight = tables.quadrature[i]
         for k in range(4):
             for column in range(6):
                 unit = tables.length if column >= 3 else 1.0

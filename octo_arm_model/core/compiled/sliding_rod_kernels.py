@@ -17,7 +17,7 @@ from octo_arm_model.core.compiled.coupling_kernels import (
 )
 from octo_arm_model.core.compiled.friction_kernels import find_tensions, resolves_tensions
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
-from octo_arm_model.core.compiled.orientation_kernels import find_turn, turn_by
+from octo_arm_model.core.compiled.orientation_kernels import DEFECTS, find_turn, turn_by
 from octo_arm_model.core.compiled.products import add_runs
 from octo_arm_model.core.compiled.rod_kernels import turn_of
 from octo_arm_model.core.compiled.rod_tables import RodTables
@@ -87,7 +87,7 @@ def find_sliding_balance(
         find_step(tables, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
         turn_by(turn, state.turn, new.turn)
-        find_turn(tables, new.twist, new.turn)
+        find_turn(tables, new.twist, DEFECTS, new.turn)
         find_turnings(friction, new.twist, pulled, turning)
         changed = improve(friction, pulled, turning)
         sticks = find_tensions(friction, tensions, before, pulled, turning.angle, turning.slip)

@@ -61,17 +61,13 @@ def find_wrench(
     """
     s, elements, rotation = tables.weights.size, tables.step.size, state.rotation
     carried, levers, stretch = np.empty(force.shape), np.empty(force.shape), state.twist[3]
+    lengths = tables.lengths
     for k in range(3):
         n, m = (k + 1) % 3, (k + 2) % 3
         out, t_n, t_m, f_n, f_m = carried[k], rotation[n, 0], rotation[m, 0], force[n], force[m]
         for i in range(stretch.size):
-            out[i] = stretch[i] * (t_n[i] * f_m[i] - t_m[i] * f_n[i])
-    by_element = carried.reshape(3, elements, s)
-    for k in range(3):
-        for element in range(elements):
-            for j in range(s):
-                by_element[k, element, j] *= tables.step[element]
-    each = 3 * elements, s
+            out[i] = lengths[i] * stretch[i] * (t_n[i] * f_m[i] - t_m[i] * f_n[i])
+    by_element, each = carried.reshape(3, elements, s), (3 * elements, s)
     np.dot(carried.reshape(each), tables.to_end_columns, levers.reshape(each))
     totals, lever = moment.reshape(3, elements, s), levers.reshape(3, elements, s)
     for k in range(3):
@@ -82,18 +78,18 @@ def find_wrench(
                 totals[k, element, j] += lever[k, element, j] + beyond
                 here += tables.weights[j] * by_element[k, element, j]
             beyond += here
-    into_axes(rotation, moment, wrench)
-    t_0, t_1, t_2, out = rotation[0, 0], rotation[1, 0], rotation[2, 0], wrench[3]
-    f_0, f_1, f_2 = force[0], force[1], force[2]
-    for i in range(out.size):
-        out[i] = t_0[i] * f_0[i] + t_1[i] * f_1[i] + t_2[i] * f_2[i]
+    into_axes(rotation, force, moment, wrench)
 
 
-def into_axes(rotation: FloatArray, vector: FloatArray, out: FloatArray) -> None:
-    """Fill in the first rows of ``out`` with a ``vector`` (3, n) in the axes of ``rotation``."""
-    v_0, v_1, v_2 = vector[0], vector[1], vector[2]
-    for k in range(3):
-        a, b, c, row = rotation[0, k], rotation[1, k], rotation[2, k], out[k]
+def into_axes(
+    rotation: FloatArray, force: FloatArray, moment: FloatArray, wrench: FloatArray
+) -> None:
+    """Fill in the ``wrench`` (4, n) on cross sections of orientations ``rotation`` (3, 3, n)."""
+    for k in range(4):
+        # The moment about each axis, and the force along the tangent.
+        axis, vector, row = k % 3, moment if k < 3 else force, wrench[k]
+        a, b, c = rotation[0, axis], rotation[1, axis], rotation[2, axis]
+        v_0, v_1, v_2 = vector[0], vector[1], vector[2]
         for i in range(row.size):
             row[i] = a[i] * v_0[i] + b[i] * v_1[i] + c[i] * v_2[i]
 
@@ -115,15 +111,25 @@ def find_state(
             state.force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
             state.moment[k, i] = factor * tables.moment[k, i]
     find_wrench(tables, state, state.force, state.moment, tip_wrench[3:], imbalance)
-    residual, total = 0.0, 0.0
+    outside = largest_in_rows(imbalance)
     for k in range(4):
-        left, inside, of, outside = imbalance[k], gradient[k], scale[k], 0.0
-        for i in range(count):
-            outside = max(outside, abs(left[i]))
+        left, inside, of, beyond = imbalance[k], gradient[k], scale[k], outside[k]
         for i in range(count):
             left[i] -= inside[i]
-            of[i] = abs(left[i]) / (of[i] + outside)
-        for i in range(count):
-            residual = max(residual, of[i])
-            total += left[i]
-    return residual if np.isfinite(total) else np.nan
+            of[i] = left[i] / (of[i] + beyond)
+    residuals = largest_in_rows(scale)
+    return max(max(residuals[0], residuals[1]), max(residuals[2], residuals[3]))
+
+
+def largest_in_rows(rows: FloatArray) -> tuple[float, float, float, float]:
+    """The largest magnitude in each row of ``rows`` (4, n); NaN where one is NaN or infinite."""
+    # Rows side by side, since each comparison waits for the one before.
+    a, b, c, d = rows[0], rows[1], rows[2], rows[3]
+    e, f, g, h = 0.0, 0.0, 0.0, 0.0
+    p, q, r, s = 0.0, 0.0, 0.0, 0.0
+    for i in range(a.size):
+        e, f, g, h = max(e, abs(a[i])), max(f, abs(b[i])), max(g, abs(c[i])), max(h, abs(d[i]))
+        p, q, r, s = p + a[i], q + b[i], r + c[i], s + d[i]
+    if np.isfinite((p + q) + (r + s)):
+        return e, f, g, h
+    return np.nan, np.nan, np.nan, np.nan

@@ -20,74 +20,71 @@ def find_step(
     And the rotation ``turn`` of the cross sections, (3, points) in base_frame [rad]. What
     `response_kernels.respond` does for many, with loops along the points.
     """
-    s, elements, weights = tables.weights.size, tables.step.size, tables.weights
+    s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
+    given, found, weights, lengths = imbalance, change, tables.weights, tables.lengths
+    local, rotation, over = system.at_points, system.rotation, 1.0 / system.at_points[9]
     bends, ends = np.empty((elements, 3 * s)), np.empty((elements, 6))
-    carried, more = np.empty((elements, 3, s)), np.empty((elements, 3, s))
-    k, each = bends.reshape(elements, 3, s), (3 * elements, s)
-    flat, summed = carried.reshape(each), more.reshape(each)
-    # By element, and point of it.
-    local, rotation = (
-        system.at_points.reshape(10, elements, s),
-        system.rotation.reshape(3, 3, elements, s),
-    )
-    given, found = imbalance.reshape(4, elements, s), change.reshape(4, elements, s)
-    angles, stretched = turn.reshape(3, elements, s), given[3] / local[9]
-    for element in range(elements):
-        for p in range(3):
-            for j in range(s):
-                carried[element, p, j] = (
-                    -tables.step[element] * local[3 + p, element, j] * given[3, element, j]
-                )
+    # Along all points, and by element.
+    rows, sums = np.empty((3, count)), np.empty((3, count))
+    each = 3 * elements, s
+    flat, summed = rows.reshape(each), sums.reshape(each)
+    carried, k, more = (
+        rows.reshape(3, elements, s), bends.reshape(elements, 3, s), sums.reshape(3, elements, s)
+    )  # fmt: skip
+    for p in range(3):
+        out, by_force, force = rows[p], local[3 + p], given[3]
+        for i in range(count):
+            out[i] = -lengths[i] * by_force[i] * force[i]
     np.dot(flat, tables.to_end_columns, summed)
-    for element in range(elements):
-        for p in range(3):
-            total = 0.0
-            for j in range(s):
-                k[element, p, j] = more[element, p, j] + (
-                    rotation[p, 0, element, j] * given[0, element, j]
-                    + rotation[p, 1, element, j] * given[1, element, j]
-                    + rotation[p, 2, element, j] * given[2, element, j]
-                    - local[6 + p, element, j] * stretched[element, j]
-                )
-                total += weights[j] * carried[element, p, j]
-            ends[element, 3 + p] = total
+    for p in range(3):
+        out, coupled, force = sums[p], local[6 + p], given[3]
+        a, b, c = rotation[p, 0], rotation[p, 1], rotation[p, 2]
+        for i in range(count):
+            out[i] += (a[i] * given[0, i] + b[i] * given[1, i]) + (
+                c[i] * given[2, i] - coupled[i] * (over[i] * force[i])
+            )
     for element in range(elements):
         own, alone = bends[element], ends[element]
+        for p in range(3):
+            for j in range(s):
+                k[element, p, j] = more[p, element, j]
         solve_transposed(system.factors[element], system.pivots[element], own.reshape(1, 3 * s))
         for p in range(3):
-            row, total, bent = system.to_moment[element, p], 0.0, 0.0
+            row, total, before, bent = system.to_moment[element, p], 0.0, 0.0, 0.0
             for j in range(3 * s):
                 total += row[j] * own[j]
             for j in range(s):
+                before += weights[j] * carried[p, element, j]
                 bent += weights[j] * k[element, p, j]
-            alone[p] = tables.step[element] * bent
-            alone[3 + p] -= total
+            alone[p], alone[3 + p] = tables.step[element] * bent, before - total
     link_changes(system, ends.reshape(elements, 6, 1))
     for element in range(elements):
         add_products(ends[element], system.bends[element], bends[element])
         for p in range(3):
             for j in range(s):
-                carried[element, p, j] = tables.step[element] * k[element, p, j]
+                carried[p, element, j] = k[element, p, j]
+    k_0, k_1, k_2 = rows[0], rows[1], rows[2]
+    for p in range(3):
+        a, b, c, out = rotation[0, p], rotation[1, p], rotation[2, p], found[p]
+        for i in range(count):
+            out[i] = a[i] * k_0[i] + b[i] * k_1[i] + c[i] * k_2[i]
+    stretched = found[3]
+    for i in range(count):
+        stretched[i] = given[3, i] - (
+            local[6, i] * k_0[i] + local[7, i] * k_1[i] + local[8, i] * k_2[i]
+        )
+    for p in range(3):
+        out = rows[p]
+        for i in range(count):
+            out[i] *= lengths[i]
     np.dot(flat, tables.from_start_columns, summed)
-    for element in range(elements):
-        for p in range(3):
+    for p in range(3):
+        angle, across, out = sums[p], local[p], turn[p]
+        for element in range(elements):
             for j in range(s):
-                angles[p, element, j] = ends[element, p] + more[element, p, j]
-                found[p, element, j] = (
-                    rotation[0, p, element, j] * k[element, 0, j]
-                    + rotation[1, p, element, j] * k[element, 1, j]
-                    + rotation[2, p, element, j] * k[element, 2, j]
-                )
-        for j in range(s):
-            found[3, element, j] = (
-                stretched[element, j]
-                + (
-                    local[0, element, j] * angles[0, element, j]
-                    + local[1, element, j] * angles[1, element, j]
-                    + local[2, element, j] * angles[2, element, j]
-                    - local[6, element, j] * k[element, 0, j]
-                    - local[7, element, j] * k[element, 1, j]
-                    - local[8, element, j] * k[element, 2, j]
-                )
-                / local[9, element, j]
-            )
+                more[p, element, j] += ends[element, p]
+        for i in range(count):
+            out[i] = angle[i]
+            stretched[i] += across[i] * angle[i]
+    for i in range(count):
+        stretched[i] *= over[i]
