@@ -173,7 +173,8 @@ class Linearised:
         """Factorise the banded system of Phi and d m at all ends of elements of all arms."""
         arms, elements = self.ends.shape[:2]
         size = 6 * (elements + 1)
-        blocks = np.tile(_ENDS, (arms, elements, 1, 1))
+        blocks = np.empty((arms, elements, *_ENDS.shape))
+        blocks[...] = _ENDS
         blocks[..., :3] -= self.ends[..., :3]
         blocks[..., 9:] -= self.ends[..., 3:]
         band = np.zeros((arms, size, 3 * _BAND + 1))
