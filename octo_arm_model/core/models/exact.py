@@ -146,6 +146,8 @@ class Exact:
             shape = rod.unloaded(start.tensions.ravel() if start else tensions, wanted.before)
         found = rod.settle(wanted, shape, spending) if rod.settle is not None else None
         if isinstance(found, Solution):
+            if self._setup.arm.sheath_stiffness and found.shape is not None:
+                _check_tendons(rod.equilibrium.energy, found.shape, tensions)
             return found
         if found is not None:
             known, shape = wanted, found
@@ -245,6 +247,12 @@ class Exact:
         else:
             level = self.rods.level_of(shape.twist)
         return self._rod(level), condition, shape
+
+
+def _check_tendons(energy: SectionEnergy, shape: Shape, tensions: FloatArray) -> None:
+    """See `SectionEnergy.check_tendons`."""
+    strain = to_scaled(energy.law, shape.twist[:, np.newaxis])
+    energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
 
 
 def _sections(rod: LoadedRod) -> ExactSections:
