@@ -15,6 +15,7 @@ stretch cannot tell.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -81,12 +82,13 @@ def check_displacements(
     Raises:
         TensionError: if not; the message names the tendon.
     """
+    names = frozenset(arm.tendon_names)
     for name in [*displacements, *tensions]:
-        if name not in arm.tendon_names:
+        if name not in names:
             known = ', '.join(arm.tendon_names)
             raise TensionError(f'unknown tendon {name}; this arm has {known}')
     for name, value in displacements.items():
         if name in tensions:
             raise TensionError(f'tendon {name} has both a displacement and a tension')
-        if not np.isfinite(value):
+        if not math.isfinite(value):
             raise TensionError(f'displacement of {name} is {value!r} m, expected a finite number')

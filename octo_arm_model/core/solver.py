@@ -243,7 +243,9 @@ class Solver:
             ConfigError: if ``backbone`` is that of a batch.
         """
         twist = self._own_twist(backbone)
-        lengths = self._lengths.under(twist, self._statics.local_tensions(backbone))
+        gives_way = bool(self.arm.sheath_stiffness)
+        tensions = self._statics.local_tensions(backbone) if gives_way else None
+        lengths = self._lengths.under(twist, tensions)
         return lengths.reshape(self.arm.tension_shape)
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:

@@ -169,9 +169,8 @@ def _speed_up(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         compiled = CompiledRod(rod)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
-        rod.settle = None
+        rod.settle = compiled.settle
         if not isinstance(rod.equilibrium.energy, SheathedSections):
-            rod.settle = compiled.settle
             rod.differentiate = compiled.differentiate
             rod.differentiate_tip = compiled.differentiate_tip
         rod.minimum = rod.near_minimum = compiled.minimum

@@ -35,7 +35,7 @@ class CompiledLengths:
             self._wind = wind()
         lengths.under = self.under
 
-    def under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
+    def under(self, twist: FloatArray, tensions: FloatArray | None) -> FloatArray:
         """A `Measure`."""
         found = np.empty(len(self._path))
         self._find_lengths(self._path, self._weights, self._widens, own(twist), found)

@@ -88,7 +88,12 @@ class SheathedSections(SectionEnergy):
         stiffness = np.array(arm.sheath_stiffness)
         compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
         self.sheath_compliance = compliance[:, np.newaxis, np.newaxis] * self.active
-        self.farthest = np.maximum(self.radius, np.hypot(self.x, self.y))
+        off_midline = np.hypot(self.x, self.y)
+        self.farthest = np.maximum(self.radius, off_midline)
+        # Forces per length [N/m] that surely press no tendon beyond that.
+        room, gives_way = self.farthest - off_midline, self.sheath_compliance > 0.0
+        self._borne = np.full_like(room, np.inf)
+        np.divide(room, self.sheath_compliance, out=self._borne, where=gives_way)
         # A tendon off its path twists the arm where that has a slope.
         self._in_planes, self.planar = self.planar, False
 
@@ -204,8 +209,7 @@ class SheathedSections(SectionEnergy):
         """
         # Derivatives of |u| by the offset are no larger than the curvature.
         curvature = np.sqrt(np.add.reduce(strain[:3] ** 2))
-        off_path = self.sheath_compliance * local_tensions * curvature
-        if not np.any(np.hypot(self.x, self.y) + off_path > self.farthest):
+        if not (local_tensions * curvature > self._borne).any():
             return
         moved = self.placed(strain, local_tensions)
         outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)

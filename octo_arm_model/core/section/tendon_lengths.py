@@ -17,7 +17,8 @@ from octo_arm_model.core.section.parameter_derivatives import ParameterDerivativ
 from octo_arm_model.core.section.strain_measures import to_scaled
 
 # From a twist (n, nodes) and tensions (tendons, nodes) [N] to every length [m], (tendons,).
-Measure: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+# Tensions count where sheaths give way; None where tendons keep their places.
+Measure: TypeAlias = Callable[[FloatArray, FloatArray | None], FloatArray]
 
 
 class TendonLengths:
@@ -27,20 +28,22 @@ class TendonLengths:
         sections: the cross sections at the nodes.
         weights: of the integral along each tendon, (tendons, nodes).
         under: length of every tendon [m], (tendons,), under a twist (4 or 6, nodes) and tensions
-            (tendons, nodes) [N] there.
+            (tendons, nodes) [N] there, see `Measure`.
     """
 
     def __init__(self, sections: SectionEnergy, grid: StationGrid) -> None:
         """For the cross ``sections`` at the nodes of ``grid``."""
         self.sections = sections
         self.weights = sections.active[:, 0] * integration_weights(grid)
+        self._slack = np.zeros_like(self.weights)
         self.under: Measure = self._under
 
-    def _under(self, twist: FloatArray, tensions: FloatArray) -> FloatArray:
+    def _under(self, twist: FloatArray, tensions: FloatArray | None) -> FloatArray:
         """A `Measure`."""
         sections = self.sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
-        return self._integral(sections.stretches(strain, tensions[:, np.newaxis])[:, 0])
+        along = self._slack if tensions is None else tensions
+        return self._integral(sections.stretches(strain, along[:, np.newaxis])[:, 0])
 
     def _integral(self, stretches: FloatArray) -> FloatArray:
         lengths: FloatArray = np.einsum('jn,jn->j', stretches, self.weights)
@@ -53,7 +56,7 @@ class TendonLengths:
     @functools.cached_property
     def at_rest(self) -> FloatArray:
         """Those of the unloaded arm."""
-        return self.under(self._straight, np.zeros_like(self.weights))
+        return self.under(self._straight, self._slack)
 
     def offset_weights(self, arm: Arm) -> FloatArray:
         """Weights of integrals that are d(unloaded length)/d(distance from midline).
@@ -61,7 +64,7 @@ class TendonLengths:
         (tendons, nodes), of the tendons of ``arm``; zero of those that do not wind about it.
         """
         by_offset = ParameterDerivatives(self.sections, arm).length_by_offset(
-            self._straight[:, np.newaxis], np.zeros_like(self.weights)[:, np.newaxis]
+            self._straight[:, np.newaxis], self._slack[:, np.newaxis]
         )
         return by_offset * self.weights
 

@@ -318,6 +318,22 @@ def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
         soft.solve([[3.0, 0, 0, 0]])
 
 
+@pytest.mark.parametrize('compiled', [False, True])
+def test_what_they_cannot_hold_is_refused_along_a_loaded_path_too(
+    prototype: Config, compiled: bool
+) -> None:
+    """In machine code a balance nearby is found and read in one call, and judged after it."""
+    if compiled:
+        pytest.importorskip('numba')
+    arm = with_sheath(prototype.arm, 0.5 * SHEAR_MODULUS)
+    solver = Solver(arm, 'exact', 41, compiled=compiled)
+    found = solver.solve([[1.7, 0, 0, 0]], (0.002, 0, 0, 0, 0, 0))
+    found = solver.follow([[1.8, 0, 0, 0]], found, found.tip_wrench)
+    assert found.residual < 1e-10
+    with pytest.raises(SolveError, match='tensions press a tendon out of the body'):
+        solver.follow([[2.0, 0, 0, 0]], found, found.tip_wrench)
+
+
 def test_the_estimate_is_that_of_plane_elasticity() -> None:
     """Kelvin's line force in a disc, its displacements averaged by quadrature."""
     radius, thread = 0.011, 0.001
