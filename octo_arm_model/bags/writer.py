@@ -22,10 +22,10 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.mcap import QuickMcapWriter
 from octo_arm_model.bags.store.types import STRING, known_types
 from octo_arm_model.core.errors import BagError
 
@@ -66,7 +66,7 @@ class _Numbered:
         self._opened.rename(self.path)
 
 
-class _McapWriter(_Numbered, QuickMcapWriter):
+class _McapWriter(_Numbered, McapWriter):
     pass
 
 
