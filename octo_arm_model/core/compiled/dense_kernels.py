@@ -6,6 +6,8 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
 
+FEW = 8  # columns, which take less time one by one
+
 
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
     """Factorise a ``matrix`` (n, n) in place, by rows and with their exchanges ``pivots`` (n,).
@@ -107,8 +109,10 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """As `solve_transposed`, for columns that come last: ``right`` is (n, columns)."""
     n = len(factors)
-    if right.shape[1] == 1:
-        solve_transposed(factors, pivots, right.reshape(1, n))
+    if right.shape[1] <= FEW:
+        rows = right.T.copy()
+        solve_transposed(factors, pivots, rows)
+        right[:] = rows.T
         return
     for i in range(n):
         subtract_rows(right, factors[:i, i], 0, i)

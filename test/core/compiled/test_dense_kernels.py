@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from octo_arm_model.core.compiled.dense_kernels import (
+    FEW,
     factorise,
     invert_three,
     is_definite,
+    solve_columns,
     solve_definite,
     solve_transposed,
 )
@@ -25,6 +27,17 @@ def test_factors_solve_with_the_transposed_matrix_and_know_the_sign(size: int) -
         found = right.copy()
         solve_transposed(factors, pivots, found)
         np.testing.assert_allclose(found @ matrix, right, atol=1e-10)
+
+
+@pytest.mark.parametrize('columns', [1, FEW, FEW + 1, 40])
+def test_columns_that_come_last_are_solved_alike_however_many(columns: int) -> None:
+    random = np.random.default_rng(columns)
+    matrix, right = random.normal(size=(18, 18)), random.normal(size=(18, columns))
+    factors, pivots = matrix.copy(), np.zeros(18, np.int64)
+    assert factorise(factors, pivots)
+    found = right.copy()
+    solve_columns(factors, pivots, found)
+    np.testing.assert_allclose(matrix.T @ found, right, atol=1e-10)
 
 
 def test_what_is_singular_or_no_number_has_no_sign() -> None:
