@@ -169,6 +169,7 @@ def _speed_up(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         compiled = CompiledRod(rod)
         rod.newton, rod.read_out = compiled.newton, compiled.read_out
+        rod.settle = None
         if not isinstance(rod.equilibrium.energy, SheathedSections):
             rod.settle = compiled.settle
             rod.differentiate = compiled.differentiate
