@@ -12,7 +12,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
 from octo_arm_model import __version__
-from octo_arm_model.config.parameter import as_markdown
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR
@@ -37,7 +37,18 @@ autodoc_typehints = 'signature'
 autodoc_type_aliases = {name: name for name in ('ArrayLike', 'FloatArray', 'IntArray')}
 napoleon_use_ivar = True
 
+
+def _row(parameter: Parameter) -> str:
+    """Row of a parameter in a Markdown table."""
+    value = list(parameter.default or ()) if parameter.is_array else parameter.default
+    default = 'empty' if value in ([], '') else f'`{value}`'
+    if parameter.default is None:
+        default = f'required, or `{parameter.unless}`' if parameter.unless else 'required'
+    return f'| `{parameter.name}` | {parameter.type_name} | {default} | {parameter.description} |'
+
+
 # The manual's tables of parameters are generated from their declarations.
+_HEAD = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
 _GENERATED = Path(__file__).parent / '_generated'
 _GENERATED.mkdir(exist_ok=True)
 for _name, _table in (
@@ -45,7 +56,8 @@ for _name, _table in (
     ('simulator_parameters', SIMULATOR),
     ('estimator_parameters', ESTIMATOR_PARAMETERS),
 ):
-    (_GENERATED / f'{_name}.md').write_text(as_markdown(_table), encoding='utf-8')
+    _rows = (*_HEAD, *map(_row, _table), '')
+    (_GENERATED / f'{_name}.md').write_text('\n'.join(_rows), encoding='utf-8')
 
 
 def _math(is_block: bool) -> tuple[Callable[[Any, nodes.Node], None], None]:

@@ -40,7 +40,7 @@ def page_of(preset: str) -> Iterator[Browser]:
     arm = ('--ros-args', '--log-level', 'error', '--params-file', str(preset_path(preset)))
     commands = (
         ('octo_arm_model.ros.node.main', *arm),
-        ('octo_arm_model.ros.simulator_node', *arm),
+        ('octo_arm_model.ros.simulator.main', *arm),
         ('octo_arm_model.viewer.main', '--port', str(port)),
     )
     with children(commands), opened(port) as browser:

@@ -94,7 +94,7 @@ with children(
     [
         ('octo_arm_model.ros.node.main', *arm),
         (
-            'octo_arm_model.ros.simulator_node',
+            'octo_arm_model.ros.simulator.main',
             *arm,
             '-p',
             f'rate:={RATE}',

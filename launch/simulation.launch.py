@@ -4,7 +4,8 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from octo_arm_model.config.config import load_config, load_parameters
+from octo_arm_model.config.config import load_config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.launch_parts import (
     arm_node,
     declare,

@@ -1,13 +1,16 @@
-"""What programs share on a terminal: parser of options, line of errors, line of numbers."""
+"""What programs share on a terminal: parser of options, how they end, line of numbers."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 import time
 from collections.abc import Callable
 from typing import NoReturn, TextIO
+
+from octo_arm_model.core.errors import OctoArmError
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
 
@@ -33,6 +36,23 @@ def fail(prog: str, problem: object, status: int = 2) -> int:
     """Print ``problem`` as the error of the program ``prog``; returns its exit ``status``."""
     print(f'{prog}: error: {problem}', file=sys.stderr)
     return status
+
+
+def status_of(prog: str, run: Callable[[], int]) -> int:
+    """Exit status of the program ``prog``, which ``run`` is: that, or that of its error."""
+    try:
+        return run()
+    except OctoArmError as error:
+        return fail(prog, error)
+    except BrokenPipeError:
+        return pipe_closed()
+
+
+def pipe_closed() -> int:
+    """Exit status where the reader has closed the pipe that is written to, as `head` does."""
+    # Python would report it again at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 141
 
 
 def missing(error: ModuleNotFoundError) -> str:

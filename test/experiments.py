@@ -21,13 +21,14 @@ from recordings import (
 )
 
 from octo_arm_model import Arm
-from octo_arm_model.config.config import Config, load_parameters, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.curves import resample
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import Window
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.curves import resample
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape, mean_shape
+from octo_arm_model.experiment.shapes.steady_windows import Window
 
 PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
 ARM = Config.from_parameters(PARAMETERS).arm

@@ -44,7 +44,7 @@ NAMES = list(CONFIG.arm.tendon_names)
 NODES = {
     'node': ('ros.node.main', 'octo_arm'),
     'lifecycle': ('ros.node.lifecycle', 'octo_arm'),
-    'simulator': ('ros.simulator_node', 'octo_arm_sim'),
+    'simulator': ('ros.simulator.main', 'octo_arm_sim'),
 }
 INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
 # Inputs of the node as reliable as its outputs, for tests that count every message.

@@ -14,8 +14,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.tensions import Reading, TensionTopic, read_topic
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, float32
 

@@ -16,7 +16,7 @@ class Setup:
     def __init__(self):
         self._domain = new_domain()
         self.node = self.start_node()
-        self.processes = [start_node('ros.simulator_node', self._domain)]
+        self.processes = [start_node('ros.simulator.main', self._domain)]
         # Its port is taken already, so it has to look for another.
         with socket.create_server(('127.0.0.1', 0)) as taken:
             self.port = taken.getsockname()[1]

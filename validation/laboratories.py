@@ -22,16 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements, envelope_of
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
 
 FloatArray = NDArray[np.float64]
 FITS = ('youngs_modulus', 'alignment')

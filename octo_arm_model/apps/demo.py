@@ -15,14 +15,13 @@ from rclpy.node import Node
 
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile, profile_names
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
-from octo_arm_model.terminal import StatusLine, fail, make_parser
+from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 50.0  # [Hz] of the simulated tensions
@@ -92,12 +91,13 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until a signal comes or a child process ends; returns the exit status."""
     options = build_parser().parse_args(arguments)
-    try:
-        path = str(find_path(options.config))
-        config = find_config(path)
-        movement = movement_of(config.arm)
-    except OctoArmError as error:
-        return fail(_PROG, error)
+    return status_of(_PROG, lambda: _show(options))
+
+
+def _show(options: argparse.Namespace) -> int:
+    path = str(find_path(options.config))
+    config = find_config(path)
+    movement = movement_of(config.arm)
     is_over = stop_signals()
     common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
     playing: dict[str, Any] = {'rate': RATE, 'profile.name': movement, 'profile.loop': True}
@@ -110,16 +110,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
         ]
-    commands.append(('octo_arm_model.ros.simulator_node', *common, *parameter_arguments(playing)))
+    commands.append(('octo_arm_model.ros.simulator.main', *common, *parameter_arguments(playing)))
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
         stack.callback(rclpy.try_shutdown)
-        try:
-            start_ros([])
-            client = ArmClient(Node(_PROG))
-            server = open_page(options, stack)
-        except OctoArmError as error:
-            return fail(_PROG, error)
+        start_ros([])
+        client = ArmClient(Node(_PROG))
+        server = open_page(options, stack)
         if server is None:
             step = _watching(client)
         else:

@@ -20,7 +20,6 @@ from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
@@ -28,7 +27,7 @@ from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.terminal import StatusLine, fail, make_parser
+from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
 
 RATE = 30.0  # [Hz] of the tensions of each arm
@@ -145,17 +144,15 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until a signal comes or a child process ends; returns the exit status."""
     options = build_parser().parse_args(arguments)
-    try:
-        path = str(find_path(options.config))
-        if options.host_arms:
-            host(path, options.host_arms)
-            return 0
-        return _show(options, path, find_config(path))
-    except OctoArmError as error:
-        return fail(_PROG, error)
+    return status_of(_PROG, lambda: _show(options))
 
 
-def _show(options: argparse.Namespace, path: str, config: Config) -> int:
+def _show(options: argparse.Namespace) -> int:
+    path = str(find_path(options.config))
+    if options.host_arms:
+        host(path, options.host_arms)
+        return 0
+    config = find_config(path)
     is_over = stop_signals()
     groups = np.array_split(np.arange(1, ARMS + 1), options.processes)
     commands = [

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.store.types import STRING
 from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, namespace, usual_topics
-from octo_arm_model.bags.types import STRING
-from octo_arm_model.config.config import parse_parameters
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.config.parameter_files import parse_parameters
+from octo_arm_model.core.errors import BagError, ConfigError
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
@@ -53,11 +53,14 @@ def find_arms(
         tendons: what the tendons are called there, in place of tension_names.
 
     Raises:
-        BagError: if there are no tensions.
+        BagError: if there are no tensions, or a topic is named twice.
         ConfigError: if there is no description.
     """
     if topics:
-        picked = dict(_pick(reader, topic) for topic in topics)
+        named = [_pick(reader, topic) for topic in topics]
+        picked = dict(named)
+        if len(picked) < len(named):
+            raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
     else:
         found = usual_topics(reader, TOPIC, (TYPE_NAME,))
         for usual, kind in TENSION_TOPICS.items():

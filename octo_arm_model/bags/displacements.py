@@ -6,7 +6,7 @@ import functools
 from collections.abc import Sequence
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.tensions import Reading, stampable
 from octo_arm_model.bags.topics import names
 from octo_arm_model.core.arm.arm import Arm

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.bags.displacements import holds_displacements
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
-from octo_arm_model.bags.topics import is_answer, names, namespace, only_one, pick_usual
+from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -118,14 +117,8 @@ def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[
         return '', ''
     if wanted is not None:
         return pick_tensions(reader, wanted)
-    there = [
-        topic
-        for topic, kind in reader.topics.items()
-        if kind in TYPES
-        and topic not in others
-        and not (is_answer(topic) or holds_displacements(topic, kind))
-        and reader.count([topic])
-    ]
+    found = [topic for topic in measured_topics(reader, TYPES) if topic not in others]
+    there = [topic for topic in found if reader.count([topic])]
     usual = [topic for topic in there if any(names(topic, name) for name in TENSION_TOPICS)]
     return only_one(reader, usual or there, 'tensions') or '', ''
 

@@ -9,9 +9,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.store.records import Record
+from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.topics import pick_topic
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, TensionError
 from octo_arm_model.core.hints import FloatArray

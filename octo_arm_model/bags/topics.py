@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError, listed
-from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
+from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.cdr_estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
@@ -14,8 +14,8 @@ from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {
     **BACKBONE_TOPICS,
-    'tendon_lengths': 'sensor_msgs/msg/JointState',
-    'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
+    TENDON_LENGTHS: 'sensor_msgs/msg/JointState',
+    TENSION_ESTIMATES: 'octo_arm_msgs/msg/TendonTensions',
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
@@ -75,14 +75,7 @@ def pick_topic(
             )
         reader.types_of(reader.topics[topic])
         return topic
-    found = [
-        topic
-        for topic, type_name in reader.topics.items()
-        if type_name in (types or ())
-        and not is_answer(topic)
-        and not names(topic, DISPLACEMENTS)
-        and topic != without
-    ]
+    found = [topic for topic in measured_topics(reader, types or ()) if topic != without]
     for narrower in (
         [topic for topic in found if reader.count([topic])],
         [topic for topic in found if is_usual(topic)],
@@ -94,6 +87,15 @@ def pick_topic(
         raise BagError(f'{reader.path}: no {what}, expected {expected}; {reader.listing}')
     reader.types_of(reader.topics[only])
     return only
+
+
+def measured_topics(reader: BagReader, types: Sequence[str]) -> list[str]:
+    """Topics of one of ``types`` that are none of the model's answers, nor displacements."""
+    return [
+        topic
+        for topic, type_name in reader.topics.items()
+        if type_name in types and not (is_answer(topic) or names(topic, DISPLACEMENTS))
+    ]
 
 
 def pick_usual(

@@ -24,9 +24,9 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
-from octo_arm_model.bags.mcap import QuickMcapWriter
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.types import STRING, known_types
+from octo_arm_model.bags.store.mcap import QuickMcapWriter
+from octo_arm_model.bags.store.types import STRING, known_types
 from octo_arm_model.core.errors import BagError
 
 STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))

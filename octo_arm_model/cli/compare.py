@@ -20,7 +20,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.csv_files import CsvFiles
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
-from octo_arm_model.experiment.recording.observations import Observations
+from octo_arm_model.experiment.shapes.observations import Observations
 
 _DESCRIPTION = """\
 Compare the model with midlines or tips measured in a recorded experiment, for every steady step

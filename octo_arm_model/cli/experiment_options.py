@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from octo_arm_model.cli.options import add_config_option, add_number, add_path, add_tendons
@@ -145,7 +144,7 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         '--ramp',
         nargs='?',
         type=float,
-        const=math.nan,
+        const=True,
         metavar='N',
         help='tensions change slowly instead of in steps, and the arm is in equilibrium all the '
         'time: windows of so many N (default: 5 percent of the highest tension, or eight times '

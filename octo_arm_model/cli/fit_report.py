@@ -10,7 +10,7 @@ from octo_arm_model.experiment.fitting.held_back import Misfit
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.model_choice import envelope_of, rank
 from octo_arm_model.experiment.fitting.unknown import is_of_arm
-from octo_arm_model.experiment.recording.observations import Observations
+from octo_arm_model.experiment.shapes.observations import Observations
 
 
 def _misfit(misfit: Misfit | None) -> dict[str, float] | None:

@@ -6,8 +6,9 @@ import argparse
 from typing import Any
 
 from octo_arm_model.cli.options import add_config_argument, add_number, new_command
-from octo_arm_model.config.config import Config, load_parameters, naming
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.validation import positive
@@ -61,7 +62,7 @@ def _run(options: argparse.Namespace) -> None:
         # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
     try:
-        from octo_arm_model.ros.arm_swap import swap_arm
+        from octo_arm_model.ros.client.arm_swap import swap_arm
     except ModuleNotFoundError as error:
         raise ConfigError(_NO_ROS.format(error.name)) from error
     swap_arm(values, options.node, options.wait)

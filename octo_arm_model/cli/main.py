@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import os
 import signal
 import sys
 import threading
@@ -27,7 +26,7 @@ from octo_arm_model.cli import (
 )
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
-from octo_arm_model.terminal import fail, make_parser, missing
+from octo_arm_model.terminal import fail, make_parser, missing, pipe_closed
 
 _COMMANDS = (
     solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
@@ -124,9 +123,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except SolveError as error:
         return fail(_PROG, error, 1)
     except BrokenPipeError:
-        # The reader has closed the pipe, as `head` does; Python would report it again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        return pipe_closed()
     except (OctoArmError, OSError) as error:
         return fail(_PROG, error)
     except ModuleNotFoundError as error:

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import ConfigError, TensionError
 from octo_arm_model.core.section.elastic_laws import LAWS

@@ -125,7 +125,7 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
 
 def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) -> None:
     try:
-        from octo_arm_model.ros.profile_player import play
+        from octo_arm_model.ros.client.profile_player import play
     except ModuleNotFoundError as error:
         raise ConfigError(_NO_ROS.format(error.name)) from error
 

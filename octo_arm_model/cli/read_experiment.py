@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -14,14 +13,14 @@ from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.csv_table import read_columns
 from octo_arm_model.experiment.recording.measured_points import Measured
-from octo_arm_model.experiment.recording.observations import Observations, Pairing, observe
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.recording.steady_windows import SteadyRule
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
 
 T = TypeVar('T')
 
@@ -79,7 +78,7 @@ def read_options(
             'alignment is fitted'
         )
     ramp = options.ramp
-    width = None if ramp is None or math.isnan(ramp) else ramp
+    width = None if ramp is True else ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
     with Bar('clock offsets') as bar:
         observations = observe(recording, pairing, alignment, bar.on_terminal)

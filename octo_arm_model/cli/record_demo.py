@@ -13,7 +13,7 @@ from octo_arm_model.cli.options import (
     new_command,
 )
 from octo_arm_model.cli.outputs import unwritten
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
 
 _DESCRIPTION = """\
@@ -99,8 +99,8 @@ def add_command(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from octo_arm_model.bags.demo import add_demo
-    from octo_arm_model.bags.demo_experiment import Experiment, custom_data
+    from octo_arm_model.bags.demo.demo import add_demo
+    from octo_arm_model.bags.demo.experiment import Experiment, custom_data
     from octo_arm_model.bags.writer import BagWriter
 
     parameters, stiffness = load_parameters(find_path(options.config)), options.stiffness

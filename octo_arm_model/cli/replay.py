@@ -23,7 +23,7 @@ from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
 from octo_arm_model.cli.progress import Bar
 
 if TYPE_CHECKING:
-    from octo_arm_model.bags.replay_report import Report
+    from octo_arm_model.bags.replay.report import Report
 
 _DESCRIPTION = """\
 Answer every message of tensions or tendon_displacements in a bag as the node would, byte for byte,
@@ -95,9 +95,9 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.arms import find_arms
-    from octo_arm_model.bags.csv_output import CsvAnswers
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.replay import replay
+    from octo_arm_model.bags.replay.csv_output import CsvAnswers
+    from octo_arm_model.bags.replay.replay import replay
     from octo_arm_model.bags.writer import BagWriter
 
     parameters = read_config_option(options)

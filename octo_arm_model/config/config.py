@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,13 @@ from octo_arm_model.config.build import (
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.config.parameter_files import naming, parameters_of
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.ros_parameters import parameters_of
-from octo_arm_model.config.yaml_files import dump_yaml, read_text, reading
+from octo_arm_model.config.yaml_files import read_text
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
@@ -183,41 +182,3 @@ def load_config(path: str | Path) -> Config:
     """
     with naming(path):
         return Config.from_parameters(parameters_of(read_text(path, MAX_YAML_BYTES)))
-
-
-def load_parameters(path: str | Path) -> dict[str, Any]:
-    """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
-
-    Raises:
-        ConfigError: if the file cannot be read or is no parameter file; the message names it.
-    """
-    with naming(path):
-        return parameters_of(read_text(path, MAX_YAML_BYTES))
-
-
-def parse_parameters(text: str, name: str) -> dict[str, Any]:
-    """As `load_parameters`, from the text of a file, called ``name`` in errors.
-
-    Raises:
-        ConfigError: if it is no parameter file.
-    """
-    with naming(name):
-        return parameters_of(text)
-
-
-def parameters_as_yaml(values: Mapping[str, Any]) -> str:
-    """The text of a ROS parameter file with these ``values`` by their dotted names."""
-    plain = {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
-    }
-    return dump_yaml({'/**': {'ros__parameters': plain}})
-
-
-@contextlib.contextmanager
-def naming(path: str | Path) -> Iterator[None]:
-    """Convert every error of a parameter file to one that names the file."""
-    with reading(path, ConfigError):
-        try:
-            yield
-        except OctoArmError as error:
-            raise ConfigError(f'{path}: {error}') from error

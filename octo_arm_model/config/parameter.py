@@ -55,15 +55,6 @@ class Parameter:
             return self.default
         return () if self.is_array else self.kind()
 
-    @property
-    def table_row(self) -> str:
-        """Row of a Markdown table: name, type, default and meaning."""
-        default = list(self.default or ()) if self.is_array else self.default
-        shown = 'empty' if default in ([], '') else f'`{default}`'
-        if self.default is None:
-            shown = f'required, or `{self.unless}`' if self.unless else 'required'
-        return f'| `{self.name}` | {self.type_name} | {shown} | {self.description} |'
-
     def convert(self, value: object) -> Any:
         """Return ``value`` as this parameter's type; an integer is accepted for a double.
 
@@ -88,12 +79,6 @@ class Parameter:
 
     def _refuse(self, value: object, what: str = '') -> Any:
         raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
-
-
-def as_markdown(parameters: Sequence[Parameter]) -> str:
-    """Table of ``parameters`` in Markdown."""
-    head = ('| parameter | type | default | meaning |', '| --- | --- | --- | --- |')
-    return '\n'.join((*head, *(parameter.table_row for parameter in parameters))) + '\n'
 
 
 def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:

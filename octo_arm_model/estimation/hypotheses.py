@@ -29,13 +29,15 @@ class Ranked:
     Attributes:
         name: of it.
         probability: of it after all measurements, in parts of 1.
-        estimate: if it is true; None where the arm had no trustworthy shape then.
+        step: the newest of its filter; None where the arm had no trustworthy shape then.
+        estimate: of that step, if it is true.
         innovations: of the measurements added last, also where they were late; empty where the
             arm had no trustworthy shape.
     """
 
     name: str
     probability: float
+    step: Step | None
     estimate: Estimate | None
     innovations: tuple[Innovation, ...]
 
@@ -103,10 +105,9 @@ class Hypotheses:
         ranked = []
         for number, (name, model) in enumerate(self._models.items()):
             then, now = added.steps[number], newest.steps[number]
-            estimate: Estimate | None = None
             innovations: tuple[Innovation, ...] = ()
-            if now is not None and newest.has_shape[number]:
-                estimate = now.estimate(model, self._window.first)
+            step = now if newest.has_shape[number] else None
+            estimate = None if step is None else step.estimate(model, self._window.first)
             if then is not None and added.has_shape[number]:
                 earlier = None
                 if before is not None and before.has_shape[number]:
@@ -116,7 +117,7 @@ class Hypotheses:
                     None if earlier is None else earlier.updated,
                 )
             probability = float(newest.probability[number])
-            ranked.append(Ranked(name, probability, estimate, innovations))
+            ranked.append(Ranked(name, probability, step, estimate, innovations))
         return sorted(ranked, key=lambda one: -one.probability)
 
     def _next(

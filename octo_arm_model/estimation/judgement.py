@@ -16,9 +16,9 @@ from octo_arm_model.estimation.belief import Belief, solve_lower
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.taken import (
+    Nearby,
     Taken,
     far_off,
-    kinds_of,
     take_linear,
     take_others,
 )
@@ -69,7 +69,7 @@ def judge(
     belief: Belief,
     measurements: Sequence[Measurement],
     last: Updated | None,
-    gate: float,
+    near: Nearby,
 ) -> Judged:
     """``measurements`` without those that the others contradict, one after another.
 
@@ -79,9 +79,9 @@ def judge(
     contradicted: dict[int, float] = {}
     while True:
         used = [one for one in measurements if id(one) not in contradicted]
-        linear, found = _take_all(model, belief, used, last, gate)
+        linear, found = _take_all(model, belief, used, last, near)
         judged = Judged(measurements, linear, found, contradicted)
-        worst = _contradicted(judged, gate)
+        worst = _contradicted(judged, near.gate)
         if worst is None:
             return judged
         contradicted[id(worst[0])] = worst[1]
@@ -111,7 +111,7 @@ def _take_all(
     belief: Belief,
     measurements: Sequence[Measurement],
     last: Updated | None,
-    gate: float,
+    near: Nearby,
 ) -> tuple[Taken, Taken]:
     """``belief`` after linear ``measurements``, and after all.
 
@@ -119,15 +119,14 @@ def _take_all(
         SolveError: if they find no agreement.
     """
     at = Prediction(model, belief.mean, last and last.shape)
-    linear = take_linear(belief, [one for one in measurements if one.is_linear], at, gate)
+    linear = take_linear(belief, [one for one in measurements if one.is_linear], at, near.gate)
     others = [one for one in measurements if not one.is_linear]
     far: dict[int, float] = {}
     if last is not None and last.refused:
         doubted = [one for one in others if one.name in last.refused]
-        far = far_off(linear.belief, doubted, linear.at, gate)
+        far = far_off(linear.belief, doubted, linear.at, near.gate)
         others = [one for one in others if id(one) not in far]
-    known = last and (last.at, last.curvatures.get(kinds_of(others)))
-    found = take_others(linear.belief, others, linear.at, known, gate)
+    found = take_others(linear, others, near)
     return linear, found._replace(squares={**found.squares, **far})
 
 

@@ -19,13 +19,7 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.taken import (
-    Taken,
-    kinds_of,
-    take_linear,
-    take_nearby,
-    take_together,
-)
+from octo_arm_model.estimation.taken import Nearby, Taken, take_linear, take_together
 from octo_arm_model.estimation.updated import Updated
 
 
@@ -34,7 +28,7 @@ def nearby(
     belief: Belief,
     measurements: Sequence[Measurement],
     last: Updated | None,
-    gate: float,
+    near: Nearby,
 ) -> Judged | None:
     """All ``measurements``, or all but one load cell, where they agree near the ``last`` state.
 
@@ -45,11 +39,11 @@ def nearby(
     """
     if last is None:
         return None
+    gate = near.gate
     others = [one for one in measurements if not one.is_linear]
-    known = last.at, last.curvatures.get(kinds_of(others))
 
     def take(linear: Taken) -> Taken | None:
-        return take_nearby(linear.belief, others, known, gate)
+        return near.take(linear, others)
 
     at = Prediction(model, belief.mean, last.shape)
     apart = functools.cache(lambda: _each_apart(measurements, at))  # usually nobody asks
@@ -71,7 +65,7 @@ def nearby(
 
 
 def without_one(
-    model: ArmModel, belief: Belief, judged: Judged, last: Updated | None, gate: float
+    model: ArmModel, belief: Belief, judged: Judged, last: Updated | None, near: Nearby
 ) -> Judged | None:
     """All measurements but one load cell, where all but that agree; None where there is none.
 
@@ -83,15 +77,15 @@ def without_one(
     others = [one for one in judged.measurements if not one.is_linear]
     if last is not None and all(one.name in last.refused for one in judged.refused):
         return None  # as at the last time, when there was none either
-    start = judged.found.at, None  # not far from what that cell shows
-    known = start if last is None else (last.at, last.curvatures.get(kinds_of(others)))
+    if last is None:
+        near = Nearby(judged.found.at, {}, near.gate)  # not far from what that cell shows
 
     def take(linear: Taken) -> Taken | None:
-        return take_together(linear.belief, others, linear.at, known, gate, is_far=True)
+        return take_together(linear, others, near, is_far=True)
 
     at = Prediction(model, belief.mean, last and last.shape)
     apart = _each_apart(judged.refused if len(others) < 2 else judged.measurements, at)
-    return _without_one(belief, judged.measurements, apart, at, take, gate)
+    return _without_one(belief, judged.measurements, apart, at, take, near.gate)
 
 
 class _Apart(NamedTuple):

@@ -66,7 +66,15 @@ def smooth(
             fit the arm.
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
-    steps = _filtered(model, recording, gate, progress)
+    return smooth_steps(model, _filtered(model, recording, gate, progress))
+
+
+def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
+    """Estimates at all ``steps`` of a filter of ``model``, each from what all of them accepted.
+
+    Raises:
+        SolveError: as `smooth`.
+    """
     if not steps:
         return []
     points = [step.updated.at.differentiated() for step in steps]
@@ -181,13 +189,22 @@ def _filtered(
             raise MeasurementError(
                 f'time {time!r} s comes after {steps[-1].time!r} s, expected them in order'
             )
-        if len(steps) == MAX_RECORDED:
-            raise MeasurementError(f'more than {MAX_RECORDED} times, which is the most')
+        check_count(len(steps) + 1)
         made = tuple(measurements)
         steps.append(next_step(model, steps[-1] if steps else None, time, made, gate))
         steps[-1].updated.at.forget()
         progress(len(steps))
     return steps
+
+
+def check_count(times: int) -> None:
+    """Check that so many ``times`` are no more than are smoothed together.
+
+    Raises:
+        MeasurementError: if they are.
+    """
+    if times > MAX_RECORDED:
+        raise MeasurementError(f'more than {MAX_RECORDED} times, which is the most')
 
 
 def _forward(

@@ -31,7 +31,6 @@ from octo_arm_model.estimation.prediction import Prediction
 _FAR = 4.0  # times the gate, for a square that is not exact
 
 Kinds: TypeAlias = tuple[Hashable, ...]
-Last: TypeAlias = tuple[Prediction, Curvature | None]  # of the same measurements
 
 
 class Taken(NamedTuple):
@@ -81,29 +80,56 @@ def take_linear(
     return Taken(prior, at, (), squares)
 
 
-def take_others(
-    prior: Belief,
-    measurements: Sequence[Measurement],
-    at: Prediction,
-    last: Last | None,
-    gate: float,
-) -> Taken:
-    """``prior`` after other ``measurements``, whose mean is ``at``.
+class Nearby:
+    """What the last state leads to: measurements are taken from there on only once.
 
-    ``last`` is the prediction of the last mean, and the curvature of what these predict.
+    Attributes:
+        at: prediction of the last mean; None where there is none.
+        gate: probability of a right measurement to be accepted.
+    """
+
+    def __init__(
+        self, at: Prediction | None, curvatures: Mapping[Kinds, Curvature], gate: float
+    ) -> None:
+        """Of the state ``at``, with the ``curvatures`` of what was measured together."""
+        self.at, self.gate, self._curvatures = at, gate, curvatures
+        self._taken: dict[tuple[Measurement | None, ...], Taken | None] = {}
+
+    def curvature(self, measurements: Sequence[Measurement]) -> Curvature | None:
+        """That of ``measurements`` if it is known."""
+        return self._curvatures.get(kinds_of(measurements))
+
+    def starts(self, at: Prediction) -> list[Prediction]:
+        """Where to look from, for a prior whose mean is ``at``."""
+        return [at] if self.at is None else [at, self.at]
+
+    def take(self, linear: Taken, measurements: Sequence[Measurement]) -> Taken | None:
+        """`take_together` if the last state leads to where they agree; None if not."""
+        if self.at is None:
+            return None
+        given = *linear.accepted, None, *measurements
+        if given not in self._taken:
+            known = self.curvature(measurements)
+            self._taken[given] = _agreed(linear.belief, measurements, self.at, known, self.gate)
+        return self._taken[given]
+
+
+def take_others(linear: Taken, measurements: Sequence[Measurement], near: Nearby) -> Taken:
+    """The belief after ``linear`` ones after other ``measurements``.
 
     Raises:
         SolveError: if they find no agreement.
     """
-    if taken := take_together(prior, measurements, at, last, gate):
+    if taken := take_together(linear, measurements, near):
         return taken
-    known, starts, squares = last and last[1], [at] if last is None else [at, last[0]], {}
+    prior, gate, known = linear.belief, near.gate, near.curvature(measurements)
+    starts, squares = near.starts(linear.at), {}
     for one in measurements:
         limit = _limit([one], gate)
         start, squares[id(one)] = most_probable(prior, [one], starts, limit, is_judged=True)
     accepted = _within(measurements, squares, gate)
     if not accepted:
-        return Taken(prior, at, (), squares)
+        return Taken(prior, linear.at, (), squares)
     square, limit = min(squares.values()), _limit(accepted, gate)
     if len(measurements) > 1:
         start, square = most_probable(prior, accepted, starts, limit)
@@ -118,39 +144,26 @@ def take_others(
 
 
 def take_together(
-    prior: Belief,
-    measurements: Sequence[Measurement],
-    at: Prediction,
-    last: Last | None,
-    gate: float,
-    *,
-    is_far: bool = False,
+    linear: Taken, measurements: Sequence[Measurement], near: Nearby, *, is_far: bool = False
 ) -> Taken | None:
     """`take_others` where each is within the gate beside all others; None if not.
 
     If ``is_far`` the last state is not thought to be near, and these may be hopeless.
     """
+    prior, gate = linear.belief, near.gate
     if not measurements:
-        return Taken(prior, at)
-    known = last and last[1]
+        return Taken(prior, linear.at)
     if not is_far:
-        if last is not None and (taken := _agreed(prior, measurements, *last, gate)):
+        if taken := near.take(linear, measurements):
             return taken
         if len(measurements) == 1:
             return None
-    limit = _limit(measurements, gate)
-    starts = [at] if last is None else [at, last[0]]
+    limit, starts = _limit(measurements, gate), near.starts(linear.at)
     start, square = most_probable(prior, measurements, starts, limit, is_judged=True)
     if square > limit:
         return None
+    known = near.curvature(measurements)
     return _agreed(prior, measurements, start, known, gate, is_new=True)
-
-
-def take_nearby(
-    prior: Belief, measurements: Sequence[Measurement], last: Last, gate: float
-) -> Taken | None:
-    """`take_together` if the ``last`` state leads to where they agree; None if not."""
-    return _agreed(prior, measurements, *last, gate)
 
 
 def _limit(measurements: Sequence[Measurement], gate: float) -> float:

@@ -17,7 +17,7 @@ from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.consistency import Consistency, count_innovations
 from octo_arm_model.estimation.contradiction import Contradiction, Reading
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.filter import GATE
+from octo_arm_model.estimation.filter import GATE, Step
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
@@ -29,28 +29,42 @@ ITERATIONS = (
 )
 
 
+class Beginning(NamedTuple):
+    """A new beginning from the prior alone.
+
+    Attributes:
+        since: time of the first measurement that it holds [s].
+        left_out: names of measurements of which it holds none but those of its own time.
+    """
+
+    since: float
+    left_out: frozenset[str]
+
+
 class Tracked(NamedTuple):
     """What is known after a measurement.
 
     Attributes:
         estimate: by the most probable hypothesis.
+        step: the newest one of its filter.
         hypothesis: its name.
         probabilities: of all of them.
         innovations: of the measurements that were added, also where they were late.
-        anew_from: time of the first of the newest measurements [s], where it is of these and the
-            prior alone; None where it goes on.
+        beginning: where it is of the newest measurements and the prior alone; None where it goes
+            on.
     """
 
     estimate: Estimate
+    step: Step
     hypothesis: str
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
-    anew_from: float | None = None
+    beginning: Beginning | None = None
 
     @property
     def begins_anew(self) -> bool:
         """Whether what was known before was given up."""
-        return self.anew_from is not None
+        return self.beginning is not None
 
 
 class Tracker:
@@ -177,7 +191,9 @@ class Tracker:
             return None
         self._late, self._bank = self.late, best.bank
         self.restarts += 1
-        return best.tracked._replace(anew_from=best.start)
+        heard = {one.measurement.name for one in best.readings if one.time < time}
+        left_out = frozenset(one.measurement.name for one in readings) - heard
+        return best.tracked._replace(beginning=Beginning(best.readings[0].time, left_out))
 
 
 class _Trial:
@@ -185,14 +201,14 @@ class _Trial:
 
     Attributes:
         bank: what was begun.
-        start: time of the first reading [s].
+        readings: what it holds, by time.
         tracked: what it knows after all readings; None where the arm had no trustworthy shape.
         refused: names of sensors that do not agree with all before them.
         agreement: how many sensors do, and how many numbers they measured.
     """
 
     def __init__(self, bank: Hypotheses, readings: Sequence[Reading]) -> None:
-        self.bank, self.start = bank, readings[0].time
+        self.bank, self.readings = bank, readings
         self.refused, self.agreement = set[str](), (0, 0)
         self.tracked: Tracked | None = None
         sizes: dict[str, int] = {}
@@ -221,6 +237,6 @@ def _add(bank: Hypotheses, time: float, measurements: Sequence[Measurement]) -> 
     """
     ranked = bank.add(time, measurements)
     best = next(one for one in ranked if one.estimate is not None)
-    assert best.estimate is not None
+    assert best.estimate is not None and best.step is not None
     probabilities = {one.name: one.probability for one in ranked}
-    return Tracked(best.estimate, best.name, probabilities, best.innovations)
+    return Tracked(best.estimate, best.step, best.name, probabilities, best.innovations)

@@ -11,11 +11,11 @@ from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.curvature import Curvature
-from octo_arm_model.estimation.judgement import judge
+from octo_arm_model.estimation.judgement import Judged, judge
 from octo_arm_model.estimation.lying_cell import nearby, without_one
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.taken import Kinds, Taken, kinds_of, volume_of
+from octo_arm_model.estimation.taken import Kinds, Nearby, Taken, kinds_of, volume_of
 from octo_arm_model.estimation.updated import Innovation, Updated
 
 ITERATIONS = 10_000  # of Newton's method for shapes, of one update
@@ -38,14 +38,15 @@ def update(
             takes too much.
         MeasurementError: if a measurement does not fit the arm.
     """
+    near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
     with model.within(ITERATIONS) as effort:
-        judged = nearby(model, belief, measurements, last, gate)
+        judged = nearby(model, belief, measurements, last, near)
         if judged is None:
-            judged = judge(model, belief, measurements, last, gate)
+            judged = judge(model, belief, measurements, last, near)
             effort.check()  # what is refused may be so for want of iterations
             if judged.refused:
                 with contextlib.suppress(SolveError):
-                    judged = without_one(model, belief, judged, last, gate) or judged
+                    judged = without_one(model, belief, judged, last, near) or judged
     linear, found, squares = judged.linear, judged.found, judged.squares
     accepted = {id(one) for one in judged.accepted}
     innovations, size = [], 0
@@ -62,9 +63,6 @@ def update(
         else:
             root = np.asarray(np.linalg.cholesky(covariance), np.float64)
             log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
-    # A load cell is not refused any more where all of its kind are used.
-    heard = {one.name for one in innovations}
-    heard |= {single.name for one in linear.accepted for _, single in one.each_apart(found.at)}
     return Updated(
         found.belief,
         found.at,
@@ -74,10 +72,22 @@ def update(
         (judged.square, size),
         log_likelihood,
         _kept(last, found),
-        frozenset(one.name for one in innovations if not one.is_accepted).union(
-            () if last is None else last.refused - heard
-        ),
+        _refused(innovations, judged, last),
     )
+
+
+def _refused(
+    innovations: Sequence[Innovation], judged: Judged, last: Updated | None
+) -> frozenset[str]:
+    """Names of measurements of which the newest was refused."""
+    refused = frozenset(one.name for one in innovations if not one.is_accepted)
+    if last is None or not last.refused:
+        return refused
+    # A load cell is not refused any more where all of its kind are used.
+    heard = {one.name for one in innovations}
+    for one in judged.linear.accepted:
+        heard |= {single.name for _, single in one.each_apart(judged.found.at)}
+    return refused | (last.refused - heard)
 
 
 def _kept(last: Updated | None, found: Taken) -> dict[Kinds, Curvature]:

@@ -17,12 +17,12 @@ from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.model_error import noise_of
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
-from octo_arm_model.experiment.recording.alignment import Alignment, undetermined
-from octo_arm_model.experiment.recording.branches import STILL, directions, part_along, remarks
-from octo_arm_model.experiment.recording.curves import lengths_along
-from octo_arm_model.experiment.recording.markers import is_at_tip
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
-from octo_arm_model.experiment.recording.midlines import (
+from octo_arm_model.experiment.shapes.alignment import Alignment, undetermined
+from octo_arm_model.experiment.shapes.branches import STILL, directions, part_along, remarks
+from octo_arm_model.experiment.shapes.curves import lengths_along
+from octo_arm_model.experiment.shapes.markers import is_at_tip
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.midlines import (
     MidlineErrors,
     fraction_at_start,
     marker_errors,

@@ -9,7 +9,7 @@ import numpy as np
 
 from octo_arm_model.experiment.compare import ModelComparison
 from octo_arm_model.experiment.figure_files import new_figure
-from octo_arm_model.experiment.recording.branches import LOADING, REST, UNLOADING
+from octo_arm_model.experiment.shapes.branches import LOADING, REST, UNLOADING
 from octo_arm_model.reproduce.plotting import LINES
 
 _MARKERS = {LOADING: ('^', True, 'loading'), UNLOADING: ('v', False, 'unloading')}

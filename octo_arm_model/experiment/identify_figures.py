@@ -15,7 +15,7 @@ from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknown import is_of_arm
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 from octo_arm_model.reproduce.plotting import LINES
 
 _FEW = 2  # points: tips have no residuals along the arm

@@ -13,8 +13,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
-from octo_arm_model.ros.interruption import interruptible
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD
+from octo_arm_model.ros.work.interruption import interruptible
 
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.config.ros_parameters import is_of_every_node
+from octo_arm_model.config.parameter_files import is_of_every_node
 from octo_arm_model.core.errors import ConfigError, OctoArmError
 
 Prepared = TypeVar('Prepared')

@@ -1,7 +1,8 @@
-"""Initialise ROS in a program; failures become one-line errors with a hint."""
+"""Initialise ROS in a program: its arguments, and failures as one-line errors with a hint."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,18 +20,26 @@ _HINTS = {
 }
 
 
+def split_arguments(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    """Those of the program itself, and those of ROS, which parses all from --ros-args on.
+
+    ``arguments`` are those of the command line if None.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    own = given.index('--ros-args') if '--ros-args' in given else len(given)
+    return given[:own], given[own:]
+
+
 def start_ros(
-    arguments: Sequence[str] | None, signals: SignalHandlerOptions = SignalHandlerOptions.NO
+    arguments: Sequence[str], signals: SignalHandlerOptions = SignalHandlerOptions.NO
 ) -> None:
-    """Initialise rclpy with ``arguments``, those of the program if None.
+    """Initialise rclpy with ``arguments``.
 
     Raises:
         ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
     """
     try:
-        rclpy.init(
-            args=None if arguments is None else list(arguments), signal_handler_options=signals
-        )
+        rclpy.init(args=list(arguments), signal_handler_options=signals)
     except RuntimeError as error:  # what rcl raises
         reason = str(error).split(', at /')[0]
         hints = [hint.format(here=Path.cwd()) for part, hint in _HINTS.items() if part in reason]

@@ -6,23 +6,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.core.arm.validation import not_negative, whole, within
 from octo_arm_model.core.hints import FloatArray
+
+LOAD_CELL_PARAMETERS = (
+    Parameter('load_cells.gain_stddev', float,
+              'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
+              range='>= 0'),
+    Parameter('load_cells.noise_stddev', float,
+              'standard deviation of the noise of each reading [N]; readings of slack tendons go '
+              'below 0', 0.0, range='>= 0'),
+    Parameter('load_cells.resolution', float,
+              'what readings are multiples of [N]; 0 for all digits', 0.0, range='>= 0'),
+    Parameter('load_cells.drop_probability', float,
+              'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
+    Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LoadCells:
     """Parameters of the load cells of an arm, the same for all.
 
-    They are applied in the order listed here. By default all are off.
-
-    Attributes:
-        gain_stddev: standard deviation of the gain of each cell, drawn once [-].
-        noise_stddev: standard deviation of the noise of each reading [N]; half of the readings
-            of slack tendons are negative.
-        resolution: readings are multiples of this [N]; 0 for all digits.
-        drop_probability: probability that a message, the readings of all cells, is lost [-].
-        seed: of gains, noise and losses; the same seed gives the same ones.
+    What they are is in `LOAD_CELL_PARAMETERS`. They are applied in the order listed here; by
+    default all are off.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.

@@ -18,12 +18,12 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.simulation.load_cells import LoadCells
+from octo_arm_model.simulation.load_cells import LOAD_CELL_PARAMETERS, LoadCells
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model.simulation.relaxation import RELAXATION_PARAMETERS, Relaxation
 from octo_arm_model.simulation.sensors import SENSOR_PARAMETERS, Push, Sensors
-from octo_arm_model.simulation.winches import Winches
+from octo_arm_model.simulation.winches import WINCH_PARAMETERS, Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.
@@ -32,36 +32,9 @@ _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tensio
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
               range=f'> 0, at most {HIGHEST_RATE}'),
-    Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
-              range='>= 0'),
-    Parameter('winches.force_limit', float,
-              'largest tension of the winches [N]; 0 for no limit', 0.0,
-              range='0, or at least winches.slack_floor'),
-    Parameter('winches.rate_limit', float,
-              'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
-              range='>= 0'),
-    Parameter('winches.lag', float,
-              'time constant with which tensions follow the set point [s]; 0 for at once', 0.0,
-              range='>= 0'),
-    Parameter('winches.encoders', bool,
-              'whether lengths that the winches have reeled in are published, on '
-              'tendon_displacements; an octo_arm_node that hears them is driven by them', False),
-    Parameter('load_cells.gain_stddev', float,
-              'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
-              range='>= 0'),
-    Parameter('load_cells.noise_stddev', float,
-              'standard deviation of the noise of each reading [N]; readings of slack tendons go '
-              'below 0', 0.0, range='>= 0'),
-    Parameter('load_cells.resolution', float,
-              'what readings are multiples of [N]; 0 for all digits', 0.0, range='>= 0'),
-    Parameter('load_cells.drop_probability', float,
-              'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
-    Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
-    Parameter('relaxation.ratio', float,
-              'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the '
-              'paper', 0.0, range='>= 0'),
-    Parameter('relaxation.time', float,
-              'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
+    *WINCH_PARAMETERS,
+    *LOAD_CELL_PARAMETERS,
+    *RELAXATION_PARAMETERS,
     Parameter('profile.name', str,
               'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),

@@ -19,17 +19,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.hints import FloatArray
+
+RELAXATION_PARAMETERS = (
+    Parameter('relaxation.ratio', float,
+              'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the '
+              'paper', 0.0, range='>= 0'),
+    Parameter('relaxation.time', float,
+              'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """Parameters of the relaxing modulus.
-
-    Attributes:
-        ratio: instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm.
-        time: time constant of the modulus at constant strain [s].
+    """Parameters of the relaxing modulus, see `RELAXATION_PARAMETERS`.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.

@@ -49,12 +49,7 @@ SENSOR_PARAMETERS = (
 
 @dataclass(frozen=True)
 class Push:
-    """A force on one cross section, again and again.
-
-    Attributes:
-        force: in base_frame [N], (3,).
-        s: arc coordinate of the cross section [m]; 0 for the tip.
-        period: how often it begins anew: it lasts half of that [s]; 0 for a constant force.
+    """A force on one cross section, again and again; see `SENSOR_PARAMETERS`.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -83,19 +78,7 @@ class Push:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Rates [Hz], 0 for a sensor that there is none of, and standard deviations of the noise.
-
-    Attributes:
-        tip_pose_rate: of the pose of the tip.
-        tip_position_stddev: of each coordinate of its position [m].
-        tip_rotation_stddev: of each component of its rotation [rad].
-        markers_rate: of markers on the midline.
-        marker_s: their arc coordinates [m].
-        marker_stddev: of each coordinate of each [m].
-        base_wrench_rate: of the wrench under the base.
-        base_force_stddev: of each component of its force [N].
-        base_moment_stddev: of each component of its moment [N m].
-        seed: of the noise.
+    """The sensors, of rate 0 where there is none, and their noise; see `SENSOR_PARAMETERS`.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.

@@ -7,22 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
+
+WINCH_PARAMETERS = (
+    Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
+              range='>= 0'),
+    Parameter('winches.force_limit', float,
+              'largest tension of the winches [N]; 0 for no limit', 0.0,
+              range='0, or at least winches.slack_floor'),
+    Parameter('winches.rate_limit', float,
+              'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
+              range='>= 0'),
+    Parameter('winches.lag', float,
+              'time constant with which tensions follow the set point [s]; 0 for at once', 0.0,
+              range='>= 0'),
+    Parameter('winches.encoders', bool,
+              'whether lengths that the winches have reeled in are published, on '
+              'tendon_displacements; an octo_arm_node that hears them is driven by them', False),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Winches:
     """Parameters of the winches of an arm, the same for all.
 
-    They are applied in the order listed here. By default all are off.
-
-    Attributes:
-        slack_floor: smallest tension [N], so that tendons do not go slack.
-        force_limit: largest tension [N]; 0 for no limit.
-        rate_limit: largest rate at which their set point changes [N/s]; 0 for no limit.
-        lag: time constant of the tension after a step of the set point [s]; 0 for none.
+    What they are is in `WINCH_PARAMETERS`. They are applied in the order listed here; by default
+    all are off.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.

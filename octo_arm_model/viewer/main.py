@@ -9,11 +9,10 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.ros.start import start_ros
-from octo_arm_model.terminal import fail, make_parser, missing
+from octo_arm_model.ros.start import split_arguments, start_ros
+from octo_arm_model.terminal import fail, make_parser, missing, status_of
 from octo_arm_model.viewer.options import add_address
 
 _PROG = 'octo_arm_viewer'
@@ -38,28 +37,28 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until a signal comes; returns the exit status."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    # rcl parses everything after --ros-args.
-    own = given.index('--ros-args') if '--ros-args' in given else len(given)
-    options = build_parser().parse_args(given[:own])
+    own, of_ros = split_arguments(arguments)
+    options = build_parser().parse_args(own)
     try:
         from octo_arm_model.viewer.address import serving
         from octo_arm_model.viewer.app import Viewer
     except ModuleNotFoundError as error:
         return fail(_PROG, missing(error))
     is_over = stop_signals()
-    try:
-        start_ros(given[own:])
+
+    def show() -> int:
+        start_ros(of_ros)
         client = ArmClient(Node(_PROG), options.namespace)
         with serving(options.host, options.port, options.allow_origin) as server:
             viewer = Viewer(server, client)
             while not is_over():
                 viewer.step()
-    except OctoArmError as error:
-        return fail(_PROG, error)
+        return 0
+
+    try:
+        return status_of(_PROG, show)
     finally:
         rclpy.try_shutdown()
-    return 0
 
 
 if __name__ == '__main__':

@@ -9,7 +9,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, BackboneWriter, tendon_tensions
+from octo_arm_model.wire.cdr_backbone import (
+    BACKBONE_TOPICS,
+    TENSION_ESTIMATES,
+    BackboneWriter,
+    tendon_tensions,
+)
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import TYPE_NAME as COVARIANCE_TYPE
 from octo_arm_model.wire.cdr_covariance import CovarianceWriter
@@ -20,7 +25,7 @@ TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_
 # Topics of an estimate and their types.
 ESTIMATES: dict[str, str] = {
     **BACKBONE_TOPICS,
-    'tendon_tension_estimates': 'octo_arm_msgs/msg/TendonTensions',
+    TENSION_ESTIMATES: 'octo_arm_msgs/msg/TendonTensions',
     COVARIANCE: COVARIANCE_TYPE,
     TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
     CONTACT: 'geometry_msgs/msg/WrenchStamped',
@@ -93,7 +98,7 @@ class EstimateMessages:
             'backbone/poses': self._shape.poses(shape, *stamp),
             'strains': self._shape.strains(shape, *stamp),
             'tip_pose': self._shape.tip_pose(shape, pose[-1], *stamp),
-            'tendon_tension_estimates': self._shape.tensions(estimate.tensions, *stamp),
+            TENSION_ESTIMATES: self._shape.tensions(estimate.tensions, *stamp),
             COVARIANCE: self._covariance.write(pose, known.s, known.covariance, *stamp),
         }
         if contact is not None:

@@ -135,7 +135,7 @@ class Layout:
 
     def _room(self, size: int, count: int) -> int:
         """Add zeros for ``count`` numbers of ``size`` bytes, aligned; returns their place."""
-        place = len(self.fields) + -len(self.fields) % size
+        place = aligned(len(self.fields), size)
         self.fields += bytes(place + size * count - len(self.fields))
         self.mask += bytes(len(self.fields) - len(self.mask))
         return place
@@ -185,6 +185,11 @@ class Comparison:
         """Which of ``messages`` (n, size) are of the layout."""
         same: NDArray[np.bool_] = (messages[:, self._places] == self._bytes).all(axis=1)
         return same
+
+
+def aligned(place: int, size: int) -> int:
+    """The first multiple of ``size`` from ``place`` on."""
+    return place + -place % size
 
 
 def text_field(what: str, text: str) -> bytes:

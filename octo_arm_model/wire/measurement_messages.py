@@ -168,24 +168,25 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
     return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
 
 
+TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'
 # Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
         JOINT_STATE, 'lengths reeled in by the winches, as positions by tendon name [m]',
         _displacements,
     ),
-    'measured/tip_pose': MeasurementMessage(
+    TIP_POSE: MeasurementMessage(
         'geometry_msgs/msg/PoseWithCovarianceStamped',
         'pose of the tip, x axis along the arm; the position alone where the covariance of the '
         'rotation is zero',
         _tip_pose,
     ),
-    'measured/markers': MeasurementMessage(
+    MARKERS: MeasurementMessage(
         'geometry_msgs/msg/PoseArray',
         'points of the midline at `estimator.marker_s`, NaN where hidden',
         _markers,
     ),
-    'measured/base_wrench': MeasurementMessage(
+    BASE_WRENCH: MeasurementMessage(
         'geometry_msgs/msg/WrenchStamped',
         'force and moment of all external loads as a sensor under the base feels them',
         _base_wrench,

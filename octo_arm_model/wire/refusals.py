@@ -53,6 +53,12 @@ class Refusals:
         return lines + self.hints
 
     @property
+    def in_short(self) -> str:
+        """The most frequent reason, to end an error message with; '' of none."""
+        lines = self.lines()
+        return f'; {lines[0]}' if lines else ''
+
+    @property
     def hints(self) -> list[str]:
         """What parameters are for what was left out."""
         if any(_NEGATIVE.match(example) for example in self.examples.values()):

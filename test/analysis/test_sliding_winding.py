@@ -265,13 +265,13 @@ def test_tendons_that_do_not_stretch_follow_small_movements(table4: Config, size
     """Some turn round at each, and slip no farther than the first points of the arm."""
     arm = dataclasses.replace(table4.arm, friction=(0.1,))
     solver = Solver(arm, 'closed_form', 41)
-    random = np.random.default_rng(1)
+    random = np.random.default_rng(2)
     tensions = random.uniform(0.1, 1.0, (3, 4)) * np.array([[0.15], [1.0], [3.0]])
     pulled, wound = (
         solver.solve(tensions),
         solve_displacements(solver, {}, by_name(solver, tensions)),
     )
-    for _ in range(6):
+    for _ in range(4):
         tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, (3, 4)))
         pulled = solver.follow(tensions, pulled)
         lengths = displacements_of(solver, pulled)

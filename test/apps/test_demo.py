@@ -86,6 +86,15 @@ def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(started):
     assert program.family() == set()
 
 
+def test_the_demonstration_ends_quietly_with_the_reader_of_its_numbers(started):
+    program = started('demo', 'renda2012_prototype', '--no-viewer')
+    program.line('waiting')
+    program.process.stdout.close()  # as `head` does
+    assert program.process.wait(DEADLINE) == 141
+    assert 'Traceback' not in program.process.stderr.read()
+    assert program.family() == set()
+
+
 def test_the_demonstration_says_where_to_look(started):
     pytest.importorskip('viser', reason='needs viser')
     with socket.create_server(('127.0.0.1', 0)) as taken:

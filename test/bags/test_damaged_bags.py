@@ -33,11 +33,11 @@ from recordings import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from octo_arm_model import load_config
-from octo_arm_model.bags import limits, storages
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.store import limits, storages
 from octo_arm_model.bags.writer import STORAGES
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import load_parameters, parameters_as_yaml
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import BagError
 

@@ -26,7 +26,8 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.estimation.settings import EstimatorSettings

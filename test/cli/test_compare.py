@@ -13,7 +13,7 @@ from experiments import PARAMETERS, midline, one_tendon, path_sample, pose_sampl
 from recordings import Sample
 
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import parameters_as_yaml
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 
 STEPS = (0.0, 1.09, 3.06)
 Write = Callable[..., Path]

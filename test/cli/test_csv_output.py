@@ -17,7 +17,8 @@ from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen
 from recordings import START, STEP, samples, text_sample, write_bag
 
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.simulation.profile_files import read_profile
 
 S = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']

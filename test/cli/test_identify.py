@@ -12,7 +12,7 @@ from recordings import Sample
 
 from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters
 
 
 @pytest.fixture(scope='module')

@@ -68,7 +68,7 @@ def test_without_ros_playing_says_what_to_do(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, 'rclpy', None)
-    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.profile_player', raising=False)
+    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.profile_player', raising=False)
     status, _, err = run(capsys, 'play', 'ramps')
     assert status == 2
     assert 'playing needs ROS 2' in err

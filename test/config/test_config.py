@@ -20,7 +20,7 @@ from octo_arm_model import (
     Section,
     load_config,
 )
-from octo_arm_model.config.config import parameters_as_yaml, parse_parameters
+from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ContinuationError

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest

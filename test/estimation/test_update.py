@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,11 @@ from checkout import ROOT
 from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.estimation import taken
 from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.fit import Fit, fit
 from octo_arm_model.estimation.measurements import (
     Curvatures,
     Markers,
@@ -126,6 +130,26 @@ def test_a_load_cell_that_jumps_is_refused_without_other_sensors() -> None:
     # Two of them are a motion, or lie both: nobody knows which.
     found = own.add(0.2, [Tensions(TENSIONS + [0.0, 2.0, 2.0, 0.0], 0.02)])
     assert [one.name for one in found.innovations if not one.is_accepted] == ['tensions']
+
+
+def test_no_fit_is_made_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a tip that nothing near explains: it is looked for near the last state, then further."""
+    own, fits = Filter(MODEL), []
+    own.add(0.0, [Tensions(TENSIONS, 0.02), KINDS['tip position'](0.0)])
+
+    def counted(
+        prior: Belief, measurements: list[Measurement], start: Prediction, *args: Any, **how: Any
+    ) -> Fit:
+        fits.append(([*prior.mean], [id(one) for one in measurements], id(start), how))
+        return fit(prior, measurements, start, *args, **how)
+
+    monkeypatch.setattr(taken, 'fit', counted)
+    own.add(0.01, [Tensions(TENSIONS, 0.02), KINDS['tip position'](60.0)])
+    own.add(
+        0.02, [Tensions(TENSIONS, 0.02), *(KINDS[name](60.0) for name in ('tip pose', 'markers'))]
+    )
+    assert own.refused['tip position'] == 1 and len(fits) > 2
+    assert all(one not in fits[:number] for number, one in enumerate(fits))
 
 
 def test_without_a_past_a_right_tip_is_never_refused() -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.shapes.alignment import Alignment
 
 STEPS = (0.0, 1.09, 3.06)
 PERCENT = 100.0 / ARM.length

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from checkout import ROOT
 
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.parameters import for_arm_node
 
 EXAMPLE = ROOT / 'config' / 'simulator.yaml'

@@ -15,8 +15,8 @@ from rcl_interfaces.srv import DescribeParameters
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.config.parameter_files import is_of_every_node
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.ros_parameters import is_of_every_node
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.qos import POLICIES
-from octo_arm_model.ros.simulator_node import SimulatorNode
+from octo_arm_model.ros.simulator.main import SimulatorNode
 
 MANUAL = ROOT / 'docs' / 'node.md'
 CONFIG_FILE = preset_path('renda2012_table4')

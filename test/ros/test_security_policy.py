@@ -21,7 +21,7 @@ from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode
-from octo_arm_model.ros.simulator_node import SimulatorNode
+from octo_arm_model.ros.simulator.main import SimulatorNode
 
 POLICY = ROOT / 'config' / 'sros2' / 'octo_arm_policy.xml'
 ENCLAVES = ('octo_arm', 'octo_arm_estimator', 'octo_arm_sim', 'octo_arm_viewer')

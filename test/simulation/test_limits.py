@@ -9,7 +9,8 @@ from checkout import PRESETS
 
 import octo_arm_model
 from octo_arm_model import ArmDefinitionError, ConfigError, TensionError, load_config
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.simulation.commands import find_profile, profile_names
@@ -96,6 +97,10 @@ def test_a_profile_beyond_a_limit_is_refused_with_its_row():
 def test_commands_are_published_in_one_place():
     folder = Path(octo_arm_model.__file__).parent
     makes = re.compile(r'create_publisher\((\w+,)?\s*TendonTensions')
-    found = {path.name for path in folder.rglob('*.py') if makes.search(path.read_text())}
+    found = {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob('*.py')
+        if makes.search(path.read_text())
+    }
     # The simulator publishes what it measures.
-    assert found == {'command_publisher.py', 'simulator_node.py'}
+    assert found == {'ros/client/command_publisher.py', 'ros/simulator/main.py'}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import ArmDefinitionError, ConfigError
-from octo_arm_model.config.config import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells

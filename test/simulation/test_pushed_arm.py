@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Loads, PointLoad
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.simulation.parameters import SimulatorConfig

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from checkout import PRESETS
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition

@@ -32,6 +32,15 @@ def test_wrong_input_is_one_clear_line(program, capsys):
     assert 'port is 99999, expected 1 to 65535' in complaint
 
 
+@pytest.mark.usefixtures('signals')
+@pytest.mark.parametrize('name', ['a b', 'arm_3/', '3'])
+def test_a_namespace_that_is_none_is_refused(name, capsys):
+    assert viewer.main(['--namespace', name]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.count('\n') == 1
+    assert f'namespace is {name!r}, expected one such as arm_3' in complaint
+
+
 def test_options_that_are_none_are_refused(capsys):
     with pytest.raises(SystemExit) as ended:
         viewer.main(['--prot', '8081', '--ros-args', '-r', '__node:=other'])

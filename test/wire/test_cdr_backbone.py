@@ -31,7 +31,7 @@ from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
-from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter
+from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter, read_poses
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
@@ -380,3 +380,14 @@ def test_what_cannot_be_laid_out_is_refused():
         frame, model, tendons = names
         with pytest.raises(ConfigError, match='UTF-8 cannot hold'):
             BackboneWriter(frame, model, np.zeros(2), np.zeros(2, int), tendons)
+
+
+@pytest.mark.parametrize('count', [0, 1, 101])
+@given(frame=st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=20))
+def test_poses_are_read_from_bytes_as_ros_reads_them(count, frame):
+    header = Header(stamp=Time(sec=-3, nanosec=250_000_000), frame_id=frame)
+    expected = np.random.default_rng(count).normal(size=(count, 7))
+    message = PoseArray(header=header, poses=[pose_message(p[:3], p[3:]) for p in expected])
+    stamp, poses = read_poses(serialize_message(message))
+    assert stamp == -2.75
+    np.testing.assert_array_equal(poses, expected)

@@ -11,8 +11,9 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import header, make, point, pose
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.bags.types import known_types
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.bags.store.types import known_types
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import MeasurementError, OctoArmError
 from octo_arm_model.core.hints import FloatArray

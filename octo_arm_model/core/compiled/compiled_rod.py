@@ -168,7 +168,7 @@ class CompiledRod:
         rotation = state.rotation
         balanced = State(
             condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
-            state.force, state.imbalance, state.hessian, outcome.residual,
+            state.force, state.imbalance, outcome.residual, None, state.hessian,
         )  # fmt: skip
         return Iterate(balanced, outcome.iterations, outcome.corrected, answer)
 

@@ -39,6 +39,8 @@ class Collocation:
         s: arc coordinate of the points [m], (points,).
         section: section of each point, (points,).
         weights: of the integral along the arm, (points,).
+        twice: from values at the points of an element to the matrix of the integrals to its end,
+            of the values times the integral of others from its start, (each, each x each).
         length: of the arm [m].
     """
 
@@ -69,6 +71,8 @@ class Collocation:
         self.section = np.repeat(section, points)
         self.weights = (self.step[:, np.newaxis] * self.rule.weights).ravel()
         self.length = arm.length
+        twice = self.rule.to_end.T[:, :, np.newaxis] * self.rule.from_start[:, np.newaxis]
+        self.twice = twice.reshape(points, -1)
 
     def by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., points) as (..., elements, points of each)."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.friction import Friction
 from octo_arm_model.core.loaded.kinematics import frames
@@ -28,7 +28,7 @@ from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 
 # A compliance this many times the others is that of a rigid-body motion.
 _FREE = 1e6
@@ -38,30 +38,15 @@ _FREE = 1e6
 # (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
 Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
-# From angular twist (3, points) to orientations of the cross sections, (points,).
+# From angular twist (3, ..., points) to orientations of the cross sections, (..., points).
 Frames: TypeAlias = Callable[[FloatArray], Quaternions]
-
-
-def evaluate(
-    energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`Evaluate` for the cross sections ``energy``."""
-    return evaluate_local(energy, energy.local_tensions(tensions[np.newaxis]), twist)
-
-
-def evaluate_local(
-    energy: SectionEnergy, local_tensions: FloatArray, twist: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`Evaluate` for tensions at the points, (tendons, 1, points)."""
-    gradient, hessian = derivatives_by_twist(energy, twist[:, np.newaxis], local_tensions)
-    return gradient[:, 0], hessian[:, :, 0], force_scale(energy, local_tensions)[:, 0]
 
 
 class Equilibrium:
     """The equations of one arm under loads.
 
     Attributes:
-        evaluate: energy of the cross sections under a twist, its derivatives.
+        evaluate: derivatives of the energy of cross sections in machine code, if there is.
         frames: orientations from angular twists.
         energy: of the cross sections at the points.
         collocation: the points.
@@ -79,7 +64,7 @@ class Equilibrium:
         self.friction = friction
         self.energy, self.collocation = energy, collocation
         self.loads, self.base = loads, base
-        self.evaluate: Evaluate = functools.partial(evaluate, energy)
+        self.evaluate: Evaluate | None = None
         self.frames: Frames = functools.partial(frames, collocation=collocation, base=base)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
@@ -95,7 +80,7 @@ class Equilibrium:
         ).sign
 
     def shape(self, twist: FloatArray) -> Shape:
-        """The shape of a rod of ``twist`` (n, points)."""
+        """The shape of a rod of ``twist`` (n, ..., points)."""
         return Shape(twist, self.frames(twist[:3]))
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
@@ -109,36 +94,60 @@ class Equilibrium:
     def state(self, condition: Condition, shape: Shape) -> State:
         """Evaluate the balance of ``shape``."""
         twist, orientation = shape
-        count = twist.shape[1]
-        sliding = None
-        if self.friction is None:
+        sliding, hessian = None, None
+        if self.evaluate is not None and self.friction is None:
             gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         else:
-            tensions = condition.tensions[np.newaxis]
-            sliding = self.friction.slide_along(twist[:, np.newaxis], tensions, condition.before)
-            gradient, hessian, scale = evaluate_local(self.energy, sliding.tensions, twist)
-        rotation = orientation.part(slice(0, count)).matrix()
-        tangent = np.einsum('ikn,kn->in', rotation[:, : len(twist) - 3], twist[3:])
+            # As a batch of cross sections, of one arm or several.
+            batch = twist.reshape(len(twist), -1, twist.shape[-1])
+            tensions = np.atleast_2d(condition.tensions)
+            if self.friction is None:
+                local_tensions = self.energy.local_tensions(tensions)
+            else:
+                sliding = self.friction.slide_along(batch, tensions, condition.before)
+                local_tensions = sliding.tensions
+            gradient = gradient_by_twist(self.energy, batch, local_tensions).reshape(twist.shape)
+            scale = force_scale(self.energy, local_tensions).reshape(twist.shape)
+        rotation = orientation.matrix()
+        tangent = np.einsum('ik...,k...->i...', rotation[:, : len(twist) - 3], twist[3:])
         loads = self.loads.resultants(RodPoints(self.collocation, orientation))
-        force = condition.factor * loads.force + condition.tip_wrench[:3, np.newaxis]
+        # Dead loads are those of all arms, the wrench on its tip is that of each.
+        on_tip = condition.tip_wrench.T[..., np.newaxis]
+        of_all = 3, *(1,) * (tangent.ndim - 2), -1
+        force = condition.factor * loads.force.reshape(of_all) + on_tip[:3]
         moment = self.collocation.integrate_from_tip(cross(tangent, force))
-        moment += condition.factor * loads.moment + condition.tip_wrench[3:, np.newaxis]
-        wrench = np.einsum('jin,kjn->kin', rotation, np.stack([moment, force]))
-        wrench = wrench.reshape(6, count)[: len(twist)]
+        moment += condition.factor * loads.moment.reshape(of_all) + on_tip[3:]
+        wrench = np.empty((6, *tangent.shape[1:]))
+        np.einsum('ji...,j...->i...', rotation, moment, out=wrench[:3])
+        np.einsum('ji...,j...->i...', rotation, force, out=wrench[3:])
+        wrench = wrench[: len(twist)]
         imbalance = wrench - gradient
-        outside = np.abs(wrench).max(axis=1, keepdims=True)
+        scale += np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
         # NaN where a strain is impossible.
-        residual = float((np.abs(imbalance) / (scale + outside)).max())
+        residual = (np.abs(imbalance) / scale).max(axis=(0, -1))
         return State(
-            condition, shape, rotation, tangent, moment, force, imbalance,
-            hessian, residual, sliding,
+            condition, shape, rotation, tangent, moment, force, imbalance, residual, sliding,
+            hessian,
         )  # fmt: skip
+
+    def hessian(self, state: State) -> FloatArray:
+        """Second derivatives of the energy by the twist, (n, n, ..., points), in a ``state``."""
+        if state.hessian is not None:
+            return state.hessian
+        twist = state.shape.twist
+        if state.sliding is not None:
+            local_tensions = state.sliding.tensions
+        else:
+            local_tensions = self.energy.local_tensions(np.atleast_2d(state.condition.tensions))
+        batch = twist.reshape(len(twist), -1, twist.shape[-1])
+        hessian = derivatives_by_twist(self.energy, batch, local_tensions)[1]
+        return hessian.reshape(len(twist), *twist.shape)
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""
         linear = Linearised(
-            self.collocation, state.hessian * (1.0 + damping), state.rotation, state.tangent,
-            state.moment, state.force, self._unit,
+            self.collocation, self.hessian(state) * (1.0 + damping), state.rotation,
+            state.tangent, state.moment, state.force, self._unit,
         )  # fmt: skip
         factor = state.condition.factor
         if not self.loads.others or not factor:
@@ -148,7 +157,7 @@ class Equilibrium:
         if not tangents:
             return linear
         return WithTangents(
-            linear, self.collocation, state.rotation, state.tangent, tangents, len(state.hessian)
+            linear, self.collocation, state.rotation, state.tangent, tangents, len(state.imbalance)
         )
 
     def require_tangents(self, what: str) -> None:
@@ -229,10 +238,10 @@ class Equilibrium:
         wrench[:3, 3:] = inverse
         return wrench
 
-    def turn(self, change: Response) -> float:
-        """How far a small ``change`` turns the arm, all its bends added up [rad]."""
+    def turn(self, change: Response) -> Number:
+        """How far a small ``change`` turns each arm, all its bends added up, (...) [rad]."""
         angular = change.twist[:3, 0]
-        return float(np.sqrt(np.add.reduce(angular * angular)) @ self.collocation.weights)
+        return np.sqrt(np.add.reduce(angular * angular)) @ self.collocation.weights
 
     def work(self, state: State, change: Response) -> float:
         """What the imbalance of ``state`` does on a small ``change`` [J].

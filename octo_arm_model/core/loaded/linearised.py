@@ -11,19 +11,25 @@ the elements. Unlike in a shooting method, errors are not amplified along the ar
 
 from __future__ import annotations
 
+import copy
 import functools
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
 from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
-from octo_arm_model.core.numerics.vectors import cross, skew
+from octo_arm_model.core.numerics.batched_ldlt import are_definite, factorise, invert
+from octo_arm_model.core.numerics.vectors import skew
 
 _BAND = 8  # rows and columns from the diagonal that two neighbouring ends reach
+_MIDDLE = 2 * _BAND  # row of the diagonal in a band as LAPACK has it
+_DIAGONAL = [0, 1, 2]
+# Phi_1 - Phi_0 = ..., d m_0 - d m_1 = ...; unknowns Phi_0, m_0, Phi_1, m_1.
+_ENDS = np.hstack([np.diag([-1.0] * 3 + [1.0] * 3), np.diag([1.0] * 3 + [-1.0] * 3)])
 
 
 class Response(NamedTuple):
@@ -66,7 +72,11 @@ class TipAnswer(NamedTuple):
 
 
 class Linearised:
-    """The linearised equilibrium about one state."""
+    """The linearised equilibrium about one state, or about those of several arms.
+
+    Linear strains follow from rotations and curvatures at the same point, by the rows (a x n) for
+    their axes a and by what couples them to curvatures.
+    """
 
     def __init__(
         self,
@@ -80,145 +90,201 @@ class Linearised:
     ) -> None:
         """Factorise.
 
-        ``hessian`` (n, n, points) of the energy by the twist, ``rotation`` (3, 3, points),
-        ``tangent`` u' (3, points), ``moment`` and ``force`` in base_frame (3, points).
-        Moments are measured in ``unit`` [N m], so that all equations are of one size.
+        ``hessian`` (n, n, ..., points) of the energy by the twist, ``rotation`` (3, 3, ...,
+        points), ``tangent`` u' (3, ..., points), ``moment`` and ``force`` in base_frame (3, ...,
+        points). Moments are measured in ``unit`` [N m], so that all equations are of one size.
 
         Raises:
             ConvergenceError: if the system is singular.
         """
-        self._collocation, self._rotation, self._force = collocation, rotation, force
-        self._unit = unit
+        self._collocation, self._unit = collocation, unit
+        # From here on by arm and point of it, for one arm too.
+        by_arm = -1, collocation.s.size
+        hessian = hessian.reshape(*hessian.shape[:2], *by_arm)
+        self._rotation = rotation = rotation.reshape(3, 3, *by_arm)
+        tangent, moment, force = (x.reshape(3, *by_arm) for x in (tangent, moment, force))
         axes = rotation[:, : len(hessian) - 3]
-        self._small = small = invert(factorise(hessian[3:, 3:]))
-        # The linear strains follow from rotation and curvature, in base_frame.
-        self._mixed = np.einsum('ijn,jkn->ikn', rotation, hessian[:3, 3:])
-        coupling = np.einsum('ikn,kln->iln', self._mixed, small)
-        self._coupling = coupling
-        self._compliance = np.einsum('ikn,kln->iln', axes, small)
-        bending = hessian[:3, :3] - np.einsum(
-            'ikn,kln,jln->ijn', hessian[:3, 3:], small, hessian[:3, 3:], optimize=False
-        )
-        bending = np.einsum('ijn,jkn,lkn->iln', rotation, bending, rotation, optimize=False)
-        # n x Phi along the axes: (axes x n) . Phi.
-        self._across = cross(axes, np.broadcast_to(force[:, np.newaxis], axes.shape))
-        carry = skew(force)
-        by_turn = np.einsum('ikn,jkn->ijn', self._compliance, self._across) - skew(tangent)
-        by_turn = np.einsum('ijn,jkn->ikn', carry, by_turn)
-        by_bend = np.einsum('ijn,jkn,lkn->iln', carry, axes, coupling, optimize=False)
-        follow = skew(moment) - np.einsum('ikn,jkn->ijn', coupling, self._across)
-        self._by_turn, self._by_bend, self._follow = by_turn, by_bend, follow
-        self._factorise(bending)
+        self._axial = factorise(hessian[3:, 3:])
+        self._small = invert(self._axial)
+        turned = np.einsum('ijan,jkan->ikan', rotation, hessian[:3])
+        across = np.einsum('jian,jkan->ikan', skew(force), axes)
+        self._rows = rows = np.concatenate([across, -turned[:, 3:]])
+        self._stretched = np.einsum('ikan,klan->ilan', rows, self._small)
+        condensed = np.einsum('ikan,jkan->ijan', self._stretched, rows)
+        bending = np.einsum('ikan,jkan->ijan', turned[:, :3], rotation)
+        bending -= condensed[3:, 3:]
+        # n x (u' x Phi) = u' (n . Phi) - Phi (n . u').
+        by_turn = -condensed[:3, :3] - tangent[:, np.newaxis] * force
+        by_turn[_DIAGONAL, _DIAGONAL] += np.add.reduce(tangent * force)
+        follow = skew(moment) + condensed[3:, :3]
+        self._factorise(by_turn, condensed[:3, 3:], follow, bending)
 
-    def _factorise(self, bending: FloatArray) -> None:
-        own, rule, step = self._collocation, self._collocation.rule, self._collocation.step
-        points, elements = rule.points.size, step.size
-        h = step[:, np.newaxis]
-        turn, bend, follow = (
-            own.by_element(x) * h for x in (self._by_turn, self._by_bend, self._follow)
-        )
-        twice = (rule.to_end[:, :, np.newaxis] * rule.from_start).transpose(0, 2, 1)
-        scaled = (turn * h).reshape(-1, points)
-        system = (scaled @ twice.reshape(-1, points).T).reshape(3, 3, elements, points, points)
+    def _factorise(
+        self, by_turn: FloatArray, by_bend: FloatArray, follow: FloatArray, bending: FloatArray
+    ) -> None:
+        """Of what Phi and k do to d m' and k at the points, each (3, 3, ..., points)."""
+        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis]
+        turn, bend = (self._collocation.by_element(x) * h for x in (by_turn, by_bend))
+        follow = self._collocation.by_element(follow)
+        arms, elements, points = turn.shape[2:]
+        system = ((turn * h) @ self._collocation.twice).reshape(*turn.shape, points)
         system -= rule.to_end * bend[..., np.newaxis, :]
-        system -= rule.from_start * follow[..., np.newaxis]
-        index = np.arange(points)
-        system[..., index, index] += own.by_element(bending)
+        system -= rule.from_start * (follow * h)[..., np.newaxis]
+        diagonal = system.reshape(*turn.shape[:-1], -1)[..., :: points + 1]
+        diagonal += self._collocation.by_element(bending)
         # Rows (row, point), columns (column, point).
-        matrix = system.transpose(2, 0, 3, 1, 4).reshape(elements, 3 * points, 3 * points)
+        matrix = system.transpose(2, 3, 0, 4, 1, 5)
+        self._matrix = matrix.reshape(arms, elements, 3 * points, 3 * points)
         try:
-            self._inverse = np.linalg.inv(matrix)
+            self._inverse = np.linalg.inv(self._matrix)
         except np.linalg.LinAlgError:
-            raise ConvergenceError('the balance under load', np.inf, 0) from None
-        self._matrix = matrix
+            raise _singular() from None
         # k by Phi at the first end and by d m at the last.
-        by_first = own.by_element(self._follow) - turn @ rule.to_end.T
-        ones = np.zeros((3, 3, elements, points))
-        ones[[0, 1, 2], [0, 1, 2]] = self._unit
-        sides = np.concatenate([by_first, ones], axis=1)
-        sides = sides.transpose(2, 0, 3, 1).reshape(elements, 3 * points, 6)
-        bends = (self._inverse @ sides).reshape(elements, 3, points, 6)
+        sides = np.zeros((arms, elements, 3, points, 6))
+        sides[..., :3] = (follow - turn @ rule.to_end.T).transpose(2, 3, 0, 4, 1)
+        for i in range(3):
+            sides[..., i, :, 3 + i] = self._unit
+        bends = self._inverse @ sides.reshape(arms, elements, 3 * points, 6)
         self._bends = bends
-        # Phi at the last end and d m at the first, by both.
-        weights = rule.weights
-        to_last = np.einsum('p,eipc->eic', weights, bends) * h[..., np.newaxis]
-        self._to_moment = h * (
-            np.einsum('pqej,jl->pqel', turn, weights[:, np.newaxis] * rule.from_start)
-            - own.by_element(self._by_bend) * weights
-        )
-        to_first = -np.einsum('pqel,eqlc->epc', self._to_moment, bends)
-        to_first[..., :3] -= np.einsum('pqej,j->epq', turn, weights)
-        self._link(to_last, to_first / self._unit)
+        # From k to d m at the first end.
+        before = (turn * h) @ (rule.weights[:, np.newaxis] * rule.from_start) - bend * rule.weights
+        before = before.transpose(2, 3, 0, 1, 4).reshape(arms, elements, 3, 3 * points)
+        self._before = before / -self._unit
+        # From Phi at the first end and d m at the last to Phi at the last and d m at the first.
+        self._ends = np.concatenate([self._turned(bends), self._before @ bends], axis=2)
+        self._ends[..., 3:, :3] -= (turn @ rule.weights).transpose(2, 3, 0, 1) / self._unit
+        self._link()
 
-    def _link(self, to_last: FloatArray, to_first: FloatArray) -> None:
-        """Factorise the banded system of Phi and d m at all ends of elements."""
-        elements = len(to_last)
+    def _turned(self, bends: FloatArray) -> FloatArray:
+        """Change of Phi along elements, (arms, elements, 3, columns), by k at their points."""
+        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis, np.newaxis]
+        *lead, count, columns = bends.shape
+        by_row = bends.reshape(*lead, 3, count // 3, columns)
+        return np.asarray(h * (rule.weights @ by_row))
+
+    def _link(self) -> None:
+        """Factorise the banded system of Phi and d m at all ends of elements of all arms."""
+        arms, elements = self._ends.shape[:2]
         size = 6 * (elements + 1)
-        band = np.zeros((3 * _BAND + 1, size))
-        blocks = np.zeros((elements, 6, 12))
-        # Phi_1 = Phi_0 + ..., d m_0 = d m_1 + ...; unknowns Phi_0, m_0, Phi_1, m_1.
-        blocks[:, :3, :3] = -to_last[..., :3]
-        blocks[:, :3, 9:] = -to_last[..., 3:]
-        blocks[:, 3:, :3] = -to_first[..., :3]
-        blocks[:, 3:, 9:] = -to_first[..., 3:]
-        for i in range(3):
-            blocks[:, i, i] -= 1.0
-            blocks[:, i, 6 + i] += 1.0
-            blocks[:, 3 + i, 3 + i] += 1.0
-            blocks[:, 3 + i, 9 + i] -= 1.0
-        row, column = np.indices((6, 12))
-        for number in range(elements):
-            band[2 * _BAND + 3 + row - column, 6 * number + column] = blocks[number]
-        for i in range(3):
-            band[2 * _BAND, i] = 1.0
-            band[2 * _BAND, size - 3 + i] = 1.0
-        self._band, self._pivots, singular = dgbtrf(band, _BAND, _BAND, overwrite_ab=True)
+        blocks = np.tile(_ENDS, (arms, elements, 1, 1))
+        blocks[..., :3] -= self._ends[..., :3]
+        blocks[..., 9:] -= self._ends[..., 3:]
+        band = np.zeros((arms, size, 3 * _BAND + 1))
+        band[:, [0, 1, 2, size - 3, size - 2, size - 1], _MIDDLE] = 1.0
+        places = _places(elements)
+        band.reshape(arms, -1)[:, places] = blocks.reshape(arms, -1)
+        factors, pivots, singular = dgbtrf(
+            band.reshape(-1, 3 * _BAND + 1).T, _BAND, _BAND, overwrite_ab=True
+        )
         if singular:
-            raise ConvergenceError('the balance under load', np.inf, 0)
+            raise _singular()
+        self._band = factors.T.reshape(band.shape)
+        # Pivots of each arm are numbers of its own rows.
+        self._pivots = pivots.reshape(arms, size) - _first_rows(arms, size)
 
-    @functools.cached_property
+    @property
+    def signs(self) -> IntArray:
+        """Sign of the determinant of the whole system of each arm, 1 or -1."""
+        odd = np.count_nonzero(self._pivots != np.arange(self._pivots.shape[1]), axis=1)
+        odd += np.count_nonzero(self._band[..., _MIDDLE] < 0.0, axis=1)
+        odd += np.count_nonzero(np.linalg.slogdet(self._matrix)[0] < 0.0, axis=1)
+        return np.asarray(1 - 2 * (odd % 2))
+
+    @property
     def sign(self) -> int:
-        """Sign of the determinant of the whole system, 1 or -1."""
-        exchanges = np.count_nonzero(self._pivots != np.arange(self._pivots.size))
-        negative = np.count_nonzero(self._band[2 * _BAND] < 0.0)
-        negative += np.count_nonzero(np.linalg.slogdet(self._matrix)[0] < 0.0)
-        return 1 - 2 * int((exchanges + negative) % 2)
+        """That of one arm."""
+        return int(self.signs[0])
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Response to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
-        own, rule, step = self._collocation, self._collocation.rule, self._collocation.step
-        columns, count = imbalance.shape[1], own.s.size
-        points, elements = rule.points.size, step.size
-        h = step[:, np.newaxis]
-        stretched = np.einsum('ikn,kcn->icn', self._compliance, imbalance[3:])
-        sides = np.einsum('ijn,jcn->icn', self._rotation, imbalance[:3])
-        sides -= np.einsum('ikn,kcn->icn', self._coupling, imbalance[3:])
-        force = np.broadcast_to(self._force[:, np.newaxis], stretched.shape)
-        carried = cross(force, stretched)
-        carried = own.by_element(carried) * h
-        sides = own.by_element(sides) - carried @ rule.to_end.T
-        # (3, columns, elements, points) to one system for each element.
-        sides = sides.transpose(2, 0, 3, 1).reshape(elements, 3 * points, columns)
-        bends = (self._inverse @ sides).reshape(elements, 3, points, columns)
-        last = np.einsum('p,eipc->eic', rule.weights, bends) * h[..., np.newaxis]
-        first = -np.einsum('pqel,eqlc->epc', self._to_moment, bends)
-        first -= (carried @ rule.weights).transpose(2, 0, 1)
-        right = np.zeros((6 * (elements + 1), columns))
-        right[3:-3] = np.concatenate([last, first / self._unit], axis=1).reshape(-1, columns)
-        found, _ = dgbtrs(self._band, _BAND, _BAND, right, self._pivots)
-        ends = found.reshape(-1, 6, columns)
-        known = np.concatenate([ends[:-1, :3], ends[1:, 3:]], axis=1)
-        bends += np.einsum('eipk,ekc->eipc', self._bends, known)
-        by_element = bends.transpose(1, 3, 0, 2)
-        turn = (
-            h * (by_element @ rule.from_start.T)
-            + ends[:-1, :3].transpose(1, 2, 0)[..., np.newaxis]
-        )
-        turn = turn.reshape(3, columns, count)
-        k = by_element.reshape(3, columns, count)
-        twist = np.empty_like(imbalance)
-        twist[:3] = np.einsum('jin,jcn->icn', self._rotation, k)
-        linear = imbalance[3:] + np.einsum('jkn,jcn->kcn', self._across, turn)
-        linear -= np.einsum('jkn,jcn->kcn', self._mixed, k)
-        twist[3:] = np.einsum('kln,lcn->kcn', self._small, linear)
-        return Response(twist, turn)
+        """Response to small ``imbalance`` (n, columns, ..., points), in axes of cross sections."""
+        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis]
+        arms, elements, rows, _ = self._inverse.shape
+        strains, columns = imbalance.shape[:2]
+        given = imbalance.reshape(strains, columns, arms, -1)
+        stretched = np.einsum('ikan,kcan->ican', self._stretched, given[3:])
+        carried = self._collocation.by_element(stretched[:3]) * -h
+        sides = np.einsum('ijan,jcan->ican', self._rotation, given[:3]) + stretched[3:]
+        sides = self._collocation.by_element(sides) - carried @ rule.to_end.T
+        # (3, columns, arms, elements, points) to one system for each element.
+        sides = sides.transpose(2, 3, 0, 4, 1).reshape(arms, elements, rows, columns)
+        bends = self._inverse @ sides
+        right = np.zeros((arms, 6 * (elements + 1), columns))
+        ends = right[:, 3:-3].reshape(arms, elements, 6, columns)
+        ends[:, :, :3] = self._turned(bends)
+        ends[:, :, 3:] = self._before @ bends
+        ends[:, :, 3:] -= (carried @ rule.weights).transpose(2, 3, 0, 1) / self._unit
+        found, _ = dgbtrs(
+            self._band.reshape(-1, 3 * _BAND + 1).T, _BAND, _BAND, right.reshape(-1, columns),
+            (self._pivots + _first_rows(*self._pivots.shape)).ravel(),
+        )  # fmt: skip
+        ends = found.reshape(arms, elements + 1, 6, columns)
+        bends += self._bends @ np.concatenate([ends[:, :-1, :3], ends[:, 1:, 3:]], axis=2)
+        k = bends.reshape(arms, elements, 3, -1, columns).transpose(2, 4, 0, 1, 3)
+        turn = h * (k @ rule.from_start.T)
+        turn += ends[:, :-1, :3].transpose(2, 3, 0, 1)[..., np.newaxis]
+        moved = np.concatenate([turn, k]).reshape(6, columns, arms, -1)
+        twist = np.empty(given.shape)
+        np.einsum('jian,jcan->ican', self._rotation, moved[3:], out=twist[:3])
+        linear = given[3:] + np.einsum('ikan,ican->kcan', self._rows, moved)
+        np.einsum('klan,lcan->kcan', self._small, linear, out=twist[3:])
+        return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
+
+    @property
+    def is_least(self) -> NDArray[np.bool_]:
+        """Whether the second variation of the energy of each arm is seen to be positive.
+
+        Where its loads have an energy. The variation is a quadratic form of the bends k at all
+        points. It is positive if that of each element with its end free is, and what is left as
+        the bends are eliminated with the rotations of all ends held, a form of these rotations
+        (inertia is additive, Haynsworth 1968). False where an element with its end free is
+        unstable: other ways have to tell.
+        """
+        elements = self._inverse.shape[1]
+        is_stretched = np.ones(1, bool)
+        for row in range(len(self._small)):
+            is_stretched = is_stretched & (self._axial[row, row] > 0.0).all(axis=-1)
+        weights = np.tile(self._collocation.rule.weights, 3)[:, np.newaxis]
+        is_held = are_definite(self._matrix * weights)
+        ends, one = self._ends, np.eye(3)
+        try:
+            stiffness = np.linalg.inv(ends[..., :3, 3:])
+        except np.linalg.LinAlgError:
+            return np.zeros(len(ends), bool)
+        by_first, by_last = one + ends[..., :3, :3], one + ends[..., 3:, 3:]
+        before = by_last @ stiffness
+        form = np.zeros((len(ends), elements, 3, elements, 3))
+        this = np.arange(elements)
+        last, following = this[:-1], this[1:]
+        form[:, this, :, this] = stiffness.swapaxes(0, 1)
+        at_first = (before @ by_first - ends[..., 3:, :3])[:, 1:]
+        form[:, last, :, last] += at_first.swapaxes(0, 1)
+        form[:, last, :, following] = -before[:, 1:].swapaxes(0, 1)
+        form[:, following, :, last] = -(stiffness @ by_first)[:, 1:].swapaxes(0, 1)
+        is_free = are_definite(form.reshape(len(ends), 3 * elements, -1))
+        return np.asarray(is_stretched & is_held & is_free)
+
+    def of(self, arms: IntArray) -> Linearised:
+        """The systems of some ``arms`` of several."""
+        part = copy.copy(self)
+        for name in ('_rotation', '_rows', '_stretched', '_small', '_axial'):
+            setattr(part, name, getattr(self, name)[:, :, arms])
+        for name in ('_matrix', '_inverse', '_bends', '_before', '_ends', '_band', '_pivots'):
+            setattr(part, name, getattr(self, name)[arms])
+        return part
+
+
+def _first_rows(arms: int, size: int) -> IntArray:
+    """The first of the ``size`` rows of each arm in the system of all, (arms, 1)."""
+    return np.arange(0, arms * size, size)[:, np.newaxis]
+
+
+@functools.cache
+def _places(elements: int) -> IntArray:
+    """Where the rows of all ``elements`` are in the band of an arm, (elements, 6, 12)."""
+    row, column = np.indices((6, 12))
+    first = 6 * np.arange(elements)[:, np.newaxis, np.newaxis]
+    return ((first + column) * (3 * _BAND + 1) + _MIDDLE + 3 + row - column).ravel()
+
+
+def _singular() -> ConvergenceError:
+    return ConvergenceError('the balance under load', np.inf, 0)

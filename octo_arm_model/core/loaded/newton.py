@@ -1,12 +1,15 @@
-"""Newton's method for the balance of a loaded rod in one condition."""
+"""Newton's method for the balance of a loaded rod in one condition, or of several in theirs."""
 
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import IntArray, Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.loaded.linearised import System, TipAnswer
+from octo_arm_model.core.loaded.linearised import Linearised, System, TipAnswer
 from octo_arm_model.core.loaded.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.rod.solution import Shape
@@ -19,6 +22,7 @@ FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loa
 # A factorised system is used for another step where the one before left this residual and part of
 # it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
+PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
 class Iterate(NamedTuple):
@@ -35,7 +39,7 @@ class Iterate(NamedTuple):
 
     state: State
     iterations: int
-    corrected: float
+    corrected: Number
     system: System | TipAnswer | Stability | None
 
 
@@ -46,35 +50,156 @@ class Newton(Protocol):
         """Iterate until the residual is within ``tolerance``."""
 
 
+class _Progress(NamedTuple):
+    """Newton's method on its way, of one arm, or of several that have gone the same way.
+
+    Attributes:
+        state: where it is.
+        system: of the last step, or of a balance nearby that is known before the first.
+        again: whether the next step uses it again.
+        is_known: whether it is that of a balance nearby.
+        is_first: whether no step has been made but such that left too much.
+        iterations: made.
+        corrected: as of `Iterate`, (...) [rad].
+        turned: how far the arm has turned since the system was linearised, (...) [rad].
+    """
+
+    state: State
+    system: System | None
+    again: bool
+    is_known: bool
+    is_first: bool
+    iterations: int
+    corrected: Number
+    turned: Number
+
+    @property
+    def last_system(self) -> System | None:
+        """The last system if it is that of nearly the same state, of all arms."""
+        return self.system if np.all(self.turned <= SAME) else None
+
+    def of(self, arms: IntArray) -> _Progress:
+        """That of some ``arms`` of several."""
+        system = self.system
+        return self._replace(
+            state=self.state.of(arms),
+            system=system.of(arms) if isinstance(system, Linearised) else None,
+            corrected=self.corrected[arms],
+            turned=self.turned[arms],
+        )
+
+
+# What to do after an iteration: nothing, as there is no progress or it is balanced; another with
+# the same system or a new one; the same anew, as what was known has left too much.
+_STUCK, _BALANCED, _SAME_SYSTEM, _NEW_SYSTEM, _ANEW = range(5)
+
+
 def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
     """`Newton` for ``problem``."""
-    state = problem.state(condition, shape)
-    corrected, turned, is_near = 0.0, 0.0, False
-    system: System | None = None
-    most, progress = MOST, PROGRESS
-    if problem.loads.without_tangent:
-        most, progress = _MOST_LINEAR, _LINEAR_PROGRESS
-    for iteration in range(most):
-        if state.residual <= tolerance:
-            return Iterate(state, iteration, corrected, system if turned <= SAME else None)
-        if not (system and is_near):
-            try:
-                system, turned = problem.linearised(state), 0.0
-            except ConvergenceError:
-                return Iterate(state, iteration, corrected, None)
+    now = _begin(problem, condition, shape, None)
+    most = _MOST_LINEAR if problem.loads.without_tangent else MOST
+    if now.state.residual <= tolerance:
+        return Iterate(now.state, 0, 0.0, now.last_system)
+    while now.iterations < most:
         try:
-            step = newton_step(problem, system, state)
             # Of wild shapes tendons in sheaths have no places.
-            new = problem.state(condition, problem.moved(state.shape, step))
+            after = _iterate(problem, now)
         except ConvergenceError:
-            return Iterate(state, iteration, corrected, None)
-        # Not where NaN.
-        if not new.residual <= (progress if iteration else FIRST_PROGRESS) * state.residual:
-            return Iterate(state, iteration + 1, corrected, None)
-        is_near = new.residual <= NEAR and new.residual <= QUICK * state.residual
-        state = new
-        turn = problem.turn(step)
-        turned += turn
-        if iteration:
-            corrected += turn
-    return Iterate(state, most, corrected, system if turned <= SAME else None)
+            return Iterate(now.state, now.iterations, now.corrected, None)
+        verdict = int(_judged(problem, now, after, tolerance))
+        now = _next(now, after, verdict)
+        if verdict in (_STUCK, _BALANCED):
+            system = now.last_system if verdict == _BALANCED else None
+            return Iterate(now.state, now.iterations, now.corrected, system)
+    return Iterate(now.state, most, now.corrected, None)
+
+
+def newton_of_all(
+    problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float,
+    known: System | None = None,
+) -> list[tuple[IntArray, Iterate]]:  # fmt: skip
+    """`newton` of several arms at once, in groups of those that go the same way.
+
+    The system of balances nearby that is ``known`` makes the first step, as long as that leaves a
+    small part of the residual.
+
+    Returns:
+        Numbers of the arms of each group, and what became of them.
+    """
+    found = []
+    now = _begin(problem, condition, shape, known)
+    start = np.where(now.state.residual <= tolerance, _BALANCED, _SAME_SYSTEM)
+    groups = _groups(np.arange(start.size), start, now, now)
+    while groups:
+        verdict, arms, now = groups.pop()
+        system = now.last_system if verdict == _BALANCED else None
+        if verdict not in (_STUCK, _BALANCED) and now.iterations < MOST:
+            try:
+                after = _iterate(problem, now)
+                groups += _groups(arms, _judged(problem, now, after, tolerance), now, after)
+                continue
+            except ConvergenceError:
+                pass
+        found.append((arms, Iterate(now.state, now.iterations, now.corrected, system)))
+    return found
+
+
+def _begin(
+    problem: Equilibrium, condition: Condition, shape: Shape, known: System | None
+) -> _Progress:
+    state, is_known = problem.state(condition, shape), known is not None
+    nothing = np.zeros_like(state.residual)
+    return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing)
+
+
+def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
+    """After another step, that uses its system again.
+
+    Raises:
+        ConvergenceError: if there is none.
+    """
+    state, system, turned = now.state, now.system, now.turned
+    if system is None or not now.again:
+        system, turned = problem.linearised(state), 0.0
+    step = newton_step(problem, system, state)
+    new = problem.state(state.condition, problem.moved(state.shape, step))
+    turn = problem.turn(step)
+    corrected = now.corrected + (0.0 if now.is_first else turn)
+    return _Progress(new, system, True, False, False, now.iterations + 1, corrected, turned + turn)
+
+
+def _judged(
+    problem: Equilibrium, before: _Progress, after: _Progress, tolerance: float
+) -> IntArray:
+    """What to do after a step, (...)."""
+    old, new = before.state.residual, after.state.residual
+    progress = _LINEAR_PROGRESS if problem.loads.without_tangent else PROGRESS
+    if before.is_first:
+        progress = PREDICTED if before.is_known else FIRST_PROGRESS
+    is_near = (new <= NEAR) & (new <= QUICK * old)
+    # A system known before makes one step.
+    another = np.where(is_near, _NEW_SYSTEM if before.is_known else _SAME_SYSTEM, _NEW_SYSTEM)
+    fine = np.where(new <= tolerance, _BALANCED, another)
+    # Not where NaN.
+    return np.where(new <= progress * old, fine, _ANEW if before.is_known else _STUCK)
+
+
+def _next(before: _Progress, after: _Progress, verdict: int) -> _Progress:
+    """Where to go on from."""
+    if verdict in (_ANEW, _STUCK):
+        return before._replace(system=None, is_known=False, iterations=after.iterations)
+    return after if verdict == _SAME_SYSTEM else after._replace(again=False)
+
+
+def _groups(
+    arms: IntArray, verdicts: IntArray, before: _Progress, after: _Progress
+) -> list[tuple[int, IntArray, _Progress]]:
+    """Verdicts on ``arms``, those of each, and their `_next`."""
+    groups = []
+    for verdict in set(verdicts.tolist()):
+        now, these = _next(before, after, verdict), arms
+        if not (verdicts == verdict).all():
+            chosen = np.flatnonzero(verdicts == verdict)
+            now, these = now.of(chosen), arms[chosen]
+        groups.append((verdict, these, now))
+    return groups

@@ -8,17 +8,19 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
-from octo_arm_model.core.loaded.equilibrium import Equilibrium, evaluate_local
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.friction import Friction, Sliding
 from octo_arm_model.core.loaded.load_limits import LoadLimits
 from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
+from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
@@ -33,7 +35,11 @@ from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.sheath import sections_of
-from octo_arm_model.core.section.strain_measures import check_fibres, to_twist
+from octo_arm_model.core.section.strain_measures import (
+    check_fibres,
+    derivatives_by_twist,
+    to_twist,
+)
 
 # Elements are fine enough where the last Legendre coefficients of the twist are below this part
 # of its values. Positions, which are integrals of it, are far more exact: of a twentieth of that
@@ -114,6 +120,9 @@ class LoadedRod:
         self.minimum: Minimum = self._minimum
         self.read_out: ReadOut = self._read_out
         self.settle: Settle | None = None
+        if friction is None and not loads.others:
+            settling = Settling(self)
+            self.newton, self.settle = settling.newton, settling
         self.read_from = functools.lru_cache(_KEPT)(self._read_from)
         self.dead_resultants = functools.lru_cache(_KEPT)(self._dead_resultants)
         self.differentiate: Differentiate | None = None
@@ -168,11 +177,12 @@ class LoadedRod:
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
         energy = self.equilibrium.energy
-        local_tensions = energy.local_tensions(tensions[np.newaxis])
+        local_tensions = energy.local_tensions(np.atleast_2d(tensions))
         start = initial_strain(energy, local_tensions)
         strain = minimise(energy, local_tensions, start).strain
         check_fibres(energy, strain)
-        return to_twist(energy.law, strain)[:, 0]
+        twist = to_twist(energy.law, strain)
+        return twist if tensions.ndim > 1 else twist[:, 0]
 
     def from_coarser(self, other: LoadedRod, shape: Shape) -> Shape:
         """The ``shape`` of an ``other`` rod at the points of this one."""
@@ -197,36 +207,49 @@ class LoadedRod:
         # Integrals of rates are far more exact than values between the points.
         t, n, b = 0.5 * state.shape.twist[:3]
         a_rate, b_rate = product(*state.shape.orientation, 1j * t, n + 1j * b)
-        rates = [*state.tangent, a_rate.imag, b_rate.real, b_rate.imag, a_rate.real]
-        found = self.stations.integrate_from_base(np.stack(rates)).T
+        rates = np.stack([a_rate.imag, b_rate.real, b_rate.imag, a_rate.real])
+        carried = cross(state.tangent, state.force)
+        found = self.stations.integrate_from_base(np.concatenate([state.tangent, rates, carried]))
         a, b = self.base.rotation
-        position = found[:, :3] + self.base.position
-        turn = found[:, 3:] + [a.imag.item(), b.real.item(), b.imag.item(), a.real.item()]
-        turn /= np.sqrt(np.add.reduce(turn * turn, axis=1, keepdims=True))
+        position = np.moveaxis(found[:3], 0, -1) + self.base.position
+        turn = np.moveaxis(found[3:7], 0, -1) + [
+            a.imag.item(), b.real.item(), b.imag.item(), a.real.item()
+        ]  # fmt: skip
+        turn /= np.sqrt(np.add.reduce(turn * turn, axis=-1, keepdims=True))
         twist = self.nodes.interpolate(state.shape.twist)
-        twist[:, self.station_node] = self._at_stations(state, turn)
+        twist[..., self.station_node] = self._at_stations(state, turn, carried, found[7:])
         return twist, position, turn
 
-    def _at_stations(self, state: State, turn: FloatArray) -> FloatArray:
-        """Twist (n, stations) at the stations, of orientations ``turn`` (stations, 4).
+    def _at_stations(
+        self, state: State, turn: FloatArray, carried: FloatArray, before: FloatArray
+    ) -> FloatArray:
+        """Twist (n, ..., stations) at the stations, of orientations ``turn`` (..., stations, 4).
 
         The wrench of the loads is an integral, and far more exact between the points than what is
         interpolated of the twist: one step of Newton's method balances it with the cross section.
+        Moments of forces change along s by what is ``carried`` (3, ..., points), whose integrals
+        from the base are those ``before`` (3, ..., stations).
         """
-        energy, stations = self.station_sections, self.stations
-        tensions = energy.local_tensions(state.condition.tensions[np.newaxis])
-        if state.sliding is not None:
+        energy, stations, own = self.station_sections, self.stations, self._own
+        others = state.moment - own.integrate_from_tip(carried)
+        at = stations.interpolate(np.concatenate([others, state.force, state.shape.twist]))
+        twist = at[6:]
+        # As a batch of cross sections, of one arm or several.
+        batch = twist.reshape(len(twist), -1, twist.shape[-1])
+        if state.sliding is None:
+            tensions = energy.local_tensions(np.atleast_2d(state.condition.tensions))
+        else:
             tensions = stations.interpolate(state.sliding.tensions)
-        twist = stations.interpolate(state.shape.twist)
-        gradient, hessian, _ = evaluate_local(energy, tensions, twist)
-        carried = cross(state.tangent, state.force)
-        others = state.moment - self._own.integrate_from_tip(carried)
-        whole = (carried @ self._own.weights)[:, np.newaxis]
-        moment = whole - stations.integrate_from_base(carried) + stations.interpolate(others)
-        wrench = np.stack([moment, stations.interpolate(state.force)])
+        gradient, hessian = derivatives_by_twist(energy, batch, tensions)
+        moment = at[:3] + (carried @ own.weights)[..., np.newaxis] - before
         rotation = Quaternions.from_xyzw(turn).matrix()
-        wrench = np.einsum('jin,kjn->kin', rotation, wrench).reshape(6, -1)[: len(twist)]
-        return twist + substitute(factorise(hessian), wrench - gradient)
+        wrench = np.concatenate([
+            np.einsum('ji...,j...->i...', rotation, moment),
+            np.einsum('ji...,j...->i...', rotation, at[3:6]),
+        ])[: len(twist)]  # fmt: skip
+        left = wrench.reshape(batch.shape) - gradient
+        step = substitute(factorise(hessian), left)
+        return twist + step.reshape(twist.shape)
 
     def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
         """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""
@@ -241,11 +264,15 @@ class LoadedRod:
             tensions = sliding.tensions
             if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
                 return False
-        size = np.abs(twist).max(axis=(1, 2))
-        size[:3] = max(size[:3].max(), STRAIGHT / self._own.length)
-        return bool((self._tail(twist) <= RESOLVED * size).all())
+        return bool(self.are_resolved(twist).all())
+
+    def are_resolved(self, twist: FloatArray) -> NDArray[np.bool_]:
+        """Whether elements are fine enough for each ``twist`` (n, batch, points), (batch,)."""
+        size = np.abs(twist).max(axis=-1)
+        size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
+        return (self._tail(twist) <= RESOLVED * size).all(axis=0)
 
     def _tail(self, values: FloatArray) -> FloatArray:
-        """Largest of the last Legendre coefficients of ``values`` (n, batch, points), (n,)."""
+        """Largest of the last Legendre coefficients of ``values`` (n, arms, points), (n, arms)."""
         tail = self._own.by_element(values) @ self._own.rule.tail.T
-        return np.asarray(np.abs(tail).max(axis=(1, 2, 3)))
+        return np.asarray(np.abs(tail).max(axis=(-2, -1)))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
+from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
 
 
@@ -14,8 +15,8 @@ class Condition(NamedTuple):
     """What acts on the arm.
 
     Attributes:
-        tensions: (tendons,) [N].
-        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
+        tensions: (tendons,), or (arms, tendons) of several arms [N].
+        tip_wrench: force and moment on the tip in base_frame, (6,) or (arms, 6) [N, N m].
         factor: part of all other loads.
         before: where tendons have friction, their tensions at the points before, (tendons,
             points) [N]; None for slack ones.
@@ -37,7 +38,7 @@ class Condition(NamedTuple):
 
 
 class State(NamedTuple):
-    """A loaded arm, in balance or not.
+    """A loaded arm, in balance or not, or several: (..., arms, points) where (..., points) stands.
 
     Attributes:
         condition: what acts on it.
@@ -48,9 +49,9 @@ class State(NamedTuple):
         force: likewise [N].
         imbalance: both less the gradient of the energy, in the axes of the cross section,
             (n, points).
-        hessian: of the energy by the twist, (n, n, points).
-        residual: largest imbalance over its scale.
+        residual: largest imbalance over its scale, of each arm.
         sliding: where tendons have friction, what is left of their tension.
+        hessian: of the energy by the twist, (n, n, points), where that is known already.
     """
 
     condition: Condition
@@ -60,9 +61,21 @@ class State(NamedTuple):
     moment: FloatArray
     force: FloatArray
     imbalance: FloatArray
-    hessian: FloatArray
-    residual: float
+    residual: Number
     sliding: Sliding | None = None
+    hessian: FloatArray | None = None
+
+    def of(self, arms: IntArray) -> State:
+        """That of some ``arms`` of several without friction."""
+        condition, (a, b) = self.condition, self.shape.orientation
+        return State(
+            condition._replace(
+                tensions=condition.tensions[arms], tip_wrench=condition.tip_wrench[arms]
+            ),
+            Shape(self.shape.twist[:, arms], Quaternions(a[arms], b[arms])),
+            self.rotation[:, :, arms], self.tangent[:, arms], self.moment[:, arms],
+            self.force[:, arms], self.imbalance[:, arms], self.residual[arms],
+        )  # fmt: skip
 
 
 class Stability(NamedTuple):

@@ -18,6 +18,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
@@ -118,15 +119,43 @@ class Exact:
             )
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
+            settled = self._settle_all(rows, wrenches, start)
             found = []
             for number, (row, wrench) in enumerate(zip(rows, wrenches)):
                 try:
-                    found.append(self._solve_loaded(row, wrench, start, before))
+                    one = settled[number]
+                    found.append(one or self._solve_loaded(row, wrench, start, before))
                 except SolveError as error:
                     error.number = number
                     raise
             solution = stacked(found)
         return solution if tensions.ndim > 1 else solution.one()
+
+    def _settle_all(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+    ) -> list[Solution | None]:
+        """`solve` of loaded arms, ``tensions`` (arms, tendons) [N] and ``tip_wrench`` (arms, 6).
+
+        None for those that are to be solved one by one, as Newton's method alone does not lead
+        them to a stable balance, or takes more than the budget.
+        """
+        rod = self._rod(self._level_of(start))
+        nothing: list[Solution | None] = [None] * len(tensions)
+        if not isinstance(rod.settle, Settling):
+            return nothing
+        shape = start.shape if start else None
+        if shape is None:
+            try:
+                shape = rod.unloaded(start.tensions.ravel() if start else tensions)
+            except SolveError:
+                return nothing  # One by one they tell which.
+        found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
+        most = self._setup.budget.iterations
+        return [one if one is not None and one.iterations <= most else None for one in found]
+
+    def _level_of(self, start: Backbone | None) -> int:
+        """Level of the rod on which a ``start`` was found, or on which to begin."""
+        return 0 if start is None or start.shape is None else self.rods.level_of(start.shape.twist)
 
     def _solve_loaded(
         self,
@@ -136,9 +165,7 @@ class Exact:
         before: FloatArray | None,
     ) -> Solution:
         """`solve` for one arm."""
-        level = 0
-        if start is not None and start.shape is not None:
-            level = self.rods.level_of(start.shape.twist)
+        level = self._level_of(start)
         wanted = Condition(tensions, tip_wrench, 1.0, self.rods.at_level(before, level))
         spending, rod = Spending(self._setup.budget), self._rod(level)
         shape = start.shape if start else None

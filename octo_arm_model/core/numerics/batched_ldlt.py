@@ -7,6 +7,7 @@ elimination is one operation on the whole batch, where LAPACK takes one call for
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.hints import FloatArray
 
@@ -46,3 +47,15 @@ def invert(factors: FloatArray) -> FloatArray:
     for j in range(count):
         identity[j, j] = 1.0
     return substitute(factors, identity)
+
+
+def are_definite(matrices: FloatArray) -> NDArray[np.bool_]:
+    """Whether the symmetric parts of each of ``matrices`` (sets, ..., n, n) are all positive."""
+    both = matrices + matrices.swapaxes(-1, -2)
+    try:
+        np.linalg.cholesky(both)
+    except np.linalg.LinAlgError:
+        if len(both) == 1:
+            return np.zeros(1, bool)
+        return np.concatenate([are_definite(one[np.newaxis]) for one in both])
+    return np.ones(len(both), bool)

@@ -15,6 +15,19 @@ from scipy.linalg.blas import ztbsv
 
 from octo_arm_model.core.hints import ComplexArray, FloatArray, IntArray, Number
 
+# Rotation matrices (9) from products of w, x, y and z with w, x, y and z (16).
+_TO_MATRIX = np.array([
+    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, -1]],
+    [[0, 0, 0, -2], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 0, 2, 0], [0, 0, 0, 2], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, -1]],
+    [[0, -2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]],
+    [[0, 0, -2, 0], [0, 0, 0, 2], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]],
+    [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
+], dtype=np.float64).reshape(9, 16)  # fmt: skip
+
 
 class Quaternions(NamedTuple):
     """Quaternions a + b j, one for each element of the two arrays."""
@@ -43,12 +56,9 @@ class Quaternions(NamedTuple):
 
     def matrix(self) -> FloatArray:
         """Rotation matrices (3, 3, ...)."""
-        w, x, y, z = self.a.real, self.a.imag, self.b.real, self.b.imag
-        return np.array([
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ])  # fmt: skip
+        q = np.array([self.a.real, self.a.imag, self.b.real, self.b.imag])
+        products = q[:, np.newaxis] * q
+        return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *q.shape[1:])
 
     def write_xyzw(self, out: FloatArray) -> None:
         """Write the quaternions into ``out`` (..., 4) in the order x, y, z, w."""

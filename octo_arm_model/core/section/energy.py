@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
+_ROWS, _COLUMNS = zip(*LOWER)
 
 
 class SectionEnergy:
@@ -180,6 +181,29 @@ class SectionEnergy:
             gradient[4], gradient[5] = u_n, u_b
         return gradient
 
+    def gradient(
+        self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
+    ) -> FloatArray:
+        """Gradient (n, batch, nodes) of the whole energy, for a `widening` and its derivative."""
+        bending, stretch = strain[1:3], strain[3]
+        f = self.law.density(stretch, np.add.reduce(bending * bending) * self.squared_radius)
+        gradient = self.tendon_gradient(strain, local_tensions, width, slope)
+        gradient[0] += self.stiffness.torsion * strain[0]
+        gradient[1:3] += (2.0 * self.stiffness.axial * self.squared_radius * f.by_bend) * bending
+        gradient[3] += self.stiffness.axial * f.by_stretch
+        if self.strains == 6:
+            gradient[4:] += self.shear_stiffness * strain[4:]
+        return gradient
+
+    def tendon_gradient(
+        self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
+    ) -> FloatArray:
+        """Gradient (n, batch, nodes) of sum T |u|, as `gradient`."""
+        u_t, u_n, u_b, length = self.stretching(strain, width)
+        towards = self._gradient((u_t, u_n, u_b), length, slope)
+        total: FloatArray = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
+        return total
+
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -194,8 +218,8 @@ class SectionEnergy:
         hessian = np.empty((count, *strain.shape))
         g_t, g_n, g_b, g_s = towards[:4]
         terms = tendon_hessian(g_t, g_n, g_b, g_s, u_n, u_b, slope, bend, x, y, dx, dy)
-        for (i, j), term in zip(LOWER, terms, strict=True):
-            hessian[i, j] = hessian[j, i] = np.einsum('jbn,jbn->bn', weight, term)
+        total = np.einsum('jbn,mjbn->mbn', weight, np.stack(terms))
+        hessian[_ROWS, _COLUMNS] = hessian[_COLUMNS, _ROWS] = total
         if count == 6:
             across = np.einsum('ijbn,kjbn->ikbn', weight * towards[4:], towards)
             hessian[4:] = -across

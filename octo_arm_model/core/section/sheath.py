@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.numerics.batched_ldlt import factorise
 from octo_arm_model.core.section.condensed import Condensed, Parts
 from octo_arm_model.core.section.elastic_laws import Law
@@ -164,6 +164,13 @@ class SheathedSections(SectionEnergy):
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
         """As `SectionEnergy.tendons`."""
         return SheathedTendons(self, local_tensions) if self._in_planes else None
+
+    def tendon_gradient(
+        self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
+    ) -> FloatArray:
+        """Gradient (n, batch, nodes) of that energy: at the offsets, which are in balance."""
+        moved = self.placed(strain, local_tensions)
+        return SectionEnergy.tendon_gradient(moved, strain, local_tensions, width, slope)
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -29,6 +30,20 @@ def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
     strain = twist.copy()
     strain[:3] *= law.widening(twist[3])[0]
     return strain
+
+
+def gradient_by_twist(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
+) -> FloatArray:
+    """The gradient of `derivatives_by_twist` alone."""
+    width, slope, _ = energy.widening(twist[3])
+    strain = twist.copy()
+    strain[:3] *= width
+    gradient = energy.gradient(strain, local_tensions, width, slope)
+    # As `unscale_gradient`, whose widening is known here.
+    gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
+    gradient[:3] *= width
+    return gradient
 
 
 def derivatives_by_twist(
@@ -97,6 +112,19 @@ def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) 
     return scaled
 
 
+def _shortest_fibres(energy: SectionEnergy, strain: FloatArray) -> FloatArray:
+    """Length over reference length of those most compressed, (batch, nodes)."""
+    bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
+    return np.asarray(strain[3] - energy.radius * bend)
+
+
+def have_fibres(energy: SectionEnergy, strain: FloatArray) -> NDArray[np.bool_]:
+    """Whether no fibre of an arm is compressed as `check_fibres` refuses, (batch,)."""
+    if not energy.law.widens:
+        return np.ones(strain.shape[1], bool)
+    return np.asarray((_shortest_fibres(energy, strain) > SHORTEST_FIBRE).all(axis=-1))
+
+
 def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
     """Refuse scaled ``strain`` that compresses a fibre to nearly no length.
 
@@ -107,8 +135,7 @@ def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
     """
     if not energy.law.widens:
         return
-    bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
-    shortest = strain[3] - energy.radius * bend
+    shortest = _shortest_fibres(energy, strain)
     if not shortest.min(initial=1.0) > SHORTEST_FIBRE:
         number, node = np.unravel_index(np.argmin(shortest), shortest.shape)
         raise SolveError(

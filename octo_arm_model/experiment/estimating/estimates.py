@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import bisect
-import itertools
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
-from octo_arm_model.core.errors import MeasurementError, OctoArmError
+from octo_arm_model.core.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.filter import Step, next_step
 from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.smoother import smooth
-from octo_arm_model.estimation.tracker import Tracked, Tracker
+from octo_arm_model.estimation.smoother import check_count, smooth_steps
+from octo_arm_model.estimation.tracker import Beginning, Tracked, Tracker
 from octo_arm_model.estimation.updated import Innovation
 
 # Called with how many of the times are done, and of how many.
@@ -60,11 +61,21 @@ def filtered(
         failed: told why of times without an estimate, whose measurements are left out.
         progress: called with how many of the times are done, and of how many.
     """
-    for group, found in _tracked(groups, settings, models, failed, progress):
-        yield TimedEstimate(
-            *_stamps_of(group), found.hypothesis, found.probabilities, found.innovations,
-            found.estimate, found.begins_anew,
-        )  # fmt: skip
+    for one in _tracked(groups, settings, models, failed, progress):
+        if (found := one.found) is not None:
+            yield TimedEstimate(
+                *_stamps_of(one.group), found.hypothesis, found.probabilities, found.innovations,
+                found.estimate, found.begins_anew,
+            )  # fmt: skip
+
+
+class _Followed(NamedTuple):
+    """What was measured at one time [s], and what a filter made of it; None of no estimate."""
+
+    group: Sequence[StampedMeasurement]
+    time: float
+    found: Tracked | None
+    step: Step | None
 
 
 def _tracked(
@@ -73,17 +84,19 @@ def _tracked(
     models: Mapping[str, ArmModel],
     failed: Failed,
     progress: Progress,
-) -> Iterator[tuple[Sequence[StampedMeasurement], Tracked]]:
-    """What a `Tracker` makes of each of ``groups`` that has an estimate; see `filtered`."""
+) -> Iterator[_Followed]:
+    """What a `Tracker` makes of each of ``groups``, from its first estimate on; see `filtered`."""
     tracker = Tracker.from_settings(settings, models, 0.0)
     for number, group in enumerate(groups):
         progress(number, len(groups))
+        found = None
         try:
             found = tracker.add(group[0].stamp_ns, [one.measurement for one in group])
         except OctoArmError as error:
             failed(str(error))
-            continue
-        yield group, found
+        if tracker.origin_ns is not None:
+            time = 1e-9 * (group[0].stamp_ns - tracker.origin_ns)
+            yield _Followed(group, time, found, found and found.step)
     progress(len(groups), len(groups))
 
 
@@ -99,42 +112,62 @@ def smoothed(
     failed: Failed,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[TimedEstimate]:
-    """Estimates by the smoother, each of all that was measured; otherwise as `filtered`.
+    """Estimates by the smoother, each of all that the filter used; otherwise as `filtered`.
 
     Where the filter begins anew so does the smoother, from the first measurement of that
     beginning on: what was measured before tells nothing of an arm that was lost.
 
     Raises:
-        MeasurementError: if the place of contact is unknown, or a measurement does not fit the
-            arm.
+        MeasurementError: if the place of contact is unknown, or there are too many times.
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
     if len(models) > 1:
         raise MeasurementError(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
+    check_count(len(groups))
     ((name, model),) = models.items()
-    times: list[float] = []
-    kept: list[Sequence[StampedMeasurement]] = []
-    starts, total = [0], 2 * len(groups)  # by the filter that finds where to begin, then by this
-
-    def advanced(before: int) -> Callable[..., None]:
-        return lambda done, *_: progress(before + done, total)
-
-    for group, found in _tracked(groups, settings, models, failed, advanced(0)):
-        kept.append(group)
-        times.append(1e-9 * (group[0].stamp_ns - kept[0][0].stamp_ns))
-        if found.anew_from is not None:
-            starts.append(bisect.bisect_left(times, found.anew_from))
-    for part, (start, stop) in enumerate(itertools.pairwise([*starts, len(kept)])):
-        recording = [
-            (time, [one.measurement for one in group])
-            for time, group in zip(times[start:stop], kept[start:stop], strict=True)
-        ]
-        estimates = smooth(model, recording, settings.gate, advanced(len(groups) + start))
-        for number, estimate in enumerate(estimates):
+    parts: list[list[_Followed]] = [[]]
+    for one in _tracked(groups, settings, models, failed, progress):
+        if parts[-1] and (last := parts[-1][-1].step) is not None:
+            last.updated.at.forget()
+        if one.found is not None and (beginning := one.found.beginning) is not None:
+            first = bisect.bisect_left(parts[-1], beginning.since, key=lambda one: one.time)
+            lost = parts[-1][first:]
+            del parts[-1][first:]
+            parts.append(_begun(model, beginning, lost, one, settings.gate))
+        parts[-1].append(one)
+    for number, part in enumerate(parts):
+        known = [(one.group, one.step) for one in part if one.step is not None]
+        estimates = smooth_steps(model, [step for _, step in known])
+        for (group, _), estimate in zip(known, estimates, strict=True):
             yield TimedEstimate(
-                *_stamps_of(kept[start + number]), name, {name: 1.0}, estimate.innovations,
-                estimate, part > 0 and number == 0,
+                *_stamps_of(group), name, {name: 1.0}, estimate.innovations, estimate,
+                number > 0 and estimate is estimates[0],
             )  # fmt: skip
-    progress(total, total)
+
+
+def _begun(
+    model: ArmModel,
+    beginning: Beginning,
+    lost: Sequence[_Followed],
+    now: _Followed,
+    gate: float,
+) -> list[_Followed]:
+    """What the new ``beginning`` makes of what was measured before it was found ``now``.
+
+    The tracker takes the newest of that alone, and what was known then is ``lost``.
+    """
+    begun, last = [], None
+    for one in lost:
+        made = tuple(
+            part.measurement
+            for part in one.group
+            if part.measurement.name not in beginning.left_out
+        )
+        step = None
+        with contextlib.suppress(SolveError):
+            step = last = next_step(model, last, one.time, made, gate, now.step)
+            step.updated.at.forget()
+        begun.append(one._replace(step=step))
+    return begun

@@ -6,12 +6,12 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.estimating.camera_check import CameraFrames
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MIDLINES, MeasuredTopics
-from octo_arm_model.experiment.recording.observations import Pairing, base_first, camera_offset
 from octo_arm_model.experiment.recording.recording import Stamped, assemble
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Pairing, base_first, camera_offset
 from octo_arm_model.wire.refusals import Refusals
 
 

@@ -27,9 +27,9 @@ from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.experiment.estimating.camera_check import CameraCheck
 from octo_arm_model.experiment.estimating.read_camera import camera_topic, read_camera
 from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.count import Count
-from octo_arm_model.experiment.recording.recording import Stamped, in_short
+from octo_arm_model.experiment.recording.recording import Stamped
+from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
 from octo_arm_model.wire.refusals import Refusals
 
@@ -124,7 +124,7 @@ def read_recorded(
     groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
     if not groups:
         where = ', '.join(sensors.all)
-        raise BagError(f'{reader.path}: nothing measured on {where}{in_short(refusals)}')
+        raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
     topic = camera_topic(reader, sources.midlines)
     origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
     camera = None

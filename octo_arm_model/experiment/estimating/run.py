@@ -18,7 +18,6 @@ from octo_arm_model.experiment.estimating.estimates import (
 from octo_arm_model.experiment.estimating.history import Moment, moment_of, touches_of
 from octo_arm_model.experiment.estimating.recorded import Recorded
 from octo_arm_model.experiment.estimating.touches import Touch
-from octo_arm_model.experiment.recording.recording import in_short
 from octo_arm_model.wire.refusals import Refusals
 
 
@@ -81,7 +80,7 @@ def estimate(
             recorded.camera.add(time, one.estimate.backbone)
         total.update(one.probabilities)
     if not moments:
-        raise SolveError(f'no estimate at any time{in_short(failures)}')
+        raise SolveError(f'no estimate at any time{failures.in_short}')
     return Result(
         recorded, moments, touches_of(moments), consistency, failures,
         [direction.reason for direction in one.estimate.unlearnt],

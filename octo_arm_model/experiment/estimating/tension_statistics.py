@@ -6,8 +6,8 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.settings import TensionStatistics
-from octo_arm_model.experiment.recording.curves import without_spikes
-from octo_arm_model.experiment.recording.steady_windows import reading_noise
+from octo_arm_model.experiment.shapes.curves import without_spikes
+from octo_arm_model.experiment.shapes.steady_windows import reading_noise
 
 _TIMES = 3.0  # standard deviations that the largest change may be
 

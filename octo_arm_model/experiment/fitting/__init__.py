@@ -1,4 +1,4 @@
 """Parameters of an arm from measured midlines, by least squares, with confidence intervals.
 
-May import recording and what is below it.
+May import shapes, recording and what is below them.
 """

@@ -19,9 +19,9 @@ from octo_arm_model.experiment.fitting.pairing import (
 from octo_arm_model.experiment.fitting.readings import Readings
 from octo_arm_model.experiment.fitting.solutions import Solutions
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
-from octo_arm_model.experiment.recording.midlines import fraction_at_start
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.midlines import fraction_at_start
 
 # Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.uncertainty import Estimate
 

@@ -30,8 +30,8 @@ from octo_arm_model.experiment.fitting.uncertainty import (
 )
 from octo_arm_model.experiment.fitting.unknown import AXIAL, is_of_arm
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 
 
 def identify(

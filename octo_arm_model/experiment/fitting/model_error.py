@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 
 
 def noise_of(shapes: Sequence[MeasuredShape]) -> float:

@@ -13,8 +13,8 @@ from octo_arm_model.experiment.fitting.held_back import HeldBackFit, Misfit
 from octo_arm_model.experiment.fitting.loads import MOST_FOLDS, steps_by_load
 from octo_arm_model.experiment.fitting.model_error import noise_of
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.alignment import undetermined
-from octo_arm_model.experiment.recording.branches import (
+from octo_arm_model.experiment.shapes.alignment import undetermined
+from octo_arm_model.experiment.shapes.branches import (
     STILL,
     UNLOADING,
     directions,

@@ -17,10 +17,10 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.experiment.fitting import robust_loss
-from octo_arm_model.experiment.recording.alignment import Alignment, align
-from octo_arm_model.experiment.recording.curves import along, along_change, place_change
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
-from octo_arm_model.experiment.recording.midlines import fraction_at_start
+from octo_arm_model.experiment.shapes.alignment import Alignment, align
+from octo_arm_model.experiment.shapes.curves import along, along_change, place_change
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.midlines import fraction_at_start
 
 _ROUNDS = 20
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.recording.steady_windows import MAD
+from octo_arm_model.experiment.shapes.steady_windows import MAD
 
 
 def scale_of(away: FloatArray, least: float) -> float:

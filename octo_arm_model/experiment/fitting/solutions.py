@@ -16,7 +16,7 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting.unknown import ALIGNMENT, AXIAL, OFFSET, SHEATH, ZERO
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.encoder_windows import lengths_of
+from octo_arm_model.experiment.shapes.encoder_windows import lengths_of
 
 
 class Solutions:

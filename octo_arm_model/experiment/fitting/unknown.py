@@ -16,7 +16,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.shapes.alignment import Alignment
 
 AXIAL = 'axial_stiffness'
 SHEATH = 'sheath_stiffness'

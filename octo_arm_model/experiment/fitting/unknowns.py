@@ -24,7 +24,7 @@ from octo_arm_model.experiment.fitting.unknown import (
     check_fits,
     unknowns_of,
 )
-from octo_arm_model.experiment.recording.alignment import Alignment
+from octo_arm_model.experiment.shapes.alignment import Alignment
 
 _STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
 _EXACT_PARAMETERS = (

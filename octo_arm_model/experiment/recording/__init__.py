@@ -1,4 +1,4 @@
-"""From a bag to one mean midline for each steady step of the tensions.
+"""Recordings read from bags and CSV files: tensions, encoder readings and measured points.
 
-May import bags and what is below it; not fitting.
+May import bags and what is below it; nothing beside it in experiment.
 """

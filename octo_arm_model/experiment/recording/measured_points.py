@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,8 +11,8 @@ import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.recording.markers import check_marker_s
 
+MOST_MARKERS = 1000
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 # A midline is taken to be in metres if its extent is so many times the length of the arm.
 _LENGTHS = (0.02, 2.0)
@@ -155,3 +156,24 @@ class MeasuredPoints:
             if unit != self._unit and low <= size / self._factor * factor <= high:
                 return f'; are they in {unit}? then say --length-unit {unit}'
         return ''
+
+
+def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
+    """Arc coordinates of markers on an arm of ``length`` [m].
+
+    Raises:
+        MeasurementError: if one is not on the arm, they are not increasing, or too many.
+    """
+    if len(s) > MOST_MARKERS:
+        raise MeasurementError(f'--marker-s has {len(s)} values, expected at most {MOST_MARKERS}')
+    for before, one in zip([-math.inf, *s], s):
+        if not (math.isfinite(one) and 0.0 <= one <= length * (1.0 + 1e-9)):
+            hint = ': in metres?' if 0.0 <= 1e-3 * one <= length else ''
+            raise MeasurementError(
+                f'--marker-s has {one:g}, expected arc coordinates from 0 to {length:g} m{hint}'
+            )
+        if one <= before:
+            raise MeasurementError(
+                f'--marker-s has {one:g} after {before:g}, expected increasing arc coordinates [m]'
+            )
+    return np.array(s, dtype=np.float64)

@@ -17,7 +17,7 @@ from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.records import Record
+    from octo_arm_model.bags.store.records import Record
 
 TF = 'tf2_msgs/msg/TFMessage'
 MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
@@ -105,7 +105,7 @@ class MeasuredTopics:
 
         In base_frame where transforms lead there, otherwise in their root.
         """
-        from octo_arm_model.bags.records import stamp_of
+        from octo_arm_model.bags.store.records import stamp_of
 
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
         found = self._messages(

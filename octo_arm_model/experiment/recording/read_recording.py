@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.experiment.recording.count import Count

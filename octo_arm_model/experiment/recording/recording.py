@@ -102,7 +102,7 @@ def assemble(
         MeasurementError: if there are no frames, or they are not of this arm.
     """
     if not frames:
-        raise MeasurementError(f'nothing measured on {source}{in_short(refusals)}')
+        raise MeasurementError(f'nothing measured on {source}{refusals.in_short}')
     if measured.marker_s or all(len(frame.points) == 1 for frame in frames):
         points.check_together(frames)
     origin = min(min(one.stamps) for one in (tensions, encoders) if one is not None)
@@ -137,9 +137,3 @@ def _in_order(
         notes.append(f'{back} of {given.size} stamps on {topic} run backwards; they are sorted')
     order = np.argsort(given, kind='stable')
     return np.asarray(1e-9 * (given[order] - origin)), np.asarray(order)
-
-
-def in_short(refusals: Refusals) -> str:
-    """The most frequent reason, for an error message."""
-    lines = refusals.lines()
-    return f'; {lines[0]}' if lines else ''

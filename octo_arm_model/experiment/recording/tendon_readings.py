@@ -17,13 +17,13 @@ from octo_arm_model.experiment.recording.csv_recording import (
     csv_tensions,
 )
 from octo_arm_model.experiment.recording.csv_table import read_csv
-from octo_arm_model.experiment.recording.recording import Stamped, in_short
+from octo_arm_model.experiment.recording.recording import Stamped
 from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
 from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.records import Record
+    from octo_arm_model.bags.store.records import Record
     from octo_arm_model.bags.tensions import Reading
 
 
@@ -89,7 +89,7 @@ def read_tendons(
         displacements = Stamped(str(files.displacements), *found)
     for what, stamped in (('tensions', tensions), ('encoder readings', displacements)):
         if stamped is not None and not stamped.rows:
-            raise BagError(f'no {what} for this arm on {stamped.source}{in_short(refusals)}')
+            raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
     return tensions, displacements
 
 

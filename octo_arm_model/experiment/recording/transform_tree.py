@@ -220,8 +220,11 @@ class TransformTree:
                     'quaternion of norm 1'
                 )
         if link.is_static:
-            turn = Rotation.from_quat(np.broadcast_to(numbers[0, 3:], (len(stamps), 4)))
-            return np.broadcast_to(numbers[0, :3], (len(stamps), 3)), turn
+            shift, turn = (
+                np.broadcast_to(part, (len(stamps), part.size))
+                for part in np.split(numbers[0], [3])
+            )
+            return shift, Rotation.from_quat(turn) if needs_turn else None
         outside = known & ((stamps < times[0]) | (stamps > times[-1]))
         known &= ~outside
         for stamp in stamps[outside].tolist():

@@ -1,4 +1,4 @@
-"""Read what the node of an arm publishes, and publish commands for its tendons.
+"""Read what the node of an arm publishes, command its tendons, and give it another arm.
 
 Imports the node's topics and QoS, config and simulation.
 """

@@ -11,20 +11,24 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from octo_arm_msgs.msg import BackboneCovariance as CovarianceMessage
 from octo_arm_msgs.msg import SectionStrains
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from octo_arm_model.config.config import Config, parse_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import ConfigError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
-from octo_arm_model.ros.client.topic import Meter, Topic, read_poses
+from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.wire.cdr_backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
 from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
 from octo_arm_model.wire.cdr_estimate import CONTACT, TIP_WRENCH
@@ -34,7 +38,7 @@ from octo_arm_model.wire.tension_messages import JOINT_STATE
 POSES: dict[str, Any] = {'backbone/poses': PoseArray}
 DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
-    'tendon_lengths': JointState,
+    TENDON_LENGTHS: JointState,
     'tip_pose': PoseWithCovarianceStamped,
     COVARIANCE: CovarianceMessage,
     TIP_WRENCH: WrenchStamped,
@@ -85,7 +89,16 @@ class ArmClient:
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
-        """Create the entities on ``node``, for the arm in ``namespace``, by default the node's."""
+        """Create the entities on ``node``, for the arm in ``namespace``, by default the node's.
+
+        Raises:
+            ConfigError: if ``namespace`` is none.
+        """
+        try:
+            validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
+        except InvalidNamespaceException as error:
+            expected = 'expected one such as arm_3'
+            raise ConfigError(f'namespace is {namespace!r}, {expected}') from error
         self._node = node
         self._prefix = f'{namespace}/' if namespace else ''
         self.command_topic = node.resolve_topic_name(self._prefix + TOPIC)
@@ -147,7 +160,7 @@ class ArmClient:
         if name == 'strains':
             values = (message.s, message.tau, message.xi, message.k, message.q)
             self.strains = PublishedStrains(message.model, *map(np.asarray, values))
-        elif name == 'tendon_lengths':
+        elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
             self._read_covariance(message)

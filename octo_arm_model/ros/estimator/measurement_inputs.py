@@ -10,7 +10,7 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.tension_subscription import LatestSubscription, message_class
-from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.stamp import Stamp
 

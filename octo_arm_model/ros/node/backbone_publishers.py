@@ -23,7 +23,12 @@ from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
 from octo_arm_model.ros.node.tension_subscription import message_class
 from octo_arm_model.ros.qos import create_publisher
-from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, BackboneWriter
+from octo_arm_model.wire.cdr_backbone import (
+    BACKBONE_TOPICS,
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    BackboneWriter,
+)
 from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
 from octo_arm_model.wire.cdr_tension_profiles import TOPIC as PROFILES_TOPIC
 from octo_arm_model.wire.cdr_tension_profiles import TensionProfilesWriter
@@ -52,8 +57,8 @@ class BackbonePublishers:
         self._publishers = [
             self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
         ]
-        self._lengths = self._open(JointState, 'tendon_lengths')
-        self._estimates = self._open(TendonTensions, 'tendon_tension_estimates')
+        self._lengths = self._open(JointState, TENDON_LENGTHS)
+        self._estimates = self._open(TendonTensions, TENSION_ESTIMATES)
         self._profiles = self._open(PointCloud2, PROFILES_TOPIC)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))

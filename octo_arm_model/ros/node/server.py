@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
-from octo_arm_model.config.config import parameters_as_yaml
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
@@ -18,9 +18,9 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
 from octo_arm_model.ros.node.tension_subscription import TensionInput
-from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
+from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 
 ArmT = TypeVar('ArmT', bound=Prepared)

@@ -20,8 +20,8 @@ from octo_arm_model.ros.messages import (
     tensions_message,
     wrench_values,
 )
-from octo_arm_model.ros.node.queued_service import Steps
-from octo_arm_model.ros.node.sliced_call import SlicedCall
+from octo_arm_model.ros.work.queued_service import Steps
+from octo_arm_model.ros.work.sliced_call import SlicedCall
 from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
 SLICE = 0.02  # [s] of a search between two looks at what else is to be done

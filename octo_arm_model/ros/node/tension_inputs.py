@@ -16,7 +16,7 @@ from octo_arm_model.ros.node.tension_subscription import (
     TensionInput,
     TensionSubscription,
 )
-from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.tension_messages import FieldMessage
 
 

@@ -16,8 +16,8 @@ from std_msgs.msg import Header
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.node.work_queue import WorkQueue
 from octo_arm_model.ros.qos import create_subscription
+from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage, TensionMessage

@@ -12,7 +12,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import wrench_from_stamped
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_subscription import LatestSubscription
-from octo_arm_model.ros.node.work_queue import WorkQueue
+from octo_arm_model.ros.work.work_queue import WorkQueue
 
 
 class TipWrench:

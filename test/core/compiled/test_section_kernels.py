@@ -13,10 +13,11 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.compiled import minimum_kernels, numba_build
 from octo_arm_model.core.compiled.section_tables import LANES, section_tables
 from octo_arm_model.core.compiled.tables import own
-from octo_arm_model.core.loaded.equilibrium import evaluate
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.newton import TOLERANCE
+from octo_arm_model.core.section.newton import TOLERANCE, force_scale
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 
 pytest.importorskip('numba')
 
@@ -29,6 +30,15 @@ def energy_of(arm: Arm, law: str, sheath: float) -> SectionEnergy:
     statics = Solver(arm, 'exact', material=law)._statics
     assert isinstance(statics, Exact)
     return statics.sections
+
+
+def evaluate(
+    energy: SectionEnergy, tensions: FloatArray, twist: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gradient and Hessian by the ``twist`` (4, n), and what an imbalance is measured by."""
+    local_tensions = energy.local_tensions(tensions[np.newaxis])
+    gradient, hessian = derivatives_by_twist(energy, twist[:, np.newaxis], local_tensions)
+    return gradient[:, 0], hessian[:, :, 0], force_scale(energy, local_tensions)[:, 0]
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])

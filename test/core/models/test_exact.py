@@ -38,7 +38,7 @@ from octo_arm_model.core.rod import grid
 from octo_arm_model.core.section import elastic_laws
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import unscale
+from octo_arm_model.core.section.strain_measures import gradient_by_twist, unscale
 
 LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
@@ -449,6 +449,8 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         hessian += across
         return unscale(energy, at_both(x), gradient, hessian)
 
+    alone = gradient_by_twist(energy, at_both(at), local_tensions)
+    np.testing.assert_allclose(alone, physical(at)[0], rtol=1e-12, atol=1e-15)
     expected = jacobian(lambda x: physical(x)[0][:, 0], at, steps)
     scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(

@@ -127,6 +127,10 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     gradient, hessian = energy.tendon_derivatives(strain, local_tensions)
     np.testing.assert_allclose(gradient[:, 0].T, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
 
+    width, slope, _ = energy.widening(strain[3])
+    alone = energy.tendon_gradient(strain, local_tensions, width, slope)
+    np.testing.assert_allclose(alone, gradient, rtol=1e-12, atol=1e-15)
+
     def pull_of(strain: np.ndarray, tensions: np.ndarray = local_tensions) -> np.ndarray:
         return energy.tendon_derivatives(strain, tensions)[0]
 

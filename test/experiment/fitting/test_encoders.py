@@ -18,10 +18,10 @@ from octo_arm_model.experiment.fitting.fit import Problem
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.readings import Readings
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.curves import resample
-from octo_arm_model.experiment.recording.encoder_windows import by_length
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.curves import resample
+from octo_arm_model.experiment.shapes.encoder_windows import by_length
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 
 THREAD = 400.0  # the tendons' true E A [N]
 ZEROS = np.array([2e-3, -1e-3, 0.5e-3, 1e-3])  # what encoders read of the taut unloaded arm [m]

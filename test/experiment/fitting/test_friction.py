@@ -15,10 +15,10 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.solutions import followed
-from octo_arm_model.experiment.recording.alignment import Alignment
-from octo_arm_model.experiment.recording.curves import resample
-from octo_arm_model.experiment.recording.encoder_windows import by_length
-from octo_arm_model.experiment.recording.mean_midlines import MeasuredShape
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.curves import resample
+from octo_arm_model.experiment.shapes.encoder_windows import by_length
+from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 
 LOOP = tuple(map(one_tendon, (1.0, 2.0, 3.0, 3.6, 3.0, 2.0, 1.0)))
 ROUGH = {'material.youngs_modulus': TRUE, 'tendons.friction': [0.2]}

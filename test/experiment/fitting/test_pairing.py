@@ -7,7 +7,7 @@ from differences import jacobian
 from experiments import circle
 
 from octo_arm_model.experiment.fitting.pairing import residuals, residuals_change
-from octo_arm_model.experiment.recording.curves import resample
+from octo_arm_model.experiment.shapes.curves import resample
 
 
 def test_derivatives_of_residuals_are_those_of_differences() -> None:

@@ -124,7 +124,7 @@ def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
     assert any('tension_deadband takes readings near zero as zero' in note for note in notes)
     from experiments import PARAMETERS
 
-    from octo_arm_model.config.config import parameters_as_yaml
+    from octo_arm_model.config.parameter_files import parameters_as_yaml
 
     config = tmp_path / 'arm.yaml'
     config.write_text(parameters_as_yaml({

@@ -22,13 +22,14 @@ from experiments import (
 from recordings import Sample, displacement_sample
 
 from octo_arm_model.analysis.winding import displacements_of
-from octo_arm_model.config.config import Config, parameters_as_yaml
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import BagError, MeasurementError
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
-from octo_arm_model.experiment.recording.observations import Pairing, observe
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Pairing, observe
 
 STRETCHING = {'tendons.axial_stiffness': [500.0], 'model': 'exact'}
 ARM = Config.from_parameters({**PARAMETERS, **STRETCHING}).arm

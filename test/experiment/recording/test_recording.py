@@ -19,10 +19,10 @@ from experiments import (
 )
 
 from octo_arm_model.core.errors import BagError, ConfigError
-from octo_arm_model.experiment.recording.alignment import Alignment
 from octo_arm_model.experiment.recording.measured_points import Measured
-from octo_arm_model.experiment.recording.observations import observe
 from octo_arm_model.experiment.recording.read_recording import read_recording
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import observe
 
 
 def lab(seconds: float = 4.0) -> list:

@@ -162,6 +162,15 @@ def test_a_transform_on_the_way_that_is_no_rotation_is_refused(
         tree.origins('marker', 'world', lambda why: None)
 
 
+def test_a_static_marker_needs_no_rotation() -> None:
+    tree = TransformTree()
+    # An orientation that nobody set.
+    tree.add('tracker', 'marker', 0, np.array([1.0, 0.0, 0.0]), np.zeros(4), True)
+    add(tree, 'world', 'tracker', 5, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    stamps, points = tree.origins('marker', 'world', lambda why: None)
+    assert (stamps.tolist(), points.tolist()) == ([5], [[1.0, 2.0, 0.0]])
+
+
 def test_circles_and_second_parents_are_refused() -> None:
     level = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     tree = TransformTree()

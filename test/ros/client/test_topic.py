@@ -1,33 +1,10 @@
-"""Poses from raw bytes, and rates."""
+"""Rates of topics."""
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
-from rclpy.serialization import serialize_message
-
-from octo_arm_model.ros.client.topic import Meter, read_poses
-
-
-@pytest.mark.parametrize('count', [0, 1, 101])
-@given(frame=st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=20))
-def test_poses_are_read_from_bytes_as_ros_reads_them(count, frame):
-    message = PoseArray()
-    message.header.stamp.sec, message.header.stamp.nanosec = -3, 250_000_000
-    message.header.frame_id = frame
-    expected = np.random.default_rng(count).normal(size=(count, 7))
-    for x, y, z, qx, qy, qz, qw in expected.tolist():
-        pose = Pose(position=Point(x=x, y=y, z=z))
-        pose.orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
-        message.poses.append(pose)
-    stamp, poses = read_poses(serialize_message(message))
-    assert stamp == -2.75
-    np.testing.assert_array_equal(poses, expected)
+from octo_arm_model.ros.client.topic import Meter
 
 
 def test_rates_count_what_was_passed_over_and_begin_anew_with_the_node():

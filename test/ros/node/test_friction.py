@@ -13,7 +13,8 @@ from live_nodes import CONFIG, CONFIG_FILE, running, tip_of
 from sensor_msgs.msg import PointCloud2
 
 from octo_arm_model import Solver
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,17 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import DEADLINE, check_end, environment, file_with, new_domain, running, start_node
+from live_nodes import (
+    CONFIG_FILE,
+    DEADLINE,
+    check_end,
+    environment,
+    file_with,
+    new_domain,
+    running,
+    start,
+    start_node,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -67,6 +77,26 @@ def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, 
     files = [file_with(tmp_path, old, new)]
     process = start_node('ros.node.main', new_domain(), files=files)
     assert complaint in check_end(process, 1)
+
+
+@pytest.mark.parametrize(
+    ('program', 'name'),
+    [
+        ('ros.node.main', 'octo_arm_node'),
+        ('ros.node.lifecycle', 'octo_arm_lifecycle_node'),
+        ('ros.simulator.main', 'octo_arm_sim'),
+    ],
+)
+def test_a_node_says_how_it_is_given_parameters(program, name):
+    process = start(program, '--help', domain=new_domain())
+    said, _ = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 0
+    assert f'{name} --ros-args --params-file config/renda2012_table4.yaml' in said
+    # A file alone was passed over, and then parameters were missing.
+    process = start(program, CONFIG_FILE, '--ros-args', domain=new_domain())
+    complaints = check_end(process, 2)
+    assert f'{name}: error: unrecognized arguments: {CONFIG_FILE}' in complaints
+    assert complaints.count('\n') == 1
 
 
 @pytest.mark.parametrize(

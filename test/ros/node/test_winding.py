@@ -38,7 +38,8 @@ def wound():
 
 
 def solver_of(path):
-    from octo_arm_model.config.config import Config, load_parameters
+    from octo_arm_model.config.config import Config
+    from octo_arm_model.config.parameter_files import load_parameters
 
     parameters = load_parameters(path)
     parameters |= {

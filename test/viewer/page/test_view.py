@@ -7,7 +7,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
-from octo_arm_model.config.config import Config, load_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.limits import figures, tendon_limits
 from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of

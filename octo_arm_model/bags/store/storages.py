@@ -1,0 +1,196 @@
+"""The storages of rosbags, which also check for records that do not fit and for lost rows."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import struct
+import urllib.parse
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import apsw
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+from octo_arm_model.bags.store.limits import LARGEST, LARGEST_OVERLAP, check_file, check_size
+
+_MAGIC = b'\x89MCAP0\r\n'
+_RECORD = struct.Struct('<BQ')  # kind, bytes that follow
+_CHUNK, _CHUNK_HEAD = 6, struct.Struct('<QQQ')  # first and last time, size when expanded
+_ATTACHMENT = 9
+_FOOTER, _FOOTER_FIELDS = 2, struct.Struct('<QQI')  # summary, its offsets, its checksum
+_PART = 2**20  # bytes read at once
+_STEPS = 100_000  # instructions of SQLite between checks for a signal
+
+
+class BoundedMcapReader(McapReader):
+    """An MCAP file whose records fit into it and are all found by its index."""
+
+    path: Path
+
+    def open(self) -> None:
+        """Open it.
+
+        Raises:
+            ValueError: if it is damaged, or needs more memory than is allowed.
+        """
+        check_file(self.path)
+        with self.path.open('rb') as file:
+            chunks = _chunks(file, self.path.stat().st_size)
+        super().open()
+        try:
+            self._check(chunks)
+        except BaseException:
+            self.close()
+            raise
+
+    def _check(self, found: set[int]) -> None:
+        if self.chunks and {chunk.chunk_start_offset for chunk in self.chunks} != found:
+            raise ValueError(f'its index has {len(self.chunks)} chunks, and it has {len(found)}')
+        changes: list[tuple[int, int]] = []
+        for chunk in self.chunks:
+            check_size(max(chunk.compressed_size, chunk.uncompressed_size), 'a chunk')
+            size = chunk.uncompressed_size
+            changes += [(chunk.message_start_time, size), (chunk.message_end_time + 1, -size)]
+        together = itertools.accumulate(size for _, size in sorted(changes))
+        if max(together, default=0) > LARGEST_OVERLAP:
+            raise ValueError(
+                f'chunks of more than {LARGEST_OVERLAP} bytes in all are of the same time'
+            )
+
+
+def _chunks(file: BinaryIO, size: int) -> set[int]:
+    """Where the chunks of an MCAP file of so many bytes begin.
+
+    Raises:
+        ValueError: if its records do not fit into it.
+    """
+    if file.read(len(_MAGIC)) != _MAGIC:
+        return set()  # rosbags says so.
+    chunks: set[int] = set()
+    place, end = len(_MAGIC), size - len(_MAGIC)
+    kind = 0
+    while place < end:
+        file.seek(place)
+        head = file.read(_RECORD.size)
+        kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, size)
+        start, place = place, place + _RECORD.size + length
+        if place > end:
+            raise ValueError(f'the record at byte {start} claims {length} bytes, too many')
+        if kind == _CHUNK:
+            chunks.add(start)
+            head = file.read(_CHUNK_HEAD.size)
+            if len(head) == _CHUNK_HEAD.size:
+                check_size(_CHUNK_HEAD.unpack(head)[-1], f'the chunk at byte {start}')
+        if kind != _ATTACHMENT:
+            check_size(length, f'the record at byte {start}')
+    if kind != _FOOTER or length != _FOOTER_FIELDS.size:
+        raise ValueError('its last record is no footer')
+    file.seek(start + _RECORD.size)
+    summary, _, checksum = _FOOTER_FIELDS.unpack(file.read(_FOOTER_FIELDS.size))
+    if summary and checksum and checksum != _checksum(file, summary, end - 4):
+        raise ValueError('the checksum of its summary is another')
+    return chunks
+
+
+def _checksum(file: BinaryIO, start: int, end: int) -> int:
+    """CRC-32 of the bytes from ``start`` to ``end``."""
+    checksum = 0
+    file.seek(start)
+    while start < end and (part := file.read(min(_PART, end - start))):
+        checksum = zlib.crc32(part, checksum)
+        start += len(part)
+    return checksum
+
+
+class CheckedSqlite3Reader(Sqlite3Reader):
+    """An SQLite file that is sound, each message of a topic that it has.
+
+    Attributes:
+        missing: how many messages less there are than they are numbered.
+    """
+
+    path: Path
+    missing = 0
+
+    def open(self) -> None:
+        """Open it.
+
+        Raises:
+            ValueError: if it is damaged.
+        """
+        check_file(self.path)
+        for ending in ('-wal', '-journal'):
+            beside = self.path.with_name(self.path.name + ending)
+            if beside.exists() and beside.stat().st_size:
+                raise ValueError(
+                    f'{beside.name} beside it holds what its recorder had no time to put into it; '
+                    f'`sqlite3 {self.path.name} .schema` does'
+                )
+        with contextlib.closing(_connected(self.path)) as data:
+            self._check(data)
+        super().open()
+        assert self.dbconn is not None
+        _bound(self.dbconn)
+
+    def _check(self, data: apsw.Connection) -> None:
+        # First, as a query in a damaged tree may loop for ever, which this check does not.
+        ((problem,),) = data.execute('PRAGMA integrity_check(1)')
+        if problem != 'ok':
+            raise ValueError(str(problem))
+        ((computed,),) = data.execute(
+            "SELECT (SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
+            "  OR sql LIKE 'CREATE VIRTUAL%') + (SELECT count(*) FROM sqlite_master AS of_all,"
+            '  pragma_table_xinfo(of_all.name) AS its WHERE its.hidden)'
+        )
+        if computed:
+            raise ValueError('it has views or triggers or computes columns, as no recorder does')
+        ((lost,),) = data.execute(
+            'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
+        )
+        if lost:
+            raise ValueError(f'{lost} message(s) of topics that it does not have')
+        ((others,),) = data.execute(
+            "SELECT count(*) FROM messages WHERE typeof(timestamp) != 'integer' "
+            "OR typeof(data) != 'blob'"
+        )
+        if others:
+            raise ValueError(f'{others} message(s) without a time of receipt or bytes')
+        ((count, newest),) = data.execute('SELECT count(*), max(id) FROM messages')
+        self.missing = max((newest or 0) - count, 0)
+
+
+def _connected(path: Path) -> apsw.Connection:
+    """An SQLite file open for reading, see `_bound`."""
+    flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
+    data = apsw.Connection(f'file:{urllib.parse.quote(str(path))}?immutable=1', flags=flags)
+    _bound(data)
+    return data
+
+
+def _bound(data: apsw.Connection) -> None:
+    """Let Ctrl-C end queries, and no value be too large for memory."""
+    data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
+    data.set_progress_handler(lambda: False, _STEPS)
+
+
+class _Folder(DirectoryReader):
+    STORAGE_PLUGINS: Mapping[str, Any] = {
+        'mcap': BoundedMcapReader,
+        'sqlite3': CheckedSqlite3Reader,
+    }
+
+
+class BoundedReader(Reader):
+    """That of rosbags on these storages."""
+
+    STORAGE_PLUGINS: Mapping[str, Any] = {
+        'dir': _Folder,
+        '.mcap': BoundedMcapReader,
+        '.db3': CheckedSqlite3Reader,
+    }

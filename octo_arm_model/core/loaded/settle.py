@@ -1,0 +1,191 @@
+"""Balances of loaded arms near known shapes, of many arms at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.errors import ConvergenceError, SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
+from octo_arm_model.core.loaded.linearised import Linearised
+from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
+from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.section.strain_measures import have_fibres, to_scaled
+
+if TYPE_CHECKING:
+    from octo_arm_model.core.loaded.rod import LoadedRod
+
+_KEPT = 16  # systems, for as many arms that are followed in turn
+_TOGETHER = 16  # arms: enough that calls cost little, few enough for arrays to stay in cache
+
+
+class Settled(NamedTuple):
+    """What became of one arm.
+
+    Attributes:
+        outcome: as of `Settle`.
+        iterations: made.
+        residual: of the state it ended in.
+        twist: of this.
+    """
+
+    outcome: Solution | Shape | None
+    iterations: int
+    residual: float
+    twist: FloatArray
+
+
+class Settling:
+    """`Settle` of one rod whose tendons have no friction, under dead loads."""
+
+    def __init__(self, rod: LoadedRod) -> None:
+        """Of ``rod``."""
+        self._rod = rod
+        # Of the balances found or followed from last: by the identity of its twist this, which so
+        # stays the only one of that identity, and the system linearised about nearly the same.
+        self._kept: dict[int, tuple[FloatArray, Linearised]] = {}
+
+    def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
+        """`Newton` of the rod."""
+        found = newton(self._rod.equilibrium, condition, shape, tolerance)
+        if tolerance <= TOLERANCE and isinstance(found.system, Linearised):
+            self._keep(found.state.shape.twist, found.system)
+        return found
+
+    def __call__(
+        self, wanted: Condition, shape: Shape, spending: Spending
+    ) -> Solution | Shape | None:
+        """`Settle` of the rod."""
+        condition = wanted._replace(
+            tensions=wanted.tensions[np.newaxis], tip_wrench=wanted.tip_wrench[np.newaxis]
+        )
+        found = self._settle(condition, shape)[0]
+        spending.add(found.iterations, 0.0, found.residual, found.twist)
+        if isinstance(found.outcome, Solution):
+            return found.outcome._replace(iterations=spending.iterations)
+        return found.outcome
+
+    def settle_all(self, wanted: Condition, shape: Shape) -> list[Solution | None]:
+        """As `Settle` of many arms, ``wanted`` for each, from one ``shape`` or from one of each.
+
+        None for arms that have to be solved one by one.
+        """
+        found: list[Solution | None] = []
+        for first in range(0, len(wanted.tensions), _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            condition = wanted._replace(
+                tensions=wanted.tensions[part], tip_wrench=wanted.tip_wrench[part]
+            )
+            begin = shape
+            if shape.twist.ndim == 3:
+                a, b = shape.orientation
+                begin = Shape(shape.twist[:, part], Quaternions(a[part], b[part]))
+            try:
+                outcomes = [settled.outcome for settled in self._settle(condition, begin)]
+            except SolveError:
+                outcomes = [None] * len(condition.tensions)
+            found += [one if isinstance(one, Solution) else None for one in outcomes]
+        return found
+
+    def _settle(self, wanted: Condition, shape: Shape) -> list[Settled]:
+        """As `settle_all`, of few arms.
+
+        Raises:
+            SolveError: if a tendon is pressed out of the body.
+        """
+        arms, known = len(wanted.tensions), self._known(shape.twist)
+        if shape.twist.ndim == 2:
+            (a, b), all_arms = shape.orientation, (arms, shape.twist.shape[1])
+            shape = Shape(
+                np.repeat(shape.twist[:, np.newaxis], arms, axis=1),
+                Quaternions(np.broadcast_to(a, all_arms), np.broadcast_to(b, all_arms)),
+            )
+        if known is not None and arms > 1:
+            known = known.of(np.zeros(arms, np.int64))
+        found: dict[int, Settled] = {}
+        for numbers, group in newton_of_all(
+            self._rod.equilibrium, wanted, shape, TOLERANCE, known
+        ):
+            found.update(zip(numbers.tolist(), self._settled(group, arms == 1), strict=True))
+        return [found[number] for number in range(arms)]
+
+    def _known(self, twist: FloatArray) -> Linearised | None:
+        """The system linearised about the balance of this ``twist``, if it is kept."""
+        kept = self._kept.pop(id(twist), None)
+        if kept is None:
+            return None
+        self._kept[id(twist)] = kept  # now the one used last
+        return kept[1]
+
+    def _keep(self, twist: FloatArray, system: Linearised) -> None:
+        if len(self._kept) == _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[id(twist)] = twist, system
+
+    def _settled(self, found: Iterate, is_kept: bool) -> list[Settled]:
+        """What became of arms that Newton's method led the same way; raises as `_settle`.
+
+        The system of the balance of one arm is kept.
+        """
+        state, rod = found.state, self._rod
+        energy, (twist, (a, b)) = rod.equilibrium.energy, state.shape
+        residual = state.residual.tolist()
+        shapes = [Shape(twist[:, i], Quaternions(a[i], b[i])) for i in range(len(a))]
+        outcomes: list[Solution | Shape | None] = [None] * len(shapes)
+        system = self._last_system(found)
+        if system is not None:
+            is_stable = (found.corrected <= MOST_CORRECTED) & self._are_stable(state, system)
+            strain = to_scaled(energy.law, twist)
+            is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
+            for number in np.flatnonzero(is_stable & ~is_read).tolist():
+                outcomes[number] = shapes[number]
+            numbers = np.flatnonzero(is_read)
+            if numbers.size:
+                part = state if numbers.size == len(shapes) else state.of(numbers)
+                local_tensions = energy.local_tensions(part.condition.tensions)
+                energy.check_tendons(strain[:, numbers], local_tensions)
+                read = rod.read_out(part)
+                for i, number in enumerate(numbers.tolist()):
+                    outcomes[number] = Solution(
+                        read[0][:, i], residual[number], found.iterations, shapes[number],
+                        (read[1][i], read[2][i]),
+                    )  # fmt: skip
+            if is_kept:
+                self._keep(shapes[0].twist, system)
+        return [
+            Settled(outcome, found.iterations, left, shape.twist)
+            for outcome, left, shape in zip(outcomes, residual, shapes, strict=True)
+        ]
+
+    def _last_system(self, found: Iterate) -> Linearised | None:
+        """The system linearised about nearly the balance that was found, if one was."""
+        if not (found.state.residual <= TOLERANCE).all():
+            return None
+        system = found.system
+        if system is None:
+            try:
+                system = self._rod.equilibrium.linearised(found.state)
+            except ConvergenceError:
+                return None
+        assert isinstance(system, Linearised)
+        return system
+
+    def _are_stable(self, state: State, system: Linearised) -> NDArray[np.bool_]:
+        """Whether balances are seen to be of least energy.
+
+        Where loads have no energy the sign of the determinant is all that is known.
+        """
+        problem = self._rod.equilibrium
+        has_energy = np.array(
+            [problem.loads.has_energy(wrench) for wrench in state.condition.tip_wrench]
+        )
+        if has_energy.all():
+            return system.is_least
+        is_same = system.signs == problem.unloaded_sign
+        return np.where(has_energy, system.is_least, is_same)

@@ -1,0 +1,240 @@
+"""The node ``octo_arm_sim``: stands in for winches and load cells.
+
+Commanded tensions in, measured tensions out, on the topic that `octo_arm_node` listens to. What
+load cells do not see, the tensions as they are, seen through an arm that gives way, goes to
+``ground_truth/tendon_tensions``: another `octo_arm_node`, in the namespace ``ground_truth``, then
+has the shape that the arm really has. Winches are commanded by tension or, those that are named on
+``tendon_commands/displacements``, by length; what their encoders read goes out where wanted. The
+arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_estimator` hears.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.clock import Clock, ClockType
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+
+from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.checked_node import CheckedNode
+from octo_arm_model.ros.live_parameters import LiveParameters
+from octo_arm_model.ros.messages import tensions_message
+from octo_arm_model.ros.node import diagnostics
+from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.node.main import run
+from octo_arm_model.ros.node.tension_subscription import (
+    TOPICS,
+    LatestSubscription,
+    TensionInput,
+    TensionSubscription,
+)
+from octo_arm_model.ros.qos import check_overrides, create_publisher
+from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
+from octo_arm_model.ros.simulator.push_service import PushService
+from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
+from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.simulation.commands import TOPIC
+from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.length_control import LengthControl
+from octo_arm_model.simulation.limits import check_command
+from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
+from octo_arm_model.simulation.sensors import Push
+from octo_arm_model.wire import displacement_messages
+from octo_arm_model.wire.tension_fields import NONE
+
+
+class SimulatorNode(CheckedNode):
+    """Publishes the tensions that load cells would measure."""
+
+    def __init__(self, **options: Any) -> None:
+        """Read the parameters and start publishing.
+
+        Raises:
+            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
+        """
+        super().__init__('octo_arm_sim', **options)
+        self._config: SimulatorConfig | None = None
+        self._control: LengthControl | None = None
+        self._set_point: FloatArray = np.zeros(0)
+        self._timer: Timer | None = None
+        self._last: int | None = None
+        self._measured, self._effective = (
+            create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
+            for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
+        )
+        self._diagnostics = SimulatorDiagnostics(self)
+        self._encoders = create_publisher(
+            self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
+        )
+        table = (*ARM_PARAMETERS, *PARAMETERS)
+        self._sensors, self._push = SensorPublishers(self), PushService(self, self._current_push)
+        self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
+        self._live.begin()
+        work = WorkQueue(self)
+        self._inputs = [
+            TensionSubscription(self, topic, self._current_arm, self._on_command, work, TOPIC)
+            for topic in TOPICS
+        ]
+        self._lengths = LatestSubscription(
+            self, JointState, f'{TOPIC}/displacements', self._on_lengths, work
+        )
+        check_overrides(self)
+        # ROS time may stand still; diagnostics are published all the same.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(diagnostics.PERIOD, partial(self._do, self._report), clock=clock)
+
+    def _use(self, config: SimulatorConfig, names: set[str]) -> None:
+        """Use ``config`` from now on, of whose parameters ``names`` were set."""
+        before, self._config = self._config, config
+        if any(name.startswith('push.') for name in names):
+            self._push.forget()
+        tendons = config.arm.tendon_names
+        if before is not None and (
+            config.model != before.model or (config.limits != before.limits).any()
+        ):
+            if self._control is not None and self._control.displacements:
+                self.get_logger().warning('tendons are no longer driven by length: another arm')
+            self._control = None
+        if before is None or tendons != before.arm.tendon_names:
+            self._hardware = SimulatedHardware(config.hardware, len(tendons))
+            self._command: FloatArray = np.zeros(len(tendons))
+        else:
+            self._hardware.change(config.hardware)
+            if (self._command > config.limits).any():
+                self._command = np.minimum(self._command, config.limits)
+                self.get_logger().warning('tendons go down to their new limits')
+        if before is None or 'profile.name' in names:
+            self._is_playing, self._played = config.profile is not None, 0.0
+        if before is None or config.rate != before.rate:
+            if self._timer is not None:
+                self.destroy_timer(self._timer)
+            self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
+
+    def _current_arm(self) -> Arm:
+        assert self._config is not None  # it subscribes once configured
+        return self._config.arm
+
+    def _current_push(self) -> Push:
+        assert self._config is not None  # services are answered once it spins
+        return self._config.push
+
+    def _on_command(self, given: TensionInput) -> None:
+        """Follow a command from now on, and no longer the profile."""
+        assert self._config is not None
+        self._diagnostics.counts['commands'] += 1 + given.older
+        try:
+            if isinstance(given.tensions, OctoArmError):
+                raise given.tensions
+            self._command = check_command(self._config.arm, given.tensions, self._config.limits)
+        except OctoArmError as error:
+            self._diagnostics.refuse(given.topic, error)
+            return
+        self._is_playing = False
+
+    def _on_lengths(self, data: bytes, older: int) -> None:
+        """Reel in the tendons that are named from now on; all others follow tensions."""
+        assert self._config is not None
+        self._diagnostics.counts['commands'] += 1 + older
+        try:
+            message = self._lengths.decode(data)
+            found = displacement_messages.read_displacements(message, self._config.arm)
+            self._length_control().command(found, self._command)
+        except OctoArmError as error:
+            self._diagnostics.refuse(self._lengths.topic, error)
+            return
+        self._is_playing = False
+
+    def _length_control(self) -> LengthControl:
+        """That of the present arm, made when it is first needed."""
+        assert self._config is not None
+        if self._control is None:
+            self._control = LengthControl(self._config.solver, self._config.limits)
+        return self._control
+
+    def _do(self, what: Callable[[], None]) -> None:
+        try:
+            what()
+        except RuntimeError:
+            # A signal invalidates the context while a callback runs: not an error.
+            if self.context.ok():
+                raise
+
+    def _step(self) -> None:
+        """Advance winches and load cells to the present time."""
+        config = self._config
+        assert config is not None
+        now = self.get_clock().now()
+        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
+        # winches do not move.
+        elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
+        elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
+        if self._is_playing and config.profile is not None:
+            self._command = config.profile.at(self._played, loop=config.loop)
+            self._played += config.speed * elapsed
+        try:
+            control = self._control
+            self._set_point = control.tensions(self._command) if control else self._command
+        except OctoArmError as error:
+            # Winches stay where they are.
+            self._diagnostics.warn(self._lengths.topic, error)
+        measured, effective = self._hardware.step(self._set_point, elapsed)
+        stamp = now.to_msg()
+        read = config.hardware.calibration.readings(effective)  # by cells without errors
+        self._effective.publish(self._message(read, stamp))
+        if measured is None:
+            self._diagnostics.counts['lost'] += 1
+        else:
+            self._measured.publish(self._message(measured, stamp))
+            self._diagnostics.counts['published'] += 1
+        if config.encoders:
+            self._publish_encoders(effective, stamp)
+        if config.pushed_arm is not None:
+            try:
+                self._sensors.publish(config, self._push.at, effective, elapsed, stamp)
+            except OctoArmError as error:
+                self._diagnostics.warn('push', error)
+
+    def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
+        """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
+        assert self._config is not None
+        try:
+            reeled_in = self._length_control().encoders(tensions)
+        except OctoArmError as error:
+            self._diagnostics.warn(self._encoders.topic_name, error)
+            return
+        message = JointState(name=list(self._config.arm.tendon_names), position=reeled_in)
+        message.header.stamp, message.header.frame_id = stamp, self._config.base_frame
+        self._encoders.publish(message)
+
+    def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
+        assert self._config is not None
+        config = self._config
+        message = tensions_message(tensions, config.arm, stamp, config.base_frame)
+        if names := config.hardware.calibration.names:
+            # Under the names that the node expects, and of the tendons that have a load cell.
+            cells = [number for number, name in enumerate(names) if name != NONE]
+            message.name = [names[number] for number in cells]
+            message.tension = tensions.ravel()[cells].tolist()
+        return message
+
+    def _report(self) -> None:
+        self._diagnostics.publish('profile' if self._is_playing else 'commands')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node; returns the exit status."""
+    return run('octo_arm_sim', SimulatorNode, arguments)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""The publishers of what the simulator's sensors besides load cells and encoders measure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseArray,
+    PoseWithCovarianceStamped,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.wire.measurement_messages import BASE_WRENCH, MARKERS, TIP_POSE
+
+TRUE_WRENCH = 'ground_truth/tip_wrench'
+
+
+class SensorPublishers:
+    """Publishes measurements of a pushed arm, each at its rate."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publishers on ``node``."""
+        self._tip, self._markers, self._wrench, self._truth = (
+            create_publisher(node, kind, topic, OUTPUT_QOS)
+            for kind, topic in (
+                (PoseWithCovarianceStamped, TIP_POSE),
+                (PoseArray, MARKERS),
+                (WrenchStamped, BASE_WRENCH),
+                (WrenchStamped, TRUE_WRENCH),
+            )
+        )
+        self._time = 0.0
+
+    def publish(
+        self,
+        config: SimulatorConfig,
+        push: Callable[[float], FloatArray],
+        tensions: FloatArray,
+        elapsed: float,
+        stamp: Time,
+    ) -> None:
+        """Publish what is due after ``elapsed`` [s] under ``tensions`` (tendons,) [N].
+
+        ``push`` returns the force that pushes the arm at a time [s], (3,) [N].
+
+        Raises:
+            SolveError: if the arm has no shape; nothing is published.
+        """
+        arm, sensors = config.pushed_arm, config.sensors
+        assert arm is not None
+        before, self._time = self._time, self._time + elapsed
+        pushed = push(self._time)
+        arm.solve(tensions, pushed)
+        header = Header(stamp=stamp, frame_id=config.base_frame)
+        if config.push.is_at_tip(config.arm.length):
+            # What a node of the true shape needs beside the true tensions.
+            self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
+        pose_due, markers_due, wrench_due = (
+            math.floor(rate * self._time) > math.floor(rate * before) for rate in sensors.rates
+        )
+        if pose_due:
+            pose = arm.tip_pose()
+            message = PoseWithCovarianceStamped(header=header)
+            message.pose.pose = pose_message(np.array(pose.position), np.array(pose.quaternion))
+            stddev = np.repeat([sensors.tip_position_stddev, sensors.tip_rotation_stddev], 3)
+            message.pose.covariance = np.diag(stddev**2).ravel()
+            self._tip.publish(message)
+        if markers_due:
+            points = [Point(x=x, y=y, z=z) for x, y, z in arm.markers().tolist()]
+            self._markers.publish(
+                PoseArray(header=header, poses=[Pose(position=point) for point in points])
+            )
+        if wrench_due:
+            measured = arm.base_wrench()
+            # About the origin of base_frame, as its header says.
+            measured[3:] += np.cross(config.model.base.position, measured[:3])
+            self._wrench.publish(_wrench(header, measured))
+
+
+def _wrench(header: Header, values: FloatArray) -> WrenchStamped:
+    """Force and moment (6,) [N, N m] as a message."""
+    force, torque = (Vector3(x=x, y=y, z=z) for x, y, z in values.reshape(2, 3).tolist())
+    return WrenchStamped(header=header, wrench=Wrench(force=force, torque=torque))

@@ -1,0 +1,69 @@
+"""Whether a balance is seen to be one of least energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solver
+from octo_arm_model.core.loaded.linearised import Linearised
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.exact import Exact
+
+COLUMN = Arm(Material(1e5), Body(0.4, 0.01, 0.01), (Section(0.4, 0.005, 0.005),))
+EULER = 1e5 * np.pi**3 * 0.01**4 / (16.0 * 0.4**2)  # [N], of a column that is held at its base
+
+
+def rod_of(law: str, shear: bool) -> LoadedRod:
+    loads = Loads(points=(PointLoad(0.4, (0.0, 0.0, 1e-9)),))
+    statics = Solver(COLUMN, 'exact', material=law, shear=shear, loads=loads)._statics
+    assert isinstance(statics, Exact)
+    return statics._rod(0)
+
+
+@pytest.mark.parametrize('shear', [False, True])
+@pytest.mark.parametrize('part', [0.5, 0.98, 1.02, 5.0, 26.0, 38.0, 42.0])
+def test_a_straight_column_is_one_of_least_energy_below_eulers_load(
+    part: float, shear: bool
+) -> None:
+    rod = rod_of('linear', shear)
+    problem = rod.equilibrium
+    unloaded = rod.unloaded(np.zeros(4))
+    tangent = problem.state(Condition(np.zeros(4), np.zeros(6), 1.0), unloaded).tangent[:, 0]
+    # Shear lets it buckle a little earlier.
+    force = -part * EULER * tangent
+    condition = Condition(np.zeros(4), np.append(force, np.zeros(3)), 1.0)
+    found = rod.newton(condition, unloaded, 1e-11)
+    assert found.state.residual <= 1e-11
+    system = problem.linearised(found.state)
+    assert isinstance(system, Linearised)
+    assert system.is_least.tolist() == [part < 1.0]
+    assert problem.stability(found.state).is_stable == (part < 1.0)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_least_energy_is_seen_where_the_whole_second_variation_is_positive(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rod = rod_of('neo_hookean', False)
+    problem, expected, missed = rod.equilibrium, [], 0
+    arms = 40
+    tensions = random.uniform(0.0, 1.0, (arms, 1)) * random.uniform(0.0, 1.5, (arms, 4))
+    shape = problem.shape(rod.minimum(tensions))
+    free = problem.state(Condition(tensions, np.zeros((arms, 6)), 1.0), shape)
+    # From 3 to 300 % of Euler's load, against the tip of arms that tendons bend.
+    push = EULER * 10.0 ** random.uniform(-1.5, 0.5, (arms, 1))
+    force = 0.3 * EULER * random.normal(size=(arms, 3)) - push * free.tangent[..., -1].T
+    condition = Condition(tensions, np.concatenate([force, np.zeros((arms, 3))], axis=1), 1.0)
+    systems = problem.linearised(problem.state(condition, shape))
+    assert isinstance(systems, Linearised)
+    weights = np.tile(problem.collocation.weights, 4)
+    one_by_one = np.eye(weights.size).reshape(weights.size, 4, -1).transpose(1, 0, 2)
+    for number, is_least in enumerate(systems.is_least.tolist()):
+        change = systems.of(np.array([number])).solve(one_by_one).twist
+        # By what each imbalance does: all changes of the twist at all points take energy.
+        flexibility = change.transpose(1, 0, 2).reshape(weights.size, -1) / weights[:, np.newaxis]
+        expected.append(np.linalg.eigvalsh(0.5 * (flexibility + flexibility.T))[0] > 0.0)
+        assert expected[-1] or not is_least
+        missed += bool(expected[-1] and not is_least)
+    assert missed <= 1 and 5 <= sum(expected) <= arms - 5

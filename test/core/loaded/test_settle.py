@@ -1,0 +1,97 @@
+"""Loaded arms are balanced together as they are alone, and near known balances as from afar."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helical_arm import HELICAL
+
+from octo_arm_model import Arm, Backbone, Config, Loads, PointLoad, SolveError, Solver
+from octo_arm_model.core.models.exact import Exact
+from octo_arm_model.core.rod.solution import Solution
+
+AIR = Loads(gravity=(0.0, 0.0, -9.81))
+WATER = dataclasses.replace(AIR, fluid_density=1000.0)
+# A moment that keeps its direction has no energy.
+MOMENT = dataclasses.replace(WATER, tip_moment=(1e-5, 2e-5, -1e-5))
+HIGHEST = np.array([0.5, 4.0, 13.0])[:, np.newaxis]
+
+
+def assert_one_by_one(solver: Solver, together: Backbone, start: Backbone | None) -> None:
+    """Every arm of a batch is the same to rounding when it is solved alone."""
+    for number, tensions in enumerate(together.tensions):
+        alone = solver.solve(tensions, together.tip_wrench[number] - solver._wrench, start)
+        assert alone.iterations == together.iterations[number]
+        np.testing.assert_allclose(together.position[number], alone.position, atol=1e-12)
+        np.testing.assert_allclose(together.quaternion[number], alone.quaternion, atol=1e-12)
+        for name in ('tau', 'xi', 'k', 'q'):
+            a, b = getattr(together, name)[number], getattr(alone, name)
+            np.testing.assert_allclose(a, b, atol=1e-11 * max(1.0, np.abs(b).max()))
+
+
+@pytest.mark.parametrize('is_warm', [False, True])
+@pytest.mark.parametrize('loads', [AIR, WATER, MOMENT], ids=['air', 'water', 'moment'])
+def test_an_arm_is_the_same_alone_and_in_a_batch(
+    table4: Config, loads: Loads, is_warm: bool
+) -> None:
+    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=loads)
+    random = np.random.default_rng(7)
+    tensions = 0.6 * HIGHEST * random.uniform(size=(3, 4)) * np.array([1.0, 0.0, 0.0, 1.0])
+    start = solver.solve(tensions) if is_warm else None
+    # More than are iterated together, and changes of all sizes: they do not go the same way.
+    change = 0.2 * np.linspace(0.0, 1.0, 20)[:, np.newaxis, np.newaxis]
+    batch = tensions + change * HIGHEST * random.uniform(size=(20, 3, 4))
+    together = solver.solve(batch, start=start)
+    assert (together.residual <= 1e-11).all()
+    assert np.unique(together.iterations).size > 1
+    assert_one_by_one(solver, together, start)
+    assert isinstance(solver._statics, Exact)
+    wrenches = np.broadcast_to(solver._wrench, (20, 6))
+    with np.errstate(invalid='ignore'):  # as for every solve
+        settled = solver._statics._settle_all(batch.reshape(20, 12), wrenches, start)
+    if is_warm:
+        assert sum(isinstance(one, Solution) for one in settled) > 10
+
+
+def test_wrenches_of_each_arm_are_its_own() -> None:
+    solver = Solver(HELICAL, 'exact', 31, material='linear', shear=True)
+    random = np.random.default_rng(8)
+    tensions = random.uniform(0.0, 1.0, (6, 2, 3))
+    wrenches = random.normal(size=(6, 6)) * (3 * [0.02] + 3 * [2e-4])
+    wrenches[2:, 3:] = 0.0  # some with an energy, some without
+    assert_one_by_one(solver, solver.solve(tensions, wrenches), None)
+
+
+def test_an_arm_without_balance_is_named_and_spoils_no_other(table4: Config) -> None:
+    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER)
+    tensions = np.tile(0.1 * HIGHEST * np.array([1.0, 0.0, 0.0, 1.0]), (5, 1, 1))
+    expected = solver.solve(tensions[0])
+    tensions[3] = 1000.0 * HIGHEST
+    with pytest.raises(SolveError, match='in set 3'):
+        solver.solve(tensions)
+    with pytest.raises(SolveError, match='in set 3'):
+        solver.solve(tensions, start=expected)
+    tensions[3] = 0.0
+    found = solver.solve(tensions, start=expected)
+    np.testing.assert_allclose(found.position[4], expected.position, atol=1e-11)
+
+
+@pytest.mark.parametrize('part', [1.0, 1.001, 1.03, 1.3, 0.3])
+@pytest.mark.parametrize(
+    'arm', [HELICAL, dataclasses.replace(HELICAL, sheath_stiffness=(4e5,) * 6)]
+)
+def test_a_step_from_the_last_balance_ends_where_one_from_its_copy_does(
+    arm: Arm, part: float
+) -> None:
+    # What was factorised for the last balance makes the first step from it alone.
+    loads = Loads(gravity=(0.0, 2.0, -5.0), points=(PointLoad(0.2, (0.0, 0.01, 0.0)),))
+    solver = Solver(arm, 'exact', 31, loads=loads)
+    tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
+    last = solver.solve(tensions)
+    assert last.shape is not None
+    copy = dataclasses.replace(last, shape=last.shape._replace(twist=last.shape.twist.copy()))
+    one, other = (solver.solve(part * tensions, start=start) for start in (last, copy))
+    np.testing.assert_allclose(one.position, other.position, atol=1e-11)
+    np.testing.assert_allclose(one.k, other.k, atol=1e-9)

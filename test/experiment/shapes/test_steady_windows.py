@@ -1,0 +1,85 @@
+"""Steady windows of recorded tensions."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from experiments import HELD, staircase
+
+from octo_arm_model.core.errors import ArmDefinitionError, MeasurementError
+from octo_arm_model.experiment.shapes.steady_windows import (
+    SteadyRule,
+    Window,
+    ramp_windows,
+    steady_windows,
+)
+
+
+def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
+    return steady_windows(time, pulled[:, np.newaxis], SteadyRule(**rule))
+
+
+def test_every_held_tension_is_a_window_and_no_way_between_is() -> None:
+    rng = np.random.default_rng(0)
+    time, pulled = staircase(HELD, hold=3.0, ramp=1.0)
+    found = windows_of(time, pulled + 0.01 * rng.standard_normal(pulled.size))
+    assert len(found) == len(HELD)
+    for number, (window, tension) in enumerate(zip(found, HELD)):
+        assert window.tensions == pytest.approx([tension], abs=0.005)
+        assert window.noise == pytest.approx([0.01], rel=0.3)
+        # From half a second after it is reached, within what the tolerance lets in of the ramp.
+        assert window.start == pytest.approx(4.0 * number + 0.5, abs=0.2)
+        assert window.stop == pytest.approx(4.0 * number + 3.0, abs=0.2)
+
+
+def test_a_ramp_is_cut_into_windows_of_tension() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    pulled = np.interp(time, [0.0, 10.0, 20.0], [0.0, 3.0, 0.0])[:, np.newaxis]
+    found = ramp_windows(time, pulled, 0.25)
+    for window in found[:-1]:
+        inside = pulled[(time >= window.start) & (time <= window.stop)]
+        assert np.ptp(inside) <= 0.25
+        assert window.tensions == pytest.approx([inside.mean()])
+    assert len(found) == pytest.approx(2 * 3.0 / 0.25, abs=2)
+    # Each sample is in one of them.
+    assert [b.start - a.stop for a, b in itertools.pairwise(found)] == pytest.approx(
+        [0.01] * (len(found) - 1)
+    )
+    assert 0.1 < np.ptp(pulled[time <= ramp_windows(time, pulled, None)[0].stop]) <= 0.15
+    assert ramp_windows(np.zeros(0), np.zeros((0, 1)), None) == []
+    with pytest.raises(MeasurementError, match=r'more than 1000 windows of 0.001 N, expected a w'):
+        ramp_windows(time, pulled, 0.001)
+    with pytest.raises(ArmDefinitionError, match='--ramp is -1'):
+        ramp_windows(time, pulled, -1.0)
+
+
+def test_a_ramp_is_steady_nowhere() -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    assert windows_of(time, 0.3 * time) == []
+
+
+def test_a_glitch_does_not_make_two_steps_of_one_and_does_not_count() -> None:
+    time = np.arange(0.0, 6.0, 0.01)
+    pulled = np.where((time > 3.0) & (time < 3.05), 4.0, 2.0)
+    (window,) = windows_of(time, pulled)
+    assert window.tensions.item() == pytest.approx(2.0)
+    assert (window.start, window.stop) == pytest.approx((0.5, 5.99), abs=0.02)
+
+
+def test_a_hole_in_the_recording_ends_a_window() -> None:
+    time = np.concatenate([np.arange(0.0, 3.0, 0.01), np.arange(8.0, 11.0, 0.01)])
+    assert len(windows_of(time, np.full(time.size, 2.0))) == 2
+
+
+def test_what_is_too_short_to_settle_is_no_window() -> None:
+    time = np.arange(0.0, 1.2, 0.01)
+    assert windows_of(time, np.ones(time.size), duration=1.0, settle=2.0) == []
+    assert windows_of(np.zeros(0), np.zeros(0)) == []
+
+
+@pytest.mark.parametrize('rule', [{'tolerance': 0.0}, {'duration': -1.0}, {'settle': np.nan}])
+def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
+    with pytest.raises(ArmDefinitionError):
+        SteadyRule(**rule)

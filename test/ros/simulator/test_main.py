@@ -1,0 +1,501 @@
+"""The simulator as a process of its own, commanded over real DDS."""
+
+import itertools
+import signal
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import (
+    CONFIG,
+    CONFIG_FILE,
+    DEADLINE,
+    INPUTS,
+    NAMES,
+    RosClient,
+    check_end,
+    new_domain,
+    running,
+    start,
+    start_node,
+    stop,
+    tensions_message,
+)
+from octo_arm_msgs.msg import TendonTensions
+from rcl_interfaces.srv import DescribeParameters
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from octo_arm_model import solve_displacements
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
+
+pytestmark = pytest.mark.slow
+
+EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
+SLACK = np.zeros(12)
+PLANE, SPACE = np.ravel(FETCHING_IN_PLANE), np.ravel(FETCHING_IN_SPACE)
+COMMANDS = {
+    topic.replace('tendon_tensions', 'tendon_commands'): kind for topic, kind in INPUTS.items()
+}
+
+
+class Controller(RosClient):
+    """Commands tensions and keeps what the load cells read."""
+
+    def __init__(self, domain, node='octo_arm_sim'):
+        super().__init__(domain, node)
+        self.publishers = {
+            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in COMMANDS.items()
+        }
+        self.measured = self.hear(TendonTensions, 'tendon_tensions')
+        self.effective = self.hear(TendonTensions, 'ground_truth/tendon_tensions')
+
+    def command(self, tensions, topic='tendon_commands', names=NAMES):
+        self.publishers[topic].publish(tensions_message(topic, tensions, names))
+
+    def reach(self, tensions, topic='tendon_commands', tolerance=1e-9):
+        """Command tensions until they are measured; returns what was on the way there."""
+        self.measured.clear()
+        self.effective.clear()
+
+        def is_there():
+            self.command(tensions, topic)
+            read = self.measured
+            return read and np.allclose(read[-1].tension, tensions, rtol=0.0, atol=tolerance)
+
+        self.wait(is_there, f'tensions {tensions}')
+        return np.array([message.tension for message in self.measured])
+
+
+def seconds(message):
+    """The stamp of a message [s]."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def simulating(*arguments, files=(CONFIG_FILE,)):
+    return running('ros.simulator.main', *arguments, files=files, client=Controller,
+                   node='octo_arm_sim')  # fmt: skip
+
+
+# No reading is replaced by a newer one before a busy reader takes it.
+EVERY_READING = [
+    word
+    for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
+    for word in ('-p', f'qos_overrides./{topic}.publisher.depth:=1000')
+]
+
+
+@pytest.fixture(scope='module')
+def shared():
+    with simulating(*EVERY_READING) as controller:
+        for topic in COMMANDS:
+            controller.reach(PLANE, topic)
+            controller.reach(SLACK, topic)
+        yield controller
+
+
+@pytest.fixture
+def controller(shared):
+    """The simulator, perfect and slack."""
+    try:
+        yield shared
+    finally:
+        perfect = {p.name.replace('.', '__'): p.default for p in PARAMETERS}
+        assert shared.change(**perfect) == (True, '')
+        shared.reach(SLACK)
+
+
+@pytest.mark.parametrize('topic', COMMANDS)
+def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic) -> None:
+    for given in (PLANE, SPACE, SLACK):
+        tensions = np.float64(np.float32(given))  # which every type can hold
+        controller.reach(tensions, topic, tolerance=0.0)
+    message = controller.measured[-1]
+    assert message.name == NAMES
+    assert message.header.frame_id == 'arm_base'
+    assert abs(message.header.stamp.sec - time.time()) < DEADLINE
+
+
+def test_winches_reel_in_lengths_and_their_encoders_read_them() -> None:
+    """Two tendons by length, one by tension: what the arm answers is what the core solves."""
+    asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    given = np.zeros((3, 4))
+    given[2, 0] = 1.0
+    options = '-p', 'model:=exact', '-p', 'winches.encoders:=true'
+    with simulating(*options) as controller:
+        lengths = controller.node.create_publisher(JointState, 'tendon_commands/displacements', 10)
+        encoders = controller.hear(JointState, 'tendon_displacements')
+        controller.reach(given.ravel())
+        solver = CONFIG.solver('exact')
+        expected = solve_displacements(solver, asked, {'tendon_3_1': 1.0})
+
+        def is_held():
+            message = JointState(name=list(asked), position=list(asked.values()))
+            lengths.publish(message)
+            read = controller.measured
+            return read and np.allclose(
+                read[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
+            )
+
+        controller.wait(is_held, 'lengths')
+        encoders.clear()
+        controller.wait(lambda: encoders, 'encoders')
+        assert list(encoders[-1].name) == NAMES
+        np.testing.assert_allclose(encoders[-1].position, expected.displacement.ravel(), atol=1e-8)
+        # Beyond what a tendon bears is refused, and what was held still is.
+        lengths.publish(JointState(name=['tendon_1_1'], position=[0.4]))
+        controller.wait(
+            lambda: any('displacements refused' in log.msg for log in controller.logs), 'a refusal'
+        )
+        controller.measured.clear()
+        controller.wait(lambda: controller.measured, 'readings')
+        np.testing.assert_allclose(
+            controller.measured[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
+        )
+        lengths.publish(JointState())
+        controller.reach(given.ravel())
+
+
+def test_lag_is_seen_and_is_the_exponential_between_stamps(controller) -> None:
+    lag = 0.3
+    assert controller.change(winches__lag=lag) == (True, '')
+    controller.reach(PLANE, tolerance=0.01)
+    seen = np.array([m.tension[10] for m in controller.measured])
+    at = list(map(seconds, controller.measured))
+    rising = np.flatnonzero((seen[:-1] > 0.0) & (seen[:-1] < 12.0))
+    assert rising.size > 5
+    left = (13.0 - seen[rising + 1]) / (13.0 - seen[rising])
+    np.testing.assert_allclose(left, np.exp(-np.diff(at)[rising] / lag), rtol=1e-4)
+
+
+def test_limits_are_kept_and_the_rate_is_that_between_stamps(controller) -> None:
+    limits = {
+        'winches__slack_floor': 0.1,
+        'winches__force_limit': 5.0,
+        'winches__rate_limit': 10.0,
+    }
+    assert controller.change(**limits) == (True, '')
+    seen = controller.reach(np.clip(PLANE, 0.1, 5.0))
+    at = list(map(seconds, controller.measured))
+    assert (np.abs(np.diff(seen, axis=0)) <= 10.0 * np.diff(at)[:, np.newaxis] + 1e-4).all()
+    assert seen.max() == 5.0
+    assert len(seen) > 10
+
+
+def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -> None:
+    noisy = {'load_cells__noise_stddev': 0.2, 'load_cells__resolution': 0.25}
+    assert controller.change(**noisy) == (True, '')
+
+    def is_pulled():
+        controller.command(PLANE)
+        return np.array_equal(controller.effective[-1].tension, PLANE)
+
+    controller.wait(is_pulled, 'the truth')
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 50, 'readings')
+    read = np.array([message.tension for message in controller.measured[10:]])
+    assert (read < 0.0).any()
+    assert len(np.unique(read[:, 10])) > 2
+    np.testing.assert_array_equal(read, 0.25 * np.round(read / 0.25))
+    np.testing.assert_array_equal(controller.effective[-1].tension, PLANE)
+
+
+def test_lost_readings_are_not_published_but_the_truth_is(controller) -> None:
+    assert controller.change(load_cells__drop_probability=1.0) == (True, '')
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 1, 'the truth')
+    # Readings of before may still be under way.
+    since = seconds(controller.effective[-1])
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 20, 'more of it')
+    assert all(seconds(message) < since for message in controller.measured)
+
+
+def test_a_relaxing_arm_follows_later_than_its_tensions_are_measured(controller) -> None:
+    assert controller.change(relaxation__ratio=0.5, relaxation__time=0.2) == (True, '')
+    controller.effective.clear()
+    controller.wait(lambda: len(controller.effective) > 1, 'the truth of a slack arm')
+
+    def has_crept():
+        controller.command(PLANE)
+        return np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3)
+
+    controller.wait(has_crept, 'the creep')
+    force = [message.tension[10] for message in controller.effective]
+    first = np.flatnonzero(force)[0]
+    at, before = seconds(controller.effective[first]), seconds(controller.effective[first - 1])
+    left = np.exp(-(at - before) / (1.5 * 0.2))
+    assert force[first] == pytest.approx(13.0 * (1.0 + 0.5 * (1.0 - left)) / 1.5, rel=1e-5)
+    controller.wait(lambda: seconds(controller.measured[-1]) > at, 'its reading')
+    (reading,) = [m for m in controller.measured if seconds(m) == at]
+    assert reading.tension[10] == 13.0
+
+
+BAD = {
+    'negative': (np.where(PLANE == 13.0, -1.0, PLANE), NAMES, 'tension of tendon_3_3 is -1.0 N'),
+    'nan': (np.where(PLANE == 13.0, np.nan, PLANE), NAMES, 'tension of tendon_3_3 is nan N'),
+    'too few': (PLANE[:11], NAMES[:11], 'no tension for tendon tendon_3_4'),
+    'unknown': (PLANE, [*NAMES[:11], 'elbow'], 'unknown tendon elbow'),
+    'beyond its limit': (1.01 * PLANE, NAMES, 'tendon_1_3 is 0.505 N, expected at most its limit'),
+}
+
+
+@pytest.mark.parametrize('case', BAD)
+def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
+    controller, case
+) -> None:
+    values, names, reason = BAD[case]
+    controller.reach(SPACE)
+    controller.diagnostics.clear()
+
+    def is_told():
+        controller.command(values, names=names)
+        told = [status.message for message in controller.diagnostics for status in message.status]
+        logged = [log.msg for log in controller.logs]
+        return all(
+            any('refused: ' in m and reason in m for m in those) for those in (told, logged)
+        )
+
+    controller.wait(is_told, 'the refusal in diagnostics and log')
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 3, 'readings')
+    np.testing.assert_array_equal(controller.measured[-1].tension, SPACE)
+    controller.reach(PLANE)
+
+
+def test_bytes_that_are_no_message_are_refused(controller) -> None:
+    controller.reach(SPACE)
+    for data in (b'', b'\x00\x01', bytes(range(80))):
+        controller.publishers['tendon_commands'].publish(data)
+    controller.reach(PLANE, 'tendon_commands/array')
+
+
+def test_parameters_are_described_with_their_unit_and_range(controller) -> None:
+    request = DescribeParameters.Request(names=[parameter.name for parameter in PARAMETERS])
+    answer = controller.call(DescribeParameters, 'octo_arm_sim/describe_parameters', request)
+    for parameter, descriptor in zip(PARAMETERS, answer.descriptors, strict=True):
+        assert descriptor.description == parameter.description
+        assert descriptor.additional_constraints == parameter.range
+
+
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ({'winches__lag': -1.0}, 'winches.lag is -1.0, expected a finite time >= 0 [s]'),
+        ({'winches__lag': 0.5, 'rate': 0.0}, 'rate is 0.0, expected a finite number > 0 [Hz]'),
+        ({'profile__name': 'dance'}, "no profile 'dance'"),
+        ({'profile__name': 'bending'}, 'these tensions are for renda2012_table2'),
+        ({'body__length': -1.0}, 'body.length is -1.0'),
+    ],
+)
+def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) -> None:
+    is_taken, why = controller.change(**values)
+    assert not is_taken
+    assert reason in why
+    # Neither a lag nor another rate.
+    assert controller.reach(PLANE)[-1].tolist() == PLANE.tolist()
+
+
+def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None:
+    expected = find_profile('fetching', CONFIG.arm)
+    looped = {'profile__name': 'fetching', 'profile__speed': 20.0, 'profile__loop': True}
+    assert controller.change(**looped) == (True, '')
+    for _ in range(2):
+        # In a single round a busy machine may miss the peak.
+        controller.measured.clear()
+        controller.wait(
+            lambda: controller.measured
+            and np.allclose(
+                np.max([m.tension for m in controller.measured], axis=0),
+                expected.tensions.max(axis=0), rtol=0.05,
+            ),
+            'another round',
+        )  # fmt: skip
+    assert controller.change(profile__loop=False) == (True, '')
+    controller.wait(lambda: not any(controller.measured[-1].tension), 'the end of the profile')
+    assert controller.change(profile__name='fetching', profile__loop=True) == (True, '')
+    controller.wait(lambda: any(controller.measured[-1].tension), 'a new beginning')
+    controller.reach(SPACE)
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 30, 'readings')
+    assert all(np.array_equal(m.tension, SPACE) for m in controller.measured)
+
+
+def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> None:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    tips = controller.hear(PoseWithCovarianceStamped, 'tip_pose')
+    process = start_node('ros.node.main', controller.domain)
+    solver = CONFIG.solver()
+    try:
+        assert controller.change(winches__lag=0.05) == (True, '')
+        for tensions in (PLANE, SPACE):
+            expected = solver.solve(tensions.reshape(3, 4)).tip
+
+            def is_there(tensions=tensions, expected=expected):
+                controller.command(tensions)
+                place = tips[-1].pose.pose.position if tips else None
+                return place and np.allclose([place.x, place.y, place.z], expected, atol=1e-6)
+
+            controller.wait(is_there, 'the shape of the command')
+        # The answers are those of the readings: with their stamps.
+        readings = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in controller.measured}
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in tips[-20:-5]}
+        assert stamps <= readings
+    finally:
+        stop(process)
+
+
+def test_a_profile_is_played_from_the_command_line(controller) -> None:
+    process = start(
+        'cli.main', 'play', 'fetching_in_plane', '--speed', '2', '--wait', DEADLINE,
+        domain=controller.domain,
+    )  # fmt: skip
+    controller.measured.clear()
+    controller.wait(lambda: process.poll() is not None, 'the end of the profile')
+    assert (*process.communicate(), process.returncode) == ('', '', 0)
+    controller.wait(lambda: not any(controller.measured[-1].tension), 'slack tendons')
+    peak = np.max([message.tension for message in controller.measured], axis=0)
+    np.testing.assert_allclose(peak, PLANE, rtol=1e-9)
+
+
+def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -> None:
+    heard = controller.hear(TendonTensions, 'tendon_commands')
+    process = start(
+        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', '--wait', DEADLINE,
+        domain=controller.domain,
+    )  # fmt: skip
+    controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
+    process.send_signal(signal.SIGINT)
+    controller.wait(lambda: process.poll() is not None, 'the release')
+    assert (*process.communicate(), process.returncode) == ('', '', 0)
+    controller.wait(lambda: not any(heard[-1].tension), 'slack tendons')
+    force = np.array([message.tension[10] for message in heard])
+    release = force[np.argmax(force) :]
+    assert (np.diff(release) <= 0.0).all()
+    assert len(np.unique(release)) > 3
+
+
+def test_nobody_to_play_to_is_an_error_that_says_what_to_start() -> None:
+    process = start(
+        'cli.main', 'play', 'ramps', '--topic', 'unheard', '--wait', '0.1', domain=new_domain()
+    )
+    complaints = check_end(process, 2)
+    assert complaints.startswith('octo-arm: error: nobody subscribes to /unheard: start octo_arm_')
+
+
+def test_under_simulated_time_winches_move_with_that_clock() -> None:
+    arguments = ('-p', 'use_sim_time:=true', '-p', 'winches.rate_limit:=1.0')
+    later = itertools.count(0, 20_000_000)  # [ns]: two readings a look
+    with simulating(*arguments) as controller:
+        clock = controller.node.create_publisher(Clock, '/clock', 10)
+
+        def advanced(second):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = second, next(later) % 1_000_000_000
+            clock.publish(message)
+            controller.command(PLANE)
+            return controller.measured and controller.measured[-1].header.stamp.sec == second
+
+        # A bag that begins anew plays an earlier clock.
+        for second in (5000, 5003, 4000, 4002):
+            controller.wait(lambda second=second: advanced(second), f'a reading at {second} s')
+    at = list(map(seconds, controller.measured))
+    force = np.array([message.tension[10] for message in controller.measured])
+    assert force[-1] > 4.0
+    moved = np.minimum(force[:-1] + np.maximum(np.diff(at), 0.0), 13.0)
+    np.testing.assert_allclose(force[1:], moved, atol=1e-5)
+
+
+def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> None:
+    period = 20_000_000  # [ns]
+    arguments = ('-p', 'use_sim_time:=true', '-p', 'rate:=50.0')
+    with simulating(*arguments, *EVERY_READING) as controller:
+        clock = controller.node.create_publisher(Clock, '/clock', 10)
+
+        def is_read_at(nanoseconds):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
+            clock.publish(message)
+            return any(m.header.stamp == message.clock for m in controller.measured)
+
+        start = 5000 * 10**9
+        controller.wait(lambda: is_read_at(start), 'the first reading')
+        controller.measured.clear()
+        for half in range(1, 11):
+            now = start + half * period // 2
+            if half % 2:
+                is_read_at(now)
+                controller.spin(0.02)
+            else:
+                controller.wait(lambda now=now: is_read_at(now), 'a reading')
+    at = [seconds(message) for message in controller.measured]
+    np.testing.assert_allclose(np.diff(at), 1e-9 * period, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'complaint'),
+    [
+        ('winches.lag:=1', 'winches.lag is an integer, expected double'),
+        ('profile.name:=nowhere.csv', 'nowhere.csv: No such file or directory'),
+    ],
+)
+def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(parameter, complaint):
+    process = start_node('ros.simulator.main', new_domain(), '-p', parameter)
+    assert complaint in check_end(process, 1)
+
+
+def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters() -> None:
+    arguments = ('-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down')
+    with simulating(*arguments, files=(CONFIG_FILE, EXAMPLE)) as controller:
+        heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
+        controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
+        assert heard[-1].tension[0] <= 0.03
+
+
+def test_readings_around_zero_are_no_refusals_for_a_node_that_knows_of_them() -> None:
+    shared = for_arm_node(load_parameters(EXAMPLE))
+    assert shared == {'tension_deadband': 0.06}
+    # As simulation.launch.py starts the two.
+    given = [word for name, value in shared.items() for word in ('-p', f'{name}:={value}')]
+    played = ('-p', 'profile.name:=fetching', '-p', 'profile.speed:=20.0', '-p',
+              'profile.loop:=true')  # fmt: skip
+    with (
+        simulating(*played, files=(CONFIG_FILE, EXAMPLE)) as simulator,
+        running('ros.node.main', *given, domain=simulator.domain) as node,
+    ):
+
+        def is_enough():
+            node.spin()
+            low = sum(min(message.tension) < 0.0 for message in simulator.measured)
+            return low > 20 and len(node.answers['backbone/path']) > 100
+
+        simulator.wait(is_enough, 'answers to readings below zero')
+        status, values = node.status('input')
+        assert values['refused'] == '0', values['refused by reason']
+        assert 'refused' not in status.message
+
+
+def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> None:
+    names = [f'LC {number}' for number in range(12)]
+    names[0] = '-'
+    offset = np.full(12, 0.1)
+    try:
+        assert controller.change(tension_names=names, tension_offset=offset.tolist()) == (True, '')
+        controller.measured.clear()
+        controller.wait(
+            lambda: controller.measured and 'LC 1' in controller.measured[-1].name, 'other names'
+        )
+        reading = controller.measured[-1]
+        assert list(reading.name) == names[1:]
+        assert len(reading.tension) == 11
+        assert min(reading.tension) < 0.0
+    finally:
+        assert controller.change(tension_names=[], tension_offset=[]) == (True, '')

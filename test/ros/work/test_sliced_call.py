@@ -1,0 +1,62 @@
+"""Calls that are suspended where they pause."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from octo_arm_model.core.errors import TargetError
+from octo_arm_model.ros.work.sliced_call import SlicedCall
+
+
+def test_a_call_goes_on_only_while_somebody_waits_for_it():
+    done = []
+
+    def function(pause):
+        for step in range(3):
+            done.append(step)
+            pause()
+        return 'all'
+
+    call = SlicedCall(function, 0.0)
+    assert done == []
+    for step in range(3):
+        assert not call.advance()
+        assert done == list(range(step + 1))
+    assert call.advance()
+    assert call.result() == 'all'
+
+
+def test_a_slice_that_is_not_over_is_not_interrupted():
+    call = SlicedCall(lambda pause: [pause() for _ in range(1000)], 1e6)
+    assert call.advance()
+    assert call.result() == [None] * 1000
+
+
+def test_what_is_raised_there_is_raised_here():
+    def function(pause):
+        pause()
+        raise TargetError('no target')
+
+    call = SlicedCall(function, 0.0)
+    assert not call.advance()
+    assert call.advance()
+    with pytest.raises(TargetError, match='no target'):
+        call.result()
+
+
+def test_an_abandoned_call_ends_where_it_paused():
+    ended = []
+
+    def function(pause):
+        try:
+            pause()
+            ended.append('too late')
+        finally:
+            ended.append('here')
+
+    call = SlicedCall(function, 0.0)
+    assert not call.advance()
+    call.abandon()
+    call._thread.join()
+    assert ended == ['here']
