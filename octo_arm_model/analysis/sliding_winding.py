@@ -12,6 +12,8 @@ Of tendons that do not stretch there can be more than ways in which the arm defo
 ones in which two opposite lengths together are the other two. Such lengths leave one tendon slack,
 unless they agree; then friction alone tells their tensions apart, by less than numbers have
 digits. Tensions then stay near those they were, and what lengths contradict each other by is left.
+Likewise left is, to a millionth of the arm, what takes a tendon to slip next to its base by less
+than the points of the arm resolve.
 """
 
 from __future__ import annotations
@@ -49,6 +51,7 @@ _DIFFERENCE = 1e-5  # of the largest tension, or of one that reels in this part 
 _SECANT, _FARTHEST = 0.5, 0.3
 # Lengths that contradict each other by at most this part of that of the arm are held as they are.
 _CONTRADICTION = 1e-6
+_LONGEST = 30  # steps for what is left of less than that to be halved, else it is held as it is
 _TURNED = 1e-3  # part of its yielding that a tendon shows which slips from more than its base
 
 
@@ -79,8 +82,14 @@ class SlidingWinding(Winding):
         expected = np.abs(displacement - self._wanted) / self._yields
         damping, before, slopes, is_fresh = _DAMPING, np.inf, changes, False
         merits = [self._merit(tensions, displacement)]
+        least, waited, best = np.inf, 0, backbone
         for _ in range(_MOST):
-            left = self._left(tensions, displacement)
+            left, waited = self._left(tensions, displacement), waited + 1
+            if left < least:
+                waited = 0 if left < 0.5 * least else waited
+                least, best = left, backbone
+            if waited > _LONGEST and least <= self._borne:
+                break
             if slopes is None:
                 over = _SECANT * expected
                 slopes, is_fresh = self._differences(backbone, displacement, over), True
@@ -120,7 +129,10 @@ class SlidingWinding(Winding):
             damping *= _HEAVIER
             if damping > _HEAVIEST:
                 break
-        raise self._error(left, _MOST)
+        if least <= self._borne:
+            reached = displacements_of(self._solver, best).ravel()
+            return self._wound(best, reached, damped)
+        raise self._error(least, _MOST)
 
     @property
     def _borne(self) -> float:

@@ -257,3 +257,26 @@ def test_tendons_that_do_not_stretch_are_reversed_at_random(
     alternate = np.array([1.0, -1.0, 1.0, -1.0])
     agreeing = lacking - np.outer(lacking @ alternate, alternate) / 4.0
     assert np.abs(agreeing).max() <= 1e-8 * arm.length
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('size', [1e-4, 1e-2])
+def test_tendons_that_do_not_stretch_follow_small_movements(table4: Config, size: float) -> None:
+    """Some turn round at each, and slip no farther than the first points of the arm."""
+    arm = dataclasses.replace(table4.arm, friction=(0.1,))
+    solver = Solver(arm, 'closed_form', 41)
+    random = np.random.default_rng(2)
+    tensions = random.uniform(0.1, 1.0, (3, 4)) * np.array([[0.15], [1.0], [3.0]])
+    pulled, wound = (
+        solver.solve(tensions),
+        solve_displacements(solver, {}, by_name(solver, tensions)),
+    )
+    for _ in range(4):
+        tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, (3, 4)))
+        pulled = solver.follow(tensions, pulled)
+        lengths = displacements_of(solver, pulled)
+        wound = solve_displacements(solver, by_name(solver, lengths), start=wound)
+        off = wound.displacement - lengths
+        assert (off >= -1e-6 * arm.length).all()
+        assert np.abs(off[wound.backbone.tensions > 0.0]).max() <= 1e-6 * arm.length
+        np.testing.assert_array_equal(wound.displacement, displacements_of(solver, wound.backbone))
