@@ -36,6 +36,8 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.strain_measures import to_scaled
 
 _KEPT = 16  # systems, for as many arms that are followed in turn
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
@@ -106,7 +108,11 @@ class CompiledRod:
     def settle(
         self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
     ) -> Solution | Shape | None:
-        """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`."""
+        """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`.
+
+        Raises:
+            SolveError: if a tendon is pressed out of its sheath and the body.
+        """
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
             wanted, shape, TOLERANCE, kind, readings, *self._not_asked
@@ -115,6 +121,10 @@ class CompiledRod:
         if not outcome.is_read:
             is_stable = outcome.is_least and outcome.corrected <= MOST_CORRECTED
             return found if is_stable else None
+        energy = self._rod.equilibrium.energy
+        if isinstance(energy, SheathedSections):
+            strain = to_scaled(energy.law, found.twist[:, np.newaxis])
+            energy.check_tendons(strain, energy.local_tensions(wanted.tensions[np.newaxis]))
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
             (readings.position, readings.quaternion), None, readings.strains,

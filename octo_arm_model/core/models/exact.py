@@ -168,8 +168,6 @@ class Exact:
             begin = shape or rod.near_unloaded(tensions, wanted.before)
             found = rod.settle(wanted, begin, spending)
         if isinstance(found, Solution):
-            if self._setup.arm.sheath_stiffness and found.shape is not None:
-                _check_tendons(rod.equilibrium.energy, found.shape, tensions)
             return found
         if found is not None:
             known, shape = wanted, found
@@ -279,12 +277,6 @@ def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None)
         SolveError: if there is none.
     """
     return start.shape or rod.unloaded(start.tensions.ravel(), before)
-
-
-def _check_tendons(energy: SectionEnergy, shape: Shape, tensions: FloatArray) -> None:
-    """See `SectionEnergy.check_tendons`."""
-    strain = to_scaled(energy.law, shape.twist[:, np.newaxis])
-    energy.check_tendons(strain, energy.local_tensions(tensions[np.newaxis]))
 
 
 def _sections(rod: LoadedRod) -> ExactSections:
