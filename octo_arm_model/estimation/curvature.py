@@ -15,6 +15,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import Belief
 from octo_arm_model.estimation.measurements import Measurement, jacobians
+from octo_arm_model.estimation.posterior_mean import Agreement
 from octo_arm_model.estimation.prediction import Prediction
 
 _STEP = 0.1  # standard deviations, of differences of the Jacobian
@@ -29,17 +30,17 @@ class Curvature(NamedTuple):
     Attributes:
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
-        weight: of the shift to the mean, see `weight_of`.
+        agreed: how innovations drew the mode so far.
     """
 
     second: FloatArray
     jacobian: FloatArray
-    weight: float = 1.0
+    agreed: Agreement = Agreement()
 
     @classmethod
-    def flat(cls, jacobian: FloatArray) -> Curvature:
+    def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
         """None, of what is predicted with a ``jacobian``."""
-        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian)
+        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed)
 
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""

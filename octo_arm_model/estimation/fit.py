@@ -24,6 +24,7 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.posterior import Local, Posterior, Step
+from octo_arm_model.estimation.posterior_mean import Agreement, agreement
 from octo_arm_model.estimation.prediction import Prediction
 
 # Where the next step is shorter than this part of a standard deviation there is none.
@@ -83,10 +84,11 @@ def fit(
         known = known._replace(jacobian=jacobian)
     else:
         after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
-        known = renewed(Curvature.flat(jacobian), measurements, at, after)
+        agreed = Agreement() if known is None else known.agreed
+        known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
     local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
     renewals = 0
-    posterior = Posterior(prior, noise, at.model)
+    posterior = Posterior(prior, noise, at.model, known.agreed.weight)
     step = posterior.step(local, local.x)
     first = step.cost
     evaluations = 0
@@ -110,7 +112,7 @@ def fit(
             moved = Local(x, left, local.about(x)[1], local.second)
             step = posterior.step(moved, x)
             if step.size <= TOLERANCE and step.cost <= first + _RISE:
-                return _fit(prior, step, new, known)
+                return _fit(step, new, known)
             if step.size <= _PROGRESS * size:
                 local, size = moved, step.size
                 continue
@@ -127,18 +129,19 @@ def fit(
         local = Local(x, left, jacobian, known.second)
         step = posterior.step(local, x)
         if step.size <= TOLERANCE and step.cost <= first + _RISE:
-            return _fit(prior, step, at, known)
+            return _fit(step, at, known)
         if step.size > _GROWTH * size:
             break
         size, is_near = step.size, step.size <= _NEAR
     raise ConvergenceError('the estimate', step.size, evaluations)
 
 
-def _fit(prior: Belief, step: Step, at: Prediction, known: Curvature) -> Fit:
+def _fit(step: Step, at: Prediction, known: Curvature) -> Fit:
     """The `Fit` ``at`` a state from which a ``step`` leads nowhere."""
-    belief = prior.corrected(at.x, step.by, step.jacobian)
-    known = known._replace(weight=step.weight)
-    return Fit(belief, at, step.innovation, step.by.innovation_root, step.square, known)
+    by = step.by
+    agreed = known.agreed.after(agreement(by, step.innovation, known.second))
+    known = known._replace(agreed=agreed)
+    return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)
 
 
 def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
@@ -151,5 +154,4 @@ def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Predicti
     by = gain(prior.root, jacobian, noise_root(measurements))
     innovation = residuals(measurements, at) + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root)
-    belief = prior.corrected(at.x, by, jacobian)
-    return Fit(belief, at, innovation, by.innovation_root, square, None)
+    return Fit(Belief(at.x, by.root), at, innovation, by.innovation_root, square, None)

@@ -17,7 +17,7 @@ from octo_arm_model.estimation.belief import (
     normalised_square,
     solve_lower,
 )
-from octo_arm_model.estimation.posterior_mean import share_of, shift_to_mean, weight_of
+from octo_arm_model.estimation.posterior_mean import shift_to_mean
 from octo_arm_model.estimation.prediction import ArmModel
 
 _MOST_OF_MODEL = 20  # steps within a local model
@@ -53,29 +53,27 @@ class Step(NamedTuple):
 
     Attributes:
         size: in standard deviations a component.
-        jacobian: about which it is linear, (m, n).
         cost: what is least at the end, in squares of standard deviations.
-        weight: of the shift to the mean, see `weight_of`.
     """
 
     start: FloatArray
     x: FloatArray
     size: float
     by: Gain
-    jacobian: FloatArray
     innovation: FloatArray
     square: float
     cost: float
-    weight: float
 
 
 class Posterior:
     """What is known of a state after measurements."""
 
-    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel) -> None:
-        """Of a ``prior`` and measurements of the root ``noise`` of their covariance."""
-        self._prior, self._noise, self._model = prior, noise, model
-        self._weight: float | None = None  # as of the first step
+    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, weight: float) -> None:
+        """Of a ``prior`` and measurements of the root ``noise`` of their covariance.
+
+        ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
+        """
+        self._prior, self._noise, self._model, self._weight = prior, noise, model, weight
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """Sum of squares of the change of the state and of the noise, in standard deviations."""
@@ -104,10 +102,7 @@ class Posterior:
         white = solve_lower(by.innovation_root, innovation)
         square = float(white @ white)
         wanted = prior.mean + by.gain @ innovation
-        shift = shift_to_mean(by, share_of(prior.scattered, jacobian, by), local.second)
-        if self._weight is None:
-            self._weight = weight_of(shift, by, local.second)
-        wanted += shift
+        wanted += self._weight * shift_to_mean(by, local.second)
         # That was the step of Gauss and Newton, who leave out how measurements bend.
         multiplier = solve_lower(by.innovation_root, white, is_transposed=True)
         count = x.size
@@ -120,7 +115,7 @@ class Posterior:
             square += normalised_square(new - wanted, by.root)
         size = math.sqrt(float(change @ change) / count)
         cost = self.square(x, left) + self._weight * log_determinant(by.innovation_root)
-        return Step(x, new, size, by, jacobian, innovation, square, cost, self._weight)
+        return Step(x, new, size, by, innovation, square, cost)
 
 
 def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
