@@ -23,12 +23,13 @@ from octo_arm_model.core.compiled.rod_tables import (
     rod_tables,
 )
 from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
-from octo_arm_model.core.compiled.system_kernels import System, system_of
+from octo_arm_model.core.compiled.system_kernels import System, empty_system
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
+from octo_arm_model.core.loaded.kept_systems import KeptSystems
 from octo_arm_model.core.loaded.kinematics import unit
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
@@ -39,7 +40,6 @@ from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-_KEPT = 16  # systems, for as many arms that are followed in turn
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
@@ -55,13 +55,10 @@ class CompiledRod:
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = balance(), rod.equilibrium.loads
-        # Systems of the balances found or followed from last, and the twists of these.
-        sizes = self._tables.step.size, self._tables.weights.size
-        self._systems = [system_of(*sizes) for _ in range(_KEPT)]
-        self._twists: list[FloatArray | None] = [None] * _KEPT
-        self._places = list(range(_KEPT))  # from the one used longest ago
+        self._kept: KeptSystems[System] = KeptSystems()
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
+        self._no_system = empty_system(self._tables)
         self._no_readings = empty_readings(0, 0)
         self._find_turn = find_turn()
         self._minimum = rod.minimum  # which says why there is none
@@ -194,36 +191,22 @@ class CompiledRod:
         orientation = np.array(shape.orientation)
         state.twist[:] = shape.twist
         tip_wrench = own(condition.tip_wrench)
-        known = self._place_of(shape)
-        place = known or 0
+        known, system = self.system_about(shape), self._no_system
         if wanted != READ_ONLY:
-            place = self._places.pop(0)
-            self._places.append(place)
-            self._twists[place] = None
+            system = self._kept.oldest() or empty_system(self._tables)
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
             tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
-            self._systems[known or 0], orientation, state, self._systems[place],
-            compliance, change, readings,
+            known or self._no_system, orientation, state, system, compliance, change, readings,
         )  # fmt: skip
         outcome = Outcome(*found)
         if outcome.sign:
-            self._twists[place] = state.twist
+            self._kept.keep(state.twist, system)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
     def system_about(self, shape: Shape) -> System | None:
         """The system linearised about a balance that has this ``shape``, if it is kept."""
-        place = self._place_of(shape)
-        return None if place is None else self._systems[place]
-
-    def _place_of(self, shape: Shape) -> int | None:
-        """Of the system about ``shape``, if it is kept: from now on the one used last."""
-        for place, twist in enumerate(self._twists):
-            if twist is shape.twist:
-                self._places.remove(place)
-                self._places.append(place)
-                return place
-        return None
+        return self._kept.about(shape.twist)
 
 
 def state_of(shape: Shape) -> RodState:

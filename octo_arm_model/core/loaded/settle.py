@@ -11,6 +11,7 @@ from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
+from octo_arm_model.core.loaded.kept_systems import KeptSystems
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
 from octo_arm_model.core.loaded.second_variation import are_least
@@ -22,7 +23,6 @@ from octo_arm_model.core.section.strain_measures import have_fibres, to_scaled
 if TYPE_CHECKING:
     from octo_arm_model.core.loaded.rod import LoadedRod
 
-_KEPT = 16  # systems, for as many arms that are followed in turn
 _TOGETHER = 16  # arms: enough that calls cost little, few enough for arrays to stay in cache
 
 
@@ -48,15 +48,13 @@ class Settling:
     def __init__(self, rod: LoadedRod) -> None:
         """Of ``rod``."""
         self._rod = rod
-        # Of the balances found or followed from last: by the identity of its twist this, which so
-        # stays the only one of that identity, and the system linearised about nearly the same.
-        self._kept: dict[int, tuple[FloatArray, Linearised]] = {}
+        self._kept: KeptSystems[Linearised] = KeptSystems()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
         found = newton(self._rod.equilibrium, condition, shape, tolerance)
         if tolerance <= TOLERANCE and isinstance(found.system, Linearised):
-            self._keep(found.state.shape.twist, found.system)
+            self._kept.keep(found.state.shape.twist, found.system)
         return found
 
     def __call__(
@@ -100,7 +98,7 @@ class Settling:
         Raises:
             SolveError: if a tendon is pressed out of the body.
         """
-        arms, known = len(wanted.tensions), self._known(shape.twist)
+        arms, known = len(wanted.tensions), self._kept.about(shape.twist)
         if shape.twist.ndim == 2:
             (a, b), all_arms = shape.orientation, (arms, shape.twist.shape[1])
             shape = Shape(
@@ -115,19 +113,6 @@ class Settling:
         ):
             found.update(zip(numbers.tolist(), self._settled(group, arms == 1), strict=True))
         return [found[number] for number in range(arms)]
-
-    def _known(self, twist: FloatArray) -> Linearised | None:
-        """The system linearised about the balance of this ``twist``, if it is kept."""
-        kept = self._kept.pop(id(twist), None)
-        if kept is None:
-            return None
-        self._kept[id(twist)] = kept  # now the one used last
-        return kept[1]
-
-    def _keep(self, twist: FloatArray, system: Linearised) -> None:
-        if len(self._kept) == _KEPT:
-            del self._kept[next(iter(self._kept))]
-        self._kept[id(twist)] = twist, system
 
     def _settled(self, found: Iterate, is_kept: bool) -> list[Settled]:
         """What became of arms that Newton's method led the same way; raises as `_settle`.
@@ -158,7 +143,7 @@ class Settling:
                         (read[1][i], read[2][i]),
                     )  # fmt: skip
             if is_kept:
-                self._keep(shapes[0].twist, system)
+                self._kept.keep(shapes[0].twist, system)
         return [
             Settled(outcome, found.iterations, left, shape.twist)
             for outcome, left, shape in zip(outcomes, residual, shapes, strict=True)
