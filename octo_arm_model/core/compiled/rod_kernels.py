@@ -34,14 +34,21 @@ from octo_arm_model.core.compiled.step_kernels import find_step
 from octo_arm_model.core.compiled.system_kernels import System, find_system
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
-from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, MOST, NEAR, PROGRESS, QUICK, SAME
+from octo_arm_model.core.loaded.newton import (
+    FIRST_PROGRESS,
+    MOST,
+    NEAR,
+    PREDICTED,
+    PROGRESS,
+    QUICK,
+    SAME,
+)
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
 # What is wanted: a balance; one that is read out if it is stable and resolved, or whether resolved
 # or not; what is given read out.
 BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
-PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
 class Outcome(NamedTuple):
