@@ -101,7 +101,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         from_start=rule.from_start,
         from_start_columns=rule.from_start.T,
         to_end_columns=rule.to_end.T,
-        twice=np.einsum('lj,il->lji', rule.from_start, rule.to_end).reshape(rule.points.size, -1),
+        twice=own.twice.reshape(3 * (rule.points.size,)).swapaxes(1, 2).reshape(own.twice.shape),
         tail=rule.tail,
         weights=rule.weights,
         step=own.step,
