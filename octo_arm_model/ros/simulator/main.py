@@ -174,6 +174,8 @@ class SimulatorNode(CheckedNode):
         config = self._config
         assert config is not None
         now = self.get_clock().now()
+        if now.nanoseconds == self._last:
+            return  # where several clock messages wait, rclpy calls the timer once for each
         # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
         # winches do not move.
         elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate

@@ -431,12 +431,14 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
             clock.publish(message)
             return any(m.header.stamp == message.clock for m in controller.measured)
 
-        # What nobody hears yet does not come again: time goes on until a reading is heard.
+        # What nobody hears yet does not come again: time goes on until a reading is heard. Where
+        # several times wait, rclpy may call the timer once for each and leave out periods for it;
+        # it is in step once no other time waits, at the second moment that is read alone.
         moments = itertools.count(5000 * 10**9, period)
         controller.wait(lambda: is_read_at(next(moments)) or controller.measured, 'a reading')
         start = next(moments)
-        controller.wait(lambda: is_read_at(start), 'the first reading')
-        controller.measured.clear()
+        for start in (start + 1000 * period, start + 2000 * period):
+            controller.wait(lambda start=start: is_read_at(start), 'a reading alone')
         for half in range(1, 11):
             now = start + half * period // 2
             if half % 2:
@@ -444,7 +446,7 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
                 controller.spin(0.02)
             else:
                 controller.wait(lambda now=now: is_read_at(now), 'a reading')
-    at = [seconds(message) for message in controller.measured]
+    at = [seconds(m) for m in controller.measured if seconds(m) > 1e-9 * start - 1e-6]
     np.testing.assert_allclose(np.diff(at), 1e-9 * period, atol=1e-6)
 
 
