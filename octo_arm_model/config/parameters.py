@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from octo_arm_model.config.loads import LOAD_PARAMETERS
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
-from octo_arm_model.core.limits import MAX_INTERVALS, MAX_SECTIONS, MAX_STATIONS, MAX_TENDONS
+from octo_arm_model.core.limits import (
+    MAX_FRICTION,
+    MAX_INTERVALS,
+    MAX_SECTIONS,
+    MAX_STATIONS,
+    MAX_TENDONS,
+)
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
@@ -114,7 +120,7 @@ PARAMETERS = (
     Parameter('tendons.friction', float,
               "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
               'all or one per tendon, section by section from the tip; empty for none; with model '
-              'closed_form or exact', (), is_array=True, range='>= 0'),
+              'closed_form or exact', (), is_array=True, range=f'>= 0, at most {MAX_FRICTION:g}'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),

@@ -175,6 +175,8 @@ def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: 
          'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
         (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
          'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
+        (lambda: Arm(SOFT, CONE, (Section(0.3, 0.0, 0.0),), friction=(0.1, 0.1, 11.0, 0.1)),
+         'tendons.friction is 11.0, expected a finite coefficient >= 0 [-] of at most 10'),
         (lambda: PointLoad(-0.1, (0, 0, 1)), 'loads.point.s is -0.1, expected a finite arc coord'),
         (lambda: Solver(HELICAL, 'exact', loads=Loads(points=(PointLoad(0.5, (0, 0, 1)),))),
          'loads: s is 0.5, expected at most the length of the arm, 0.3 [m]'),

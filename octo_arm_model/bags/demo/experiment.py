@@ -14,6 +14,7 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_FRICTION
 from octo_arm_model.core.section.highest_tensions import default_highest
 
 PRESET = 'renda2012_prototype'
@@ -86,7 +87,7 @@ class Experiment:
         within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
         not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
-        not_negative('--friction', self.friction, 'coefficient', '-')
+        not_negative('--friction', self.friction, 'coefficient', '-', MAX_FRICTION)
         not_negative('--touch', self.touch, 'force', 'N')
         whole('--seed', self.seed)
         if self.touch and (self.sheath or self.axial_stiffness):

@@ -17,10 +17,10 @@ from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.consistency import check_profiles, check_sections
 from octo_arm_model.core.arm.material import Material
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import is_text, per_tendon
+from octo_arm_model.core.arm.validation import LARGEST, is_text, per_tendon
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.limits import MAX_NAME, MAX_SECTIONS, MAX_TENDONS
+from octo_arm_model.core.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 
 
 def check_size(sections: int, tendons: int) -> None:
@@ -53,12 +53,14 @@ class Arm:
         free_length: length of each tendon between the base and its winch [m].
         sheath_stiffness: k of `core.section.sheath` [Pa], 0 for a tendon that keeps its place in
             the cross section.
-        friction: Coulomb's coefficient mu of each tendon in its guides [-].
+        friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
+            `MAX_FRICTION`.
 
     Raises:
         ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
             the body and its discs, a profile leaves its range, the names are not one per
-            tendon and distinct, or a property of tendons is negative or not one per tendon.
+            tendon and distinct, or a property of tendons is negative, too large or not one per
+            tendon.
     """
 
     material: Material
@@ -79,14 +81,14 @@ class Arm:
         check_profiles(self.material, self.body)
         check_sections(self.sections, self.body)
         self._set_names(self.tendon_names)
-        for name, what, unit in (
-            ('axial_stiffness', 'stiffness', 'N'),
-            ('free_length', 'length', 'm'),
-            ('sheath_stiffness', 'stiffness', 'Pa'),
-            ('friction', 'coefficient', '-'),
+        for name, what, unit, most in (
+            ('axial_stiffness', 'stiffness', 'N', LARGEST),
+            ('free_length', 'length', 'm', LARGEST),
+            ('sheath_stiffness', 'stiffness', 'Pa', LARGEST),
+            ('friction', 'coefficient', '-', MAX_FRICTION),
         ):
             values, count = getattr(self, name), len(self.tendons)
-            checked = per_tendon(f'tendons.{name}', values, count, what, unit)
+            checked = per_tendon(f'tendons.{name}', values, count, what, unit, most)
             object.__setattr__(self, name, checked)
 
     def _set_names(self, given: Sequence[str]) -> None:

@@ -19,12 +19,14 @@ LARGEST, SMALLEST = 1e30, 1e-30
 _NUMBERS, _LISTS = {float, int}, {list, tuple}
 
 
-def finite(name: str, value: object, expected: str = 'a finite number') -> float:
+def finite(
+    name: str, value: object, expected: str = 'a finite number', most: float = LARGEST
+) -> float:
     """Return ``value`` as a float.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number, of which ``expected`` says more, or
-            beyond `LARGEST`.
+        ArmDefinitionError: if it is not a finite number, of which ``expected`` says more, or its
+            size is beyond ``most``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
@@ -34,8 +36,8 @@ def finite(name: str, value: object, expected: str = 'a finite number') -> float
         number = math.inf
     if not math.isfinite(number):
         raise ArmDefinitionError(name, value, expected)
-    if abs(number) > LARGEST:
-        raise ArmDefinitionError(name, value, f'{expected} of at most {LARGEST:g}')
+    if abs(number) > most:
+        raise ArmDefinitionError(name, value, f'{expected} of at most {most:g}')
     return number
 
 
@@ -54,14 +56,14 @@ def positive(name: str, value: object, unit: str) -> float:
     return number
 
 
-def not_negative(name: str, value: object, what: str, unit: str) -> float:
+def not_negative(name: str, value: object, what: str, unit: str, most: float = LARGEST) -> float:
     """Return ``value`` as a float >= 0.
 
     Raises:
-        ArmDefinitionError: if it is not a finite ``what`` >= 0 in ``unit``.
+        ArmDefinitionError: if it is not a finite ``what`` >= 0 in ``unit``, or beyond ``most``.
     """
     expected = f'a finite {what} >= 0 [{unit}]'
-    number = finite(name, value, expected)
+    number = finite(name, value, expected, most)
     if number < 0.0:
         raise ArmDefinitionError(name, value, expected)
     return number
@@ -92,19 +94,20 @@ def whole(name: str, value: object) -> int:
 
 
 def per_tendon(
-    name: str, values: Sequence[object], count: int, what: str, unit: str
+    name: str, values: Sequence[object], count: int, what: str, unit: str, most: float = LARGEST
 ) -> tuple[float, ...]:
     """Return ``values``, one for all or for each of ``count`` tendons, as so many floats >= 0.
 
     None where all are zero.
 
     Raises:
-        ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit``.
+        ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit`` of
+            at most ``most``.
     """
     expected = f'a list of one number for all tendons or of {count}, one for each'
     if isinstance(values, str) or not isinstance(values, Sequence):
         raise ArmDefinitionError(name, values, expected)
-    numbers = tuple(not_negative(name, value, what, unit) for value in values)
+    numbers = tuple(not_negative(name, value, what, unit, most) for value in values)
     if len(numbers) not in (0, 1, count):
         raise ArmDefinitionError(name, list(numbers), expected)
     if len(numbers) == 1:

@@ -166,6 +166,9 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Pa
 def test_friction_is_a_coefficient(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '-0.1']) == 2
     assert '--friction is -0.1, expected a finite coefficient >= 0' in capsys.readouterr().err
+    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '1e9']) == 2
+    expected = 'expected a finite coefficient >= 0 [-] of at most 10'
+    assert f'--friction is 1000000000.0, {expected}' in capsys.readouterr().err
 
 
 def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
