@@ -59,7 +59,7 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     out = options.out
-    check_out(out, folder=True, draws=True)
+    check_out(options, '--out', folder=True, draws=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)
 

@@ -147,8 +147,8 @@ def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.estimating.run import estimate
 
     refuse_inside(options.bag, options.out, options.csv, options.plot)
-    check_out(options.csv, folder=True, name='--csv')
-    check_out(options.plot, folder=False, name='--plot', draws=True)
+    check_out(options, '--csv', folder=True)
+    check_out(options, '--plot', folder=False, draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
     sources, out = _sources(options), options.out
     with contextlib.ExitStack() as opened:

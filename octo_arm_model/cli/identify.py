@@ -90,9 +90,9 @@ def add_command(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    check_out(options.out, folder=False)
-    check_out(options.pictures, folder=True, name='--pictures', draws=True)
-    check_out(options.csv, folder=True, name='--csv')
+    check_out(options, '--out', folder=False)
+    check_out(options, '--pictures', folder=True, draws=True)
+    check_out(options, '--csv', folder=True)
     recording, observations, models, alignment, notes = read_options(options, [ALL])
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:

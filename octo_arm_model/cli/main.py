@@ -24,6 +24,7 @@ from octo_arm_model.cli import (
     solve,
     workspace,
 )
+from octo_arm_model.cli.outputs import folders_made
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing, pipe_closed
@@ -113,7 +114,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         options = build_parser().parse_args(arguments)
         show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
-        return options.run(options) or 0
+        with folders_made() as options.made:
+            return options.run(options) or 0
     except KeyboardInterrupt as interrupt:
         # The status by which shells report SIGINT; the command may say what is not written.
         print(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,15 +12,18 @@ from octo_arm_model.core.errors import BagError, ConfigError
 
 
 def check_out(
-    path: Path | None, *, folder: bool, name: str = '--out', draws: bool = False
+    options: argparse.Namespace, name: str, *, folder: bool, draws: bool = False
 ) -> None:
     """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
+
+    It is added to ``options.made``, see `folders_made`.
 
     Raises:
         ConfigError: if it is the other of the two, or the folder cannot be made.
         ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib, which is
             said before the work.
     """
+    path: Path | None = getattr(options, name.removeprefix('--'))
     if path is None:
         return
     if draws:
@@ -26,10 +31,28 @@ def check_out(
     if path.exists() and path.is_dir() != folder:
         is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
         raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
+    place = path if folder else path.parent
+    options.made += itertools.takewhile(lambda one: not one.exists(), (place, *place.parents))
     try:
-        (path if folder else path.parent).mkdir(parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
+
+
+@contextlib.contextmanager
+def folders_made() -> Iterator[list[Path]]:
+    """Folders made within the block, each before those that hold it.
+
+    After an error those that are empty are removed.
+    """
+    made: list[Path] = []
+    try:
+        yield made
+    except BaseException:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def refuse_inside(bag: Path, *outputs: Path | None) -> None:

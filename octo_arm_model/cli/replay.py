@@ -103,7 +103,7 @@ def _run(options: argparse.Namespace) -> None:
     parameters = read_config_option(options)
     began = time.monotonic()
     refuse_inside(options.bag, options.out, options.csv)
-    check_out(options.csv, folder=True, name='--csv')
+    check_out(options, '--csv', folder=True)
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
         arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}

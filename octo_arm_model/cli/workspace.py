@@ -78,10 +78,10 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     config = read_config(options)
+    if options.out is None and not options.json:
+        options.out = Path('workspace.png')
+    check_out(options, '--out', folder=False, draws=True)
     picture = options.out
-    if picture is None and not options.json:
-        picture = Path('workspace.png')
-    check_out(picture, folder=False, draws=True)
     highest = read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(

@@ -111,6 +111,21 @@ def test_nonsense_is_refused_in_one_line(
     assert err.count('\n') == 1
 
 
+def test_a_command_that_fails_leaves_no_empty_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept, new = tmp_path / 'kept', tmp_path / 'new'
+    kept.mkdir()
+    for command in ('compare', 'identify', 'replay', 'estimate'):
+        for folder in (kept / 'deep' / 'tables', new / 'tables'):
+            given = [command, str(tmp_path / 'nowhere')]
+            given += [str(tmp_path / 'out')] if command == 'replay' else []
+            option = '--out' if command == 'compare' else '--csv'
+            assert main([*given, option, str(folder)]) == 2
+            assert 'no such bag' in capsys.readouterr().err
+    assert kept.exists() and not list(kept.iterdir()) and not new.exists()
+
+
 def test_of_all_models_those_that_cover_the_arm_are_compared(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
