@@ -12,8 +12,8 @@ from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.core.arm.validation import not_negative, whole
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.parameters import MAX_MARKERS
 
-_MOST_MARKERS = 333  # as many as one measurement of the estimator holds
 _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
 SENSOR_PARAMETERS = (
     Parameter('push.force', float,
@@ -33,7 +33,7 @@ SENSOR_PARAMETERS = (
     Parameter('sensors.markers_rate', float,
               f'measured/markers: {_RATE}', 0.0, range='>= 0'),
     Parameter('sensors.marker_s', float,
-              f'arc coordinates of the markers [m], at most {_MOST_MARKERS}', (), is_array=True,
+              f'arc coordinates of the markers [m], at most {MAX_MARKERS}', (), is_array=True,
               range='on the arm'),
     Parameter('sensors.marker_stddev', float, 'noise of each coordinate of a marker [m]', 0.0,
               range='>= 0'),
@@ -102,8 +102,8 @@ class Sensors:
             if field.name not in ('marker_s', 'seed'):
                 unit = 'Hz' if name.endswith('rate') else 'N' if 'force' in name else 'm'
                 not_negative(name, value, 'number', unit)
-        if len(self.marker_s) > _MOST_MARKERS:
-            expected = f'at most {_MOST_MARKERS} of them'
+        if len(self.marker_s) > MAX_MARKERS:
+            expected = f'at most {MAX_MARKERS} of them'
             raise ArmDefinitionError('sensors.marker_s', len(self.marker_s), expected)
         if self.markers_rate and not self.marker_s:
             raise ArmDefinitionError('sensors.marker_s', (), 'arc coordinates of the markers [m]')
