@@ -436,8 +436,8 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
         # it is in step once no other time waits, at the second moment that is read alone.
         moments = itertools.count(5000 * 10**9, period)
         controller.wait(lambda: is_read_at(next(moments)) or controller.measured, 'a reading')
-        start = next(moments)
-        for start in (start + 1000 * period, start + 2000 * period):
+        heard = next(moments)
+        for start in (heard + 1000 * period, heard + 2000 * period):
             controller.wait(lambda start=start: is_read_at(start), 'a reading alone')
         for half in range(1, 11):
             now = start + half * period // 2
