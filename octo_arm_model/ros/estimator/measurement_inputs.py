@@ -6,10 +6,14 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.tension_subscription import LatestSubscription, message_class
+from octo_arm_model.ros.node.tension_subscription import (
+    LatestSubscription,
+    Refuse,
+    message_class,
+)
 from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.stamp import Stamp
@@ -27,7 +31,7 @@ class MeasurementInputs:
         diagnostics: Diagnostics,
         arm: Callable[[], MeasuredArm],
         take: Take,
-        refuse: Callable[[str, OctoArmError], None],
+        refuse: Refuse,
     ) -> None:
         """Subscribe to nothing yet.
 
@@ -53,20 +57,17 @@ class MeasurementInputs:
         self._diagnostics.apart = frozenset(publishers)
 
     def _subscribe(self, topic: str) -> LatestSubscription:
-        kind = MEASUREMENT_TOPICS[topic]
+        row = MEASUREMENT_TOPICS[topic]
+        kind = message_class(row.type_name)
 
-        def answer(data: bytes, older: int) -> None:
-            self._diagnostics.skipped(older)
-            try:
-                message = found.decode(data)
-                measurement = kind.read(message, self._arm())
-            except OctoArmError as error:
-                self._refuse(found.topic, error)
-                return
+        def read(data: bytes) -> None:
+            message = decoded(data, kind)
+            measurement = row.read(message, self._arm())
             self._take(found.topic, Stamp.of(message.header.stamp), measurement)
 
-        of_type = message_class(kind.type_name)
-        found = LatestSubscription(self._node, of_type, topic, answer, self._work)
+        found = LatestSubscription(
+            self._node, kind, topic, read, self._refuse, self._work, self._diagnostics.skipped
+        )
         return found
 
     def close(self) -> None:

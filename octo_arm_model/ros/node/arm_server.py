@@ -10,9 +10,9 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.wound_sequence import WoundSequence
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
@@ -44,8 +44,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         node = self._node
         self._tip_wrench.open()
         self._winches = LatestSubscription(
-            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._work
-        )
+            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._refuse,
+            self._work, self._diagnostics.skipped,
+        )  # fmt: skip
         self._diagnostics.apart = frozenset({self._winches.topic})
         self._services = [
             QueuedService(node, Solve, 'solve', self._on_solve, self._work),
@@ -83,40 +84,34 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         readings: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> None:
-        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``."""
+        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``.
+
+        Raises:
+            OctoArmError: if there is no answer.
+        """
         config, outbox, winding = self._arm.config, self._publishers, self._winding
         assert outbox is not None
         self._tip_wrench.update()
-        try:
-            self._diagnostics.received(topic, stamp)
-            at = self._stamp(stamp)
-            began = time.perf_counter()
-            tensions = None
-            if readings is not None:
-                tensions = config.load_cells.tensions(config.arm, readings)
-            answer = winding.answer(
-                self._arm.solver, config, self._tip_wrench.value, at.ns, tensions, displacements
-            )
-            duration = time.perf_counter() - began
-        except OctoArmError as error:
-            self._refuse(topic, error)
-            return
+        self._diagnostics.received(topic, stamp)
+        at = self._stamp(stamp)
+        began = time.perf_counter()
+        tensions = None
+        if readings is not None:
+            tensions = config.load_cells.tensions(config.arm, readings)
+        answer = winding.answer(
+            self._arm.solver, config, self._tip_wrench.value, at.ns, tensions, displacements
+        )
+        duration = time.perf_counter() - began
         outbox.publish(answer.backbone, answer.covariance, at)
         if winding.displacements:
             outbox.publish_tensions(answer.backbone, at)
         self._diagnostics.answered(answer.backbone, duration)
 
-    def _on_displacements(self, data: bytes, older: int) -> None:
+    def _on_displacements(self, data: bytes) -> None:
         """Drive the named tendons by length from now on, and the others by tension."""
-        winches = self._winches
+        winches, message = self._winches, decoded(data, JointState)
         assert winches is not None  # it called
-        self._diagnostics.skipped(older)
-        try:
-            message = winches.decode(data)
-            found = displacement_messages.read_displacements(message, self._arm.config.arm)
-        except OctoArmError as error:
-            self._refuse(winches.topic, error)
-            return
+        found = displacement_messages.read_displacements(message, self._arm.config.arm)
         self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:

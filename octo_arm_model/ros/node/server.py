@@ -17,7 +17,6 @@ from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
-from octo_arm_model.ros.node.tension_subscription import TensionInput
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.ros.work.work_queue import WorkQueue
@@ -61,8 +60,9 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._refusal_log = RefusalLog(node)
         self._work = WorkQueue(node)
         self._tensions = TensionInputs(
-            node, self._work, self._diagnostics, lambda: self._arm.config, self._on_tensions
-        )
+            node, self._work, self._diagnostics, lambda: self._arm.config, self._on_readings,
+            self._refuse,
+        )  # fmt: skip
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -117,7 +117,11 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     @abstractmethod
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        """Answer what load cells read [N], of `Arm.tension_shape`, that came on ``topic``."""
+        """Answer what load cells read [N], of `Arm.tension_shape`, that came on ``topic``.
+
+        Raises:
+            OctoArmError: if it is refused.
+        """
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
@@ -136,13 +140,6 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """The present arm, which there is while anything is answered."""
         assert self._prepared is not None
         return self._prepared
-
-    def _on_tensions(self, given: TensionInput) -> None:
-        self._diagnostics.skipped(given.older)
-        if isinstance(given.tensions, OctoArmError):
-            self._refuse(given.topic, given.tensions)
-        else:
-            self._on_readings(given.topic, given.stamp, given.tensions)
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._diagnostics.refused(topic, error)

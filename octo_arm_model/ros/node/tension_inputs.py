@@ -9,14 +9,16 @@ from rclpy.node import Node
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.tension_subscription import (
     FIELD_TOPIC,
     TOPICS,
-    TensionInput,
+    Refuse,
     TensionSubscription,
 )
 from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_messages import FieldMessage
 
 
@@ -35,19 +37,21 @@ class TensionInputs:
         work: WorkQueue,
         diagnostics: Diagnostics,
         current: Callable[[], Config],
-        answer: Callable[[TensionInput], None],
+        take: Callable[[str, Stamp | None, FloatArray], None],
+        refuse: Refuse,
     ) -> None:
         """Subscribe to nothing yet.
 
         Args:
             node: the node that subscribes.
             work: has the turns in which messages are answered.
-            diagnostics: told who publishes.
+            diagnostics: told who publishes, and how many messages were skipped for newer ones.
             current: returns the arm that tensions are for, which is there while active.
-            answer: called with what the latest message of a topic says.
+            take: called with the topic, the stamp and the tensions of its latest message.
+            refuse: called with the topic and the error of a message that has none.
         """
         self._node, self._work, self._diagnostics = node, work, diagnostics
-        self._current, self._answer = current, answer
+        self._current, self._take, self._refuse = current, take, refuse
         self._inputs: list[TensionSubscription] = []
         self._field_input: TensionSubscription | None = None
         self._is_active = False
@@ -77,8 +81,8 @@ class TensionInputs:
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
         made = TensionSubscription(
-            self._node, topic, self._arm, self._answer, self._work,
-            names=self._names, message=message,
+            self._node, topic, self._arm, self._take, self._refuse, self._work,
+            self._diagnostics.skipped, names=self._names, message=message,
         )  # fmt: skip
         self._diagnostics.publishers[made.topic] = made.count_publishers
         return made

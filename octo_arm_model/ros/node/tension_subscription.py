@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -21,6 +21,9 @@ from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage, TensionMessage
+
+# Called with a topic and why a message on it is refused.
+Refuse: TypeAlias = Callable[[str, OctoArmError], None]
 
 # A best-effort subscription receives from reliable publishers as well. All but the latest of the
 # messages in the queue are skipped; its depth limits how many of these are counted.
@@ -46,14 +49,24 @@ class LatestSubscription:
         node: Node,
         kind: Any,
         topic: str,
-        answer: Callable[[bytes, int], None],
+        read: Callable[[bytes], None],
+        refuse: Refuse,
         work: WorkQueue,
+        skipped: Callable[[int], None] = lambda older: None,
     ) -> None:
-        """Call ``answer`` with the latest message and how many older ones were skipped.
+        """Subscribe.
 
-        Messages are of type ``kind``; ``work`` has the turns in which they are answered.
+        Args:
+            node: the node that subscribes.
+            kind: type of the messages.
+            topic: what they come on.
+            read: called with the bytes of the latest message.
+            refuse: called with the topic and the error that ``read`` raises.
+            work: has the turns in which messages are read.
+            skipped: called before that with the number of older messages left out.
         """
-        self._node, self._kind, self._answer, self._work = node, kind, answer, work
+        self._node, self._kind, self._work = node, kind, work
+        self._read_data, self._refuse, self._skipped = read, refuse, skipped
         self._latest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
@@ -93,32 +106,13 @@ class LatestSubscription:
                 self._latest = taken[0]
         latest, older = self._latest, self._older
         self._latest, self._older = None, 0
-        if latest is not None:
-            self._answer(latest, older)
-
-    def decode(self, data: bytes) -> Any:
-        """The message.
-
-        Raises:
-            MessageError: if it is no message of the type.
-        """
-        return decoded(data, self._kind)
-
-
-class TensionInput(NamedTuple):
-    """The latest message of a topic of tensions.
-
-    Attributes:
-        topic: whole name of the topic.
-        tensions: of `Arm.tension_shape` [N], or why it holds none for the arm.
-        stamp: its stamp; None where its type has none, or it was not read.
-        older: how many messages before it were skipped.
-    """
-
-    topic: str
-    tensions: FloatArray | OctoArmError
-    stamp: Stamp | None
-    older: int
+        if latest is None:
+            return
+        self._skipped(older)
+        try:
+            self._read_data(latest)
+        except OctoArmError as error:
+            self._refuse(self.topic, error)
 
 
 class TensionSubscription(LatestSubscription):
@@ -129,38 +123,40 @@ class TensionSubscription(LatestSubscription):
         node: Node,
         topic: str,
         arm: Callable[[], Arm],
-        answer: Callable[[TensionInput], None],
+        take: Callable[[str, Stamp | None, FloatArray], None],
+        refuse: Refuse,
         work: WorkQueue,
+        skipped: Callable[[int], None],
+        *,
         prefix: str = 'tendon_tensions',
         names: Callable[[], Sequence[str]] = tuple,
         message: TensionMessage | FieldMessage | None = None,
     ) -> None:
-        """Call ``answer`` with what the latest message says.
+        """Subscribe; ``refuse``, ``work`` and ``skipped`` as in `LatestSubscription`.
 
         Args:
             node: the node that subscribes.
             topic: one of `TENSION_TOPICS`, which says what type messages are of, or another.
             arm: returns the arm that they are for.
-            answer: what to call.
-            work: has the turns in which it is called.
+            take: called with the whole name of the topic, the stamp, None where the type has none,
+                and the tensions, of `Arm.tension_shape` [N].
+            refuse: also called with what ``take`` raises.
+            work: see above.
+            skipped: see above.
             prefix: replaces 'tendon_tensions' in the name that is subscribed to.
             names: returns what the tendons are called there; empty for their own names.
             message: the type of messages on another topic.
         """
         self._message = TENSION_TOPICS[topic] if message is None else message
-        self._arm, self._hand_over, self._names = arm, answer, names
+        self._arm, self._take, self._names = arm, take, names
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
         kind = message_class(self._message.type_name)
-        super().__init__(node, kind, name, self._read_latest, work)
+        super().__init__(node, kind, name, self._read_latest, refuse, work, skipped)
 
-    def _read_latest(self, data: bytes, older: int) -> None:
-        tensions: FloatArray | OctoArmError
-        try:
-            tensions, stamp = self._read(data, self._arm())
-        except OctoArmError as error:
-            tensions, stamp = error, None
-        self._hand_over(TensionInput(self.topic, tensions, stamp, older))
+    def _read_latest(self, data: bytes) -> None:
+        tensions, stamp = self._read(data, self._arm())
+        self._take(self.topic, stamp, tensions)
 
     def _read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
         """Tensions [N] and the stamp of a message, None where its type has none.
@@ -174,7 +170,7 @@ class TensionSubscription(LatestSubscription):
             found = layout.read(data)
             if found is not None:
                 return found
-        message = self.decode(data)
+        message = decoded(data, self._kind)
         if wanted or isinstance(self._message, FieldMessage):
             tensions = self._message.read_named(message, arm, wanted)
         else:

@@ -9,9 +9,9 @@ from rclpy.node import Node
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.messages import wrench_from_stamped
+from octo_arm_model.ros.messages import decoded, wrench_from_stamped
 from octo_arm_model.ros.node.prepared_arm import Prepared
-from octo_arm_model.ros.node.tension_subscription import LatestSubscription
+from octo_arm_model.ros.node.tension_subscription import LatestSubscription, Refuse
 from octo_arm_model.ros.work.work_queue import WorkQueue
 
 
@@ -27,7 +27,7 @@ class TipWrench:
         node: Node,
         work: WorkQueue,
         current: Callable[[], Prepared],
-        refuse: Callable[[str, OctoArmError], None],
+        refuse: Refuse,
     ) -> None:
         """Subscribe to nothing yet.
 
@@ -45,7 +45,7 @@ class TipWrench:
     def open(self) -> None:
         """Subscribe."""
         self._latest = LatestSubscription(
-            self._node, WrenchStamped, 'tip_wrench', self._keep, self._work
+            self._node, WrenchStamped, 'tip_wrench', self._keep, self._refuse, self._work
         )
 
     def close(self) -> None:
@@ -75,15 +75,9 @@ class TipWrench:
             self.value = None
             self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
-    def _keep(self, data: bytes, older: int) -> None:
+    def _keep(self, data: bytes) -> None:
         """Keep the wrench for the tensions to come."""
-        prepared, latest = self._current(), self._latest
-        assert latest is not None  # it called
-        try:
-            message = latest.decode(data)
-            wrench = wrench_from_stamped(message, prepared.config.base_frame)
-            prepared.solver.check_tip_wrench(wrench)
-        except OctoArmError as error:
-            self._refuse(latest.topic, error)
-            return
+        prepared, message = self._current(), decoded(data, WrenchStamped)
+        wrench = wrench_from_stamped(message, prepared.config.base_frame)
+        prepared.solver.check_tip_wrench(wrench)
         self.value = wrench if wrench.any() else None

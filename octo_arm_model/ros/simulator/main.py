@@ -28,14 +28,13 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.messages import tensions_message
+from octo_arm_model.ros.messages import decoded, tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.tension_subscription import (
     TOPICS,
     LatestSubscription,
-    TensionInput,
     TensionSubscription,
 )
 from octo_arm_model.ros.qos import check_overrides, create_publisher
@@ -50,6 +49,7 @@ from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.sensors import Push
 from octo_arm_model.wire import displacement_messages
+from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_fields import NONE
 
 
@@ -82,12 +82,22 @@ class SimulatorNode(CheckedNode):
         self._live.begin()
         work = WorkQueue(self)
         self._inputs = [
-            TensionSubscription(self, topic, self._current_arm, self._on_command, work, TOPIC)
+            TensionSubscription(
+                self,
+                topic,
+                self._current_arm,
+                self._on_command,
+                self._diagnostics.refuse,
+                work,
+                self._count,
+                prefix=TOPIC,
+            )
             for topic in TOPICS
         ]
         self._lengths = LatestSubscription(
-            self, JointState, f'{TOPIC}/displacements', self._on_lengths, work
-        )
+            self, JointState, f'{TOPIC}/displacements', self._on_lengths,
+            self._diagnostics.refuse, work, self._count,
+        )  # fmt: skip
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -128,30 +138,21 @@ class SimulatorNode(CheckedNode):
         assert self._config is not None  # services are answered once it spins
         return self._config.push
 
-    def _on_command(self, given: TensionInput) -> None:
+    def _count(self, older: int) -> None:
+        """Count a command, and the ``older`` ones that it replaces."""
+        self._diagnostics.counts['commands'] += 1 + older
+
+    def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
         """Follow a command from now on, and no longer the profile."""
         assert self._config is not None
-        self._diagnostics.counts['commands'] += 1 + given.older
-        try:
-            if isinstance(given.tensions, OctoArmError):
-                raise given.tensions
-            self._command = check_command(self._config.arm, given.tensions, self._config.limits)
-        except OctoArmError as error:
-            self._diagnostics.refuse(given.topic, error)
-            return
+        self._command = check_command(self._config.arm, tensions, self._config.limits)
         self._is_playing = False
 
-    def _on_lengths(self, data: bytes, older: int) -> None:
+    def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
-        assert self._config is not None
-        self._diagnostics.counts['commands'] += 1 + older
-        try:
-            message = self._lengths.decode(data)
-            found = displacement_messages.read_displacements(message, self._config.arm)
-            self._length_control().command(found, self._command)
-        except OctoArmError as error:
-            self._diagnostics.refuse(self._lengths.topic, error)
-            return
+        arm = self._current_arm()
+        found = displacement_messages.read_displacements(decoded(data, JointState), arm)
+        self._length_control().command(found, self._command)
         self._is_playing = False
 
     def _length_control(self) -> LengthControl:
