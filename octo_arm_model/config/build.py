@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.parameter import Values, check_length
@@ -16,21 +15,6 @@ from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.sensitivity.results import Uncertainty
-
-
-@dataclass(frozen=True)
-class DiagnosticLimits:
-    """Thresholds of the node's diagnostics, each >= 0 [s].
-
-    Attributes:
-        silence: time without tensions.
-        age: age of a stamp on arrival.
-        ahead: how far a stamp is ahead of the clock.
-    """
-
-    silence: float = math.inf
-    age: float = math.inf
-    ahead: float = math.inf
 
 
 def build_arm(given: Values) -> Arm:
@@ -112,17 +96,6 @@ def build_uncertainty(given: Values) -> Uncertainty:
     return Uncertainty(
         **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
     )
-
-
-def build_diagnostic_limits(given: Values) -> DiagnosticLimits:
-    """Thresholds of the diagnostics.
-
-    Raises:
-        ArmDefinitionError: if one is negative or not finite.
-    """
-    names = ('silence', 'age', 'ahead')
-    parameters = (f'diagnostics.{name}_limit' for name in names)
-    return DiagnosticLimits(*(not_negative(name, given[name], 'time', 's') for name in parameters))
 
 
 def _material(given: Values) -> Material:

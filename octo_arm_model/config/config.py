@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.config.build import (
-    DiagnosticLimits,
     build_arm,
-    build_diagnostic_limits,
     build_limits,
     build_load_cells,
     build_uncertainty,
 )
+from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameter import refuse_unknown
@@ -127,7 +126,7 @@ class Config:
             uncertainty=uncertainty,
             friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
             markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
-            diagnostic_limits=build_diagnostic_limits(given),
+            diagnostic_limits=DiagnosticLimits.of(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
             tension_type=given['tension_type'],

@@ -5,6 +5,7 @@ The YAML loader reads it, the node declares its ROS parameters from it and the m
 
 from __future__ import annotations
 
+from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.loads import LOAD_PARAMETERS
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
 from octo_arm_model.core.limits import (
@@ -160,15 +161,7 @@ PARAMETERS = (
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range='>= 0'),
-    Parameter('diagnostics.silence_limit', float,
-              'time without tensions after which diagnostics warn of silence [s]', 2.0,
-              range='>= 0'),
-    Parameter('diagnostics.age_limit', float,
-              'age on arrival from which stamps of tensions are called old [s]', 1.0,
-              range='>= 0'),
-    Parameter('diagnostics.ahead_limit', float,
-              'how far stamps of tensions may be ahead of the clock, beside twice the last step '
-              'of a simulated one [s]', 0.1, range='>= 0'),
+    *DiagnosticLimits.table(),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),
     Parameter('displacement_stddev', float,

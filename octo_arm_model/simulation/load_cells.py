@@ -6,49 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.arm.validation import not_negative, whole, within
+from octo_arm_model.config.parameter_group import ParameterGroup, stated
 from octo_arm_model.core.hints import FloatArray
-
-LOAD_CELL_PARAMETERS = (
-    Parameter('load_cells.gain_stddev', float,
-              'standard deviation of the gain of each load cell, drawn once [-]', 0.0,
-              range='>= 0'),
-    Parameter('load_cells.noise_stddev', float,
-              'standard deviation of the noise of each reading [N]; readings of slack tendons go '
-              'below 0', 0.0, range='>= 0'),
-    Parameter('load_cells.resolution', float,
-              'what readings are multiples of [N]; 0 for all digits', 0.0, range='>= 0'),
-    Parameter('load_cells.drop_probability', float,
-              'probability that a message of readings is lost [-]', 0.0, range='in [0, 1]'),
-    Parameter('load_cells.seed', int, 'seed of gains, noise and losses', 0, range='>= 0'),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class LoadCells:
-    """Parameters of the load cells of an arm, the same for all.
+class LoadCells(ParameterGroup):
+    """Parameters of the load cells of an arm, the same for all, applied in the order listed here.
 
-    What they are is in `LOAD_CELL_PARAMETERS`. They are applied in the order listed here; by
-    default all are off.
+    By default all are off.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
     """
 
-    gain_stddev: float = 0.0
-    noise_stddev: float = 0.0
-    resolution: float = 0.0
-    drop_probability: float = 0.0
-    seed: int = 0
+    GROUP = 'load_cells'
 
-    def __post_init__(self) -> None:
-        """Validate."""
-        not_negative('load_cells.gain_stddev', self.gain_stddev, 'standard deviation', '-')
-        not_negative('load_cells.noise_stddev', self.noise_stddev, 'standard deviation', 'N')
-        not_negative('load_cells.resolution', self.resolution, 'tension', 'N')
-        within('load_cells.drop_probability', self.drop_probability, 0.0, 1.0, '-')
-        whole('load_cells.seed', self.seed)
+    gain_stddev: float = stated(
+        'standard deviation of the gain of each load cell, drawn once [-]', 0.0, '>= 0',
+        'standard deviation',
+    )  # fmt: skip
+    noise_stddev: float = stated(
+        'standard deviation of the noise of each reading [N]; readings of slack tendons go '
+        'below 0', 0.0, '>= 0', 'standard deviation',
+    )  # fmt: skip
+    resolution: float = stated(
+        'what readings are multiples of [N]; 0 for all digits', 0.0, '>= 0', 'tension'
+    )
+    drop_probability: float = stated(
+        'probability that a message of readings is lost [-]', 0.0, 'in [0, 1]'
+    )
+    seed: int = stated('seed of gains, noise and losses', 0, '>= 0')
 
 
 class SimulatedLoadCells:

@@ -18,12 +18,12 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.simulation.load_cells import LOAD_CELL_PARAMETERS, LoadCells
+from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.profile import CommandProfile
 from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.simulation.relaxation import RELAXATION_PARAMETERS, Relaxation
-from octo_arm_model.simulation.sensors import SENSOR_PARAMETERS, Push, Sensors
-from octo_arm_model.simulation.winches import WINCH_PARAMETERS, Winches
+from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.winches import Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.
@@ -32,16 +32,17 @@ _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tensio
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
               range=f'> 0, at most {HIGHEST_RATE}'),
-    *WINCH_PARAMETERS,
-    *LOAD_CELL_PARAMETERS,
-    *RELAXATION_PARAMETERS,
+    *Winches.table(),
+    *LoadCells.table(),
+    *Relaxation.table(),
     Parameter('profile.name', str,
               'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
     Parameter('profile.speed', float, 'factor of the speed it is played at [-]', 1.0,
               range='> 0'),
     Parameter('profile.loop', bool, 'whether it is repeated', False),
-    *SENSOR_PARAMETERS,
+    *Push.table(),
+    *Sensors.table(),
 )  # fmt: skip
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
@@ -59,7 +60,6 @@ class SimulatorConfig:
         profile: profile that the simulator plays; None for none.
         speed: factor of the speed it is played at [-].
         loop: whether it is repeated.
-        encoders: whether lengths that the winches have reeled in are published.
         model: what the arm's file says of how it is solved.
         push: what pushes the arm.
         sensors: those besides load cells and encoders.
@@ -73,7 +73,6 @@ class SimulatorConfig:
     profile: CommandProfile | None
     speed: float
     loop: bool
-    encoders: bool
     model: Config
     push: Push
     sensors: Sensors
@@ -105,7 +104,6 @@ class SimulatorConfig:
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
-        encoders = own.pop('winches.encoders')
         positive('rate', own['rate'], 'Hz')
         if own['rate'] > HIGHEST_RATE:
             raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
@@ -121,18 +119,14 @@ class SimulatorConfig:
             base_frame=config.base_frame,
             rate=own['rate'],
             hardware=Hardware(
-                Winches(**_group(own, 'winches')),
-                LoadCells(**_group(own, 'load_cells')),
-                Relaxation(**_group(own, 'relaxation')),
-                config.load_cells,
+                Winches.of(own), LoadCells.of(own), Relaxation.of(own), config.load_cells
             ),
             profile=profile,
             speed=own['profile.speed'],
             loop=own['profile.loop'],
-            encoders=encoders,
             model=config,
-            push=Push(**_group(own, 'push')),
-            sensors=Sensors(**_group(own, 'sensors')),
+            push=Push.of(own),
+            sensors=Sensors.of(own),
         )
         found.pushed_arm  # noqa: B018 - what it refuses is refused here
         return found
@@ -143,9 +137,3 @@ def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
     arm = {parameter.name: parameter for parameter in ARM_PARAMETERS}
     shared = {name: arm[name].convert(values[name]) for name in _OF_LOAD_CELLS if name in values}
     return {name: value for name, value in shared.items() if value != ()}
-
-
-def _group(values: Mapping[str, Any], group: str) -> dict[str, Any]:
-    """Values of one group by their names within it."""
-    prefix = group + '.'
-    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}

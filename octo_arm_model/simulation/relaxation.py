@@ -19,34 +19,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.arm.validation import not_negative, positive
+from octo_arm_model.config.parameter_group import ParameterGroup, stated
 from octo_arm_model.core.hints import FloatArray
-
-RELAXATION_PARAMETERS = (
-    Parameter('relaxation.ratio', float,
-              'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the '
-              'paper', 0.0, range='>= 0'),
-    Parameter('relaxation.time', float,
-              'time constant of the relaxing modulus at constant strain [s]', 1.0, range='> 0'),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Relaxation:
-    """Parameters of the relaxing modulus, see `RELAXATION_PARAMETERS`.
+class Relaxation(ParameterGroup):
+    """Parameters of the relaxing modulus.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
     """
 
-    ratio: float = 0.0
-    time: float = 1.0
+    GROUP = 'relaxation'
 
-    def __post_init__(self) -> None:
-        """Validate."""
-        not_negative('relaxation.ratio', self.ratio, 'ratio', '-')
-        positive('relaxation.time', self.time, 's')
+    ratio: float = stated(
+        'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the paper',
+        0.0, '>= 0', 'ratio',
+    )  # fmt: skip
+    time: float = stated(
+        'time constant of the relaxing modulus at constant strain [s]', 1.0, '> 0'
+    )
 
 
 class SimulatedRelaxation:

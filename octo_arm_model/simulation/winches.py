@@ -7,51 +7,46 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.parameter_group import ParameterGroup, stated
 from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 
-WINCH_PARAMETERS = (
-    Parameter('winches.slack_floor', float, 'least tension the winches keep [N]', 0.0,
-              range='>= 0'),
-    Parameter('winches.force_limit', float,
-              'largest tension of the winches [N]; 0 for no limit', 0.0,
-              range='0, or at least winches.slack_floor'),
-    Parameter('winches.rate_limit', float,
-              'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0,
-              range='>= 0'),
-    Parameter('winches.lag', float,
-              'time constant with which tensions follow the set point [s]; 0 for at once', 0.0,
-              range='>= 0'),
-    Parameter('winches.encoders', bool,
-              'whether lengths that the winches have reeled in are published, on '
-              'tendon_displacements; an octo_arm_node that hears them is driven by them', False),
-)  # fmt: skip
-
 
 @dataclass(frozen=True)
-class Winches:
-    """Parameters of the winches of an arm, the same for all.
+class Winches(ParameterGroup):
+    """Parameters of the winches of an arm, the same for all, applied in the order listed here.
 
-    What they are is in `WINCH_PARAMETERS`. They are applied in the order listed here; by default
-    all are off.
+    By default all are off.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
     """
 
-    slack_floor: float = 0.0
-    force_limit: float = 0.0
-    rate_limit: float = 0.0
-    lag: float = 0.0
+    GROUP = 'winches'
+
+    slack_floor: float = stated('least tension the winches keep [N]', 0.0, '>= 0', 'tension')
+    force_limit: float = stated(
+        'largest tension of the winches [N]; 0 for no limit', 0.0,
+        '0, or at least winches.slack_floor',
+    )  # fmt: skip
+    rate_limit: float = stated(
+        'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
+    )
+    lag: float = stated(
+        'time constant with which tensions follow the set point [s]; 0 for at once', 0.0, '>= 0',
+        'time',
+    )  # fmt: skip
+    encoders: bool = stated(
+        'whether lengths that the winches have reeled in are published, on '
+        'tendon_displacements; an octo_arm_node that hears them is driven by them',
+        False,
+    )
 
     def __post_init__(self) -> None:
         """Validate."""
-        not_negative('winches.slack_floor', self.slack_floor, 'tension', 'N')
+        super().__post_init__()
         not_negative('winches.force_limit', self.force_limit, 'tension', 'N')
-        not_negative('winches.rate_limit', self.rate_limit, 'rate', 'N/s')
-        not_negative('winches.lag', self.lag, 'time', 's')
         if 0.0 < self.force_limit < self.slack_floor:
             expected = f'0, or at least winches.slack_floor, {self.slack_floor} [N]'
             raise ArmDefinitionError('winches.force_limit', self.force_limit, expected)

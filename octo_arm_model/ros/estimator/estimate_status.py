@@ -80,7 +80,7 @@ class EstimateStatus:
 
     def _silent(self, config: Config) -> list[str]:
         """Sensors that were heard and are no more."""
-        now, limit = time.monotonic(), config.diagnostic_limits.silence
+        now, limit = time.monotonic(), config.diagnostic_limits.silence_limit
         return [
             f'{topic} is silent for {now - heard:.1f} s'
             for topic, heard in sorted(self._heard.items())

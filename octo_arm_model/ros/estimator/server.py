@@ -60,7 +60,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
         self._measured = MeasuredArm(config, settings.noise, pose_of)
-        self._stamps.ahead = config.diagnostic_limits.ahead
+        self._stamps.ahead = config.diagnostic_limits.ahead_limit
         if self._tracker is not None:
             self._begin_anew()
         self._node.get_logger().info(

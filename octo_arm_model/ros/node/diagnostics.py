@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from octo_arm_model.config.build import DiagnosticLimits
+from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
@@ -118,9 +118,9 @@ class Diagnostics:
             self._count('backwards')
         self._newest[source] = self._last = seconds
         now = self._seconds()
-        if now and now - seconds > self._limits.age:
+        if now and now - seconds > self._limits.age_limit:
             self._count('old')
-        elif now and seconds - now > self._limits.ahead + _STEPS * self._step:
+        elif now and seconds - now > self._limits.ahead_limit + _STEPS * self._step:
             self._count('ahead')
 
     def skipped(self, number: int) -> None:
@@ -186,7 +186,7 @@ class Diagnostics:
         silence = time.monotonic() - self._heard
         if self._idle:
             problems.append(self._idle)
-        elif silence > self._limits.silence:
+        elif silence > self._limits.silence_limit:
             problems.append(f'silent for {silence:.1f} s')
         now = self._seconds()
         if not now:
@@ -203,7 +203,7 @@ class Diagnostics:
         for what, words in (
             ('backwards', 'stamps running backwards'),
             ('ahead', 'stamps from the future'),
-            ('old', f'stamps older than {self._limits.age:g} s'),
+            ('old', f'stamps older than {self._limits.age_limit:g} s'),
             ('unstamped', 'without a stamp'),
         ):
             if lately[what]:

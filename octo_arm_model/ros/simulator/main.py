@@ -199,7 +199,7 @@ class SimulatorNode(CheckedNode):
         else:
             self._measured.publish(self._message(measured, stamp))
             self._diagnostics.counts['published'] += 1
-        if config.encoders:
+        if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
         if config.pushed_arm is not None:
             try:

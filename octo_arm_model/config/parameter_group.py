@@ -1,0 +1,72 @@
+"""Parameters as the fields of a dataclass: name, default, meaning and range are stated once."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
+
+Group = TypeVar('Group', bound='ParameterGroup')
+_UNIT = re.compile(r'\[(.*?)\]')
+
+
+def stated(description: str, default: Any, range: str = '', what: str = 'number') -> Any:
+    """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
+
+    The ``description`` has its unit in brackets. Values outside the ``range`` are refused where
+    that is '>= 0', '> 0' or 'in [0, 1]'; ``what`` is what one of them is in the error.
+    """
+    is_array = isinstance(default, tuple)
+    kind = float if is_array else type(default)
+    parameter = Parameter('', kind, description, default, is_array, range=range)
+    return dataclasses.field(default=default, metadata={'stated': parameter, 'what': what})
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """Base of the dataclasses of one group of parameters, each a field that is `stated`.
+
+    Attributes:
+        GROUP: what their names begin with, before a dot.
+
+    Raises:
+        ArmDefinitionError: if a value is outside its range.
+    """
+
+    GROUP: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for parameter, field in zip(self.table(), dataclasses.fields(self), strict=True):
+            name, value = parameter.name, getattr(self, field.name)
+            unit = ''.join(_UNIT.findall(parameter.description)[:1])
+            if parameter.range == '>= 0' and parameter.kind is int:
+                whole(name, value)
+            elif parameter.range == '>= 0':
+                not_negative(name, value, field.metadata['what'], unit)
+            elif parameter.range == '> 0':
+                positive(name, value, unit)
+            elif parameter.range == 'in [0, 1]':
+                within(name, value, 0.0, 1.0, unit)
+
+    @classmethod
+    def table(cls) -> tuple[Parameter, ...]:
+        """The parameters, in the order of the fields."""
+        return tuple(
+            dataclasses.replace(field.metadata['stated'], name=f'{cls.GROUP}.{field.name}')
+            for field in dataclasses.fields(cls)
+        )
+
+    @classmethod
+    def of(cls: type[Group], values: Mapping[str, Any]) -> Group:
+        """From ``values`` of its parameters by their names, among others.
+
+        Raises:
+            ArmDefinitionError: if a value is outside its range.
+        """
+        return cls(*(values[parameter.name] for parameter in cls.table()))
