@@ -13,7 +13,7 @@ import numpy as np
 
 from octo_arm_model.cli.experiment_options import EPILOG, add_recording
 from octo_arm_model.cli.options import add_json, add_path, new_command
-from octo_arm_model.cli.outputs import check_out
+from octo_arm_model.cli.outputs import check_out, refuse_inside
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
@@ -59,6 +59,7 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     out = options.out
+    refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)
     recording, observations, models, alignment, notes = read_options(options)
     config = Config.from_parameters(recording.parameters)

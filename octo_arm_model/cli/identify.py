@@ -9,7 +9,7 @@ from typing import Any
 from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording
 from octo_arm_model.cli.fit_report import as_dict, summary
 from octo_arm_model.cli.options import add_json, add_path, new_command
-from octo_arm_model.cli.outputs import check_out
+from octo_arm_model.cli.outputs import check_out, refuse_inside
 from octo_arm_model.cli.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
@@ -90,6 +90,7 @@ def add_command(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    refuse_inside(options.bag, options.out, options.pictures, options.csv)
     check_out(options, '--out', folder=False)
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)

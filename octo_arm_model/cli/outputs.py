@@ -55,14 +55,14 @@ def folders_made() -> Iterator[list[Path]]:
         raise
 
 
-def refuse_inside(bag: Path, *outputs: Path | None) -> None:
-    """Refuse to write ``outputs`` into a ``bag`` that is read.
+def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
+    """Refuse to write ``outputs`` into a ``bag`` that is read, if one is.
 
     Raises:
         BagError: if one is inside, or the folder of the bag.
     """
     for out in outputs:
-        if out is not None and bag.resolve() in (out.resolve(), *out.resolve().parents):
+        if bag and out and bag.resolve() in (out.resolve(), *out.resolve().parents):
             raise BagError(f'{out}: inside {bag}, which stays as it is')
 
 

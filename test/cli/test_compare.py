@@ -111,6 +111,20 @@ def test_nonsense_is_refused_in_one_line(
     assert err.count('\n') == 1
 
 
+@pytest.mark.parametrize(
+    'written', [('compare', '--out'), ('identify', '--out'), ('identify', '--csv')]
+)
+def test_nothing_is_written_into_the_bag(
+    write: Write, capsys: pytest.CaptureFixture[str], written: tuple[str, str]
+) -> None:
+    command, option = written
+    bag = write()
+    before = sorted(bag.iterdir())
+    assert main([command, str(bag), option, str(bag / 'new')]) == 2
+    assert f'inside {bag}, which stays as it is' in capsys.readouterr().err
+    assert sorted(bag.iterdir()) == before
+
+
 def test_a_command_that_fails_leaves_no_empty_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
