@@ -15,11 +15,37 @@ from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 NAME = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
-_NEWEST = 9  # version
-_STORAGES = ('mcap', 'sqlite3')
 _NONE, _FILE = ('', 'none'), 'file'
 _MODES = (*_NONE, _FILE, 'message')
-_KINDS = {int: 'an integer', str: 'text', list: 'a list', dict: 'a map'}
+
+# What a field is: a type; a range of integers; texts to choose from, in a tuple; a map of fields,
+# of which those with a question mark may be missing or null; or a list, all of one kind.
+_COUNT, _INTEGER = range(2**63), range(-(2**63), 2**63)
+_DURATION = dict.fromkeys(('sec', 'nsec'), range(-(2**63), 2**64))
+_QOS = {
+    **dict.fromkeys(('history', 'reliability', 'durability', 'liveliness'), int | str),
+    'depth': _COUNT,
+    **dict.fromkeys(('deadline', 'lifespan', 'liveliness_lease_duration'), _DURATION),
+    'avoid_ros_namespace_conventions': bool,
+}
+_TOPIC = {
+    'message_count': _COUNT,
+    'topic_metadata': {
+        'name': str, 'type': str, 'serialization_format': str, 'type_description_hash?': str,
+    },
+}  # fmt: skip
+_BAG = {
+    'version': range(1, 10),  # to that of Jazzy, the newest
+    'storage_identifier': ('mcap', 'sqlite3'),
+    'relative_file_paths': [str],
+    'duration': {'nanoseconds': _INTEGER},
+    'starting_time': {'nanoseconds_since_epoch': _INTEGER},
+    'message_count': _COUNT,
+    'topics_with_message_count': [_TOPIC],
+}
+_EXPECTED = {
+    int: 'an integer', str: 'text', list: 'a list', dict: 'a map', bool: 'true or false',
+}  # fmt: skip
 
 
 def check_folder(folder: Path) -> dict[str, str]:
@@ -39,72 +65,77 @@ def check_folder(folder: Path) -> dict[str, str]:
     whole = checked_yaml(text, NAME)
     if not isinstance(whole, dict):
         raise ValueError(f'{NAME} is {_shown(whole)}, expected {_ROOT} with the fields of a bag')
-    about = _field(whole, _ROOT, dict)
-    _field(about, 'version', int, lowest=1, highest=_NEWEST)
-    _choice(about, 'storage_identifier', _STORAGES)
-    files = _field(about, 'relative_file_paths', list)
-    for number, file in enumerate(files):
-        # rosbags looks beside the metadata, whatever folder is named.
-        check_file(folder / PurePath(_typed(file, f'relative_file_paths[{number}]', str)).name)
-    for name, part in (('duration', 'nanoseconds'), ('starting_time', 'nanoseconds_since_epoch')):
-        _field(_field(about, name, dict), part, int, f'{name}.', lowest=-(2**63))
-    _field(about, 'message_count', int)
-    for number, topic in enumerate(_field(about, 'topics_with_message_count', list)):
-        _check_topic(topic, f'topics_with_message_count[{number}]')
+    _check(whole, {_ROOT: _BAG})
+    about = whole[_ROOT]
+    # rosbags looks beside the metadata, whatever folder is named.
+    files = [folder / PurePath(file).name for file in about['relative_file_paths']]
+    for file in files:
+        check_file(file)
+    for number, topic in enumerate(about['topics_with_message_count']):
+        where = f'topics_with_message_count[{number}].topic_metadata.offered_qos_profiles'
+        profiles = topic['topic_metadata'].get('offered_qos_profiles') or []
+        if isinstance(profiles, str):
+            profiles = checked_yaml(profiles, where) or []
+        _check(profiles, [_QOS], where)
     mode = 'none'
     if 'compression_mode' in about:
-        mode = _field(about, 'compression_mode', str).lower()
-        if mode not in _MODES:
-            _choice(about, 'compression_mode', _MODES)
+        _check(about, {'compression_mode': str})
+        mode = about['compression_mode'].lower()
+        _check({'compression_mode': mode}, {'compression_mode': _MODES})
     if mode not in _NONE:
-        _choice(about, 'compression_format', ('zstd',))
+        _check(about, {'compression_format': ('zstd',)})
     if mode == _FILE:
         for file in files:
-            check_compressed_file(folder / PurePath(file).name)
+            check_compressed_file(file)
     if 'files' in about:
-        _field(about, 'files', list)
+        _check(about, {'files': list})
+    _check(about, {'custom_data?': dict})
     return _custom_data(about, text)
 
 
-def _check_topic(topic: object, where: str) -> None:
-    """Check an entry of topics_with_message_count."""
-    entry = _typed(topic, where, dict)
-    _field(entry, 'message_count', int, f'{where}.')
-    about = _field(entry, 'topic_metadata', dict, f'{where}.')
-    where = f'{where}.topic_metadata'
-    for name in ('name', 'type', 'serialization_format'):
-        _field(about, name, str, f'{where}.')
-    if about.get('type_description_hash') is not None:
-        _field(about, 'type_description_hash', str, f'{where}.')
-    profiles = about.get('offered_qos_profiles') or []
-    if isinstance(profiles, str):
-        profiles = checked_yaml(profiles, f'{where}.offered_qos_profiles') or []
-    for number, profile in enumerate(_typed(profiles, f'{where}.offered_qos_profiles', list)):
-        _check_qos(profile, f'{where}.offered_qos_profiles[{number}]')
+def _check(value: Any, kind: Any, where: str = '') -> None:
+    """Check that the ``value`` at ``where`` is of a ``kind`` of field, see above.
+
+    Raises:
+        ValueError: if it is not; the message names the field.
+    """
+    expected = ''
+    if isinstance(kind, dict):
+        _check_type(value, dict, where)
+        for field, inner in kind.items():
+            name = field.removesuffix('?')
+            place = f'{where}.{name}'.removeprefix('.').removeprefix(f'{_ROOT}.')
+            if value.get(name) is not None or (name in value and name == field):
+                _check(value[name], inner, place)
+            elif name == field:
+                raise ValueError(f'{NAME}: {place} is missing')
+    elif isinstance(kind, list):
+        _check_type(value, list, where)
+        for number, one in enumerate(value):
+            _check(one, kind[0], f'{where}[{number}]')
+    elif isinstance(kind, range):
+        _check_type(value, int, where)
+        expected = f'{kind.start} to {kind.stop - 1}'
+    elif isinstance(kind, tuple):
+        _check_type(value, str, where)
+        expected = f'one of {", ".join(map(repr, kind))}'
+    else:
+        _check_type(value, kind, where)
+    if expected and value not in kind:
+        raise ValueError(f'{NAME}: {where} is {_shown(value)}, expected {expected}')
 
 
-def _check_qos(profile: object, where: str) -> None:
-    """Check how a topic was published."""
-    about = _typed(profile, where, dict)
-    for name in ('history', 'reliability', 'durability', 'liveliness'):
-        if not isinstance(about.get(name), int | str):
-            _field(about, name, str, f'{where}.')
-    _field(about, 'depth', int, f'{where}.')
-    for name in ('deadline', 'lifespan', 'liveliness_lease_duration'):
-        time = _field(about, name, dict, f'{where}.')
-        for part in ('sec', 'nsec'):
-            _field(time, part, int, f'{where}.{name}.', lowest=-(2**63), highest=2**64 - 1)
-    name = 'avoid_ros_namespace_conventions'
-    if not isinstance(about.get(name), bool):
-        shown = _shown(about.get(name))
-        raise ValueError(f'{NAME}: {where}.{name} is {shown}, expected true or false')
+def _check_type(value: object, kind: Any, where: str) -> None:
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        expected = _EXPECTED.get(kind, _EXPECTED[str])
+        raise ValueError(f'{NAME}: {where} is {_shown(value)}, expected {expected}')
 
 
 def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
     """Custom data, each entry as it is written: the recorder puts no quotes around 007 or true."""
-    if about.get('custom_data') is None:
+    custom = about.get('custom_data')
+    if custom is None:
         return {}
-    custom = _field(about, 'custom_data', dict)
     node = compose_yaml(text)
     for name in (_ROOT, 'custom_data'):
         assert isinstance(node, yaml.MappingNode)  # as it was loaded
@@ -114,40 +145,9 @@ def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
         key.value: value.value if isinstance(value, yaml.ScalarNode) else custom[key.value]
         for key, value in node.value
     }
-    return {key: _typed(value, f'custom_data.{key}', str) for key, value in written.items()}
-
-
-def _field(
-    fields: Mapping[str, Any],
-    name: str,
-    kind: type,
-    where: str = '',
-    lowest: int = 0,
-    highest: int = 2**63 - 1,
-) -> Any:
-    """The field ``name``, of type ``kind``; integers within their range."""
-    if name not in fields:
-        raise ValueError(f'{NAME}: {where}{name} is missing')
-    value = _typed(fields[name], where + name, kind)
-    if kind is int and not lowest <= value <= highest:
-        raise ValueError(
-            f'{NAME}: {where}{name} is {_shown(value)}, expected {lowest} to {highest}'
-        )
-    return value
-
-
-def _typed(value: object, where: str, kind: type) -> Any:
-    """The ``value``, if it is of type ``kind``."""
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise ValueError(f'{NAME}: {where} is {_shown(value)}, expected {_KINDS[kind]}')
-    return value
-
-
-def _choice(fields: Mapping[str, Any], name: str, choices: tuple[str, ...]) -> None:
-    """Check that the field ``name`` is one of ``choices``."""
-    if _field(fields, name, str) not in choices:
-        listed = ', '.join(map(repr, choices))
-        raise ValueError(f'{NAME}: {name} is {_shown(fields[name])}, expected one of {listed}')
+    for key, value in written.items():
+        _check(value, str, f'custom_data.{key}')
+    return written
 
 
 def _shown(value: object) -> str:
