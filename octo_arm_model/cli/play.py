@@ -17,6 +17,7 @@ from octo_arm_model.cli.options import (
     new_command,
     read_highest,
 )
+from octo_arm_model.cli.outputs import check_out
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
@@ -88,6 +89,8 @@ def _run(options: argparse.Namespace) -> None:
         return
     profile = find_profile(options.profile, arm, read_highest(options))
     if options.csv or options.plot:
+        check_out(options, '--csv', folder=False)
+        check_out(options, '--plot', folder=False, draws=True)
         _write(options, profile, arm)
     else:
         _play(options, profile, config)

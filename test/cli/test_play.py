@@ -34,6 +34,17 @@ def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
     np.testing.assert_allclose(profile.tensions, expected.at(2.0 * profile.times), atol=1e-6)
 
 
+def test_folders_of_a_profile_are_made_before_anything_is_written(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip('matplotlib')
+    table = tmp_path / 'new' / 'ramps.csv'
+    status, _, err = run(capsys, 'play', 'ramps', '--csv', str(table), '--plot', str(tmp_path))
+    assert status == 2 and f'--plot is {str(tmp_path)!r}, a folder, expected a file' in err
+    assert not table.parent.exists()
+    assert run(capsys, 'play', 'ramps', '--csv', str(table))[:2] == (0, f'{table}\n')
+
+
 def test_a_profile_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     picture = tmp_path / 'ramps.png'
