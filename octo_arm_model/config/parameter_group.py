@@ -15,15 +15,15 @@ Group = TypeVar('Group', bound='ParameterGroup')
 _UNIT = re.compile(r'\[(.*?)\]')
 
 
-def stated(description: str, default: Any, range: str = '', what: str = 'number') -> Any:
+def stated(description: str, default: Any, allowed: str = '', what: str = 'number') -> Any:
     """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
 
-    The ``description`` has its unit in brackets. Values outside the ``range`` are refused where
-    that is '>= 0', '> 0' or 'in [0, 1]'; ``what`` is what one of them is in the error.
+    The ``description`` has its unit in brackets. Values are refused that are not ``allowed``, in
+    words, where these are '>= 0', '> 0' or 'in [0, 1]'; the error calls a value ``what`` it is.
     """
     is_array = isinstance(default, tuple)
     kind = float if is_array else type(default)
-    parameter = Parameter('', kind, description, default, is_array, range=range)
+    parameter = Parameter('', kind, description, default, is_array, range=allowed)
     return dataclasses.field(default=default, metadata={'stated': parameter, 'what': what})
 
 

@@ -437,16 +437,16 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
         moments = itertools.count(5000 * 10**9, period)
         controller.wait(lambda: is_read_at(next(moments)) or controller.measured, 'a reading')
         heard = next(moments)
-        for start in (heard + 1000 * period, heard + 2000 * period):
-            controller.wait(lambda start=start: is_read_at(start), 'a reading alone')
+        for begun in (heard + 1000 * period, heard + 2000 * period):
+            controller.wait(lambda begun=begun: is_read_at(begun), 'a reading alone')
         for half in range(1, 11):
-            now = start + half * period // 2
+            now = begun + half * period // 2
             if half % 2:
                 is_read_at(now)
                 controller.spin(0.02)
             else:
                 controller.wait(lambda now=now: is_read_at(now), 'a reading')
-    at = [seconds(m) for m in controller.measured if seconds(m) > 1e-9 * start - 1e-6]
+    at = [seconds(m) for m in controller.measured if seconds(m) > 1e-9 * begun - 1e-6]
     np.testing.assert_allclose(np.diff(at), 1e-9 * period, atol=1e-6)
 
 
