@@ -31,7 +31,7 @@ def frames(angular: FloatArray, collocation: Collocation, base: Quaternions) -> 
         np.multiply(rule.from_start, -rate[..., np.newaxis, :], out=blocks[..., row, :, column])
     size = 2 * points
     system = blocks.reshape(*lead, elements, size, size)
-    system[..., np.arange(size), np.arange(size)] += 1.0
+    system.reshape(*lead, elements, -1)[..., :: size + 1] += 1.0
     start = np.zeros((*lead, elements, size, 1), np.complex128)
     start[..., ::2, :] = 1.0
     found = np.asarray(np.linalg.solve(system, start), dtype=np.complex128)

@@ -105,8 +105,6 @@ class Settling:
                 np.repeat(shape.twist[:, np.newaxis], arms, axis=1),
                 Quaternions(np.broadcast_to(a, all_arms), np.broadcast_to(b, all_arms)),
             )
-        if known is not None and arms > 1:
-            known = known.of(np.zeros(arms, np.int64))
         found: dict[int, Settled] = {}
         for numbers, group in newton_of_all(
             self._rod.equilibrium, wanted, shape, TOLERANCE, known
