@@ -209,7 +209,7 @@ class SectionEnergy:
         return self._tabulated
 
     def _directions(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
-        """u of every tendon (3, tendons, batch, nodes) and its length."""
+        """Of every tendon u, (3, tendons, batch, nodes), and its length."""
         extended = np.empty((self.strains + 1, *strain.shape[1:]))
         extended[:-1], extended[-1] = strain, width
         u = np.einsum('cmj...,m...->cj...', self._tables()[0], extended)
