@@ -97,6 +97,7 @@ class SectionEnergy:
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         self.squared_slope = self.dx**2 + self.dy**2
         self.squared_radius = self.radius**2
+        self._twice = 2.0 * self.stiffness.axial * self.squared_radius
         self._pulled: dict[bytes, SectionEnergy] = {}
         self._tabulated: tuple[FloatArray, FloatArray] | None = None
 
@@ -223,7 +224,7 @@ class SectionEnergy:
         f = self.law.density(stretch, np.add.reduce(bending * bending) * self.squared_radius)
         gradient = self.tendon_gradient(strain, local_tensions, width, slope)
         gradient[0] += self.stiffness.torsion * strain[0]
-        gradient[1:3] += (2.0 * self.stiffness.axial * self.squared_radius * f.by_bend) * bending
+        gradient[1:3] += (self._twice * f.by_bend) * bending
         gradient[3] += self.stiffness.axial * f.by_stretch
         if self.strains == 6:
             gradient[4:] += self.shear_stiffness * strain[4:]
