@@ -34,7 +34,8 @@ def frames(angular: FloatArray, collocation: Collocation, base: Quaternions) -> 
     system.reshape(*lead, elements, -1)[..., :: size + 1] += 1.0
     start = np.zeros((*lead, elements, size, 1), np.complex128)
     start[..., :points, :] = 1.0
-    found = np.linalg.solve(system, start).reshape(*lead, elements, 2, points)
+    found = np.asarray(np.linalg.solve(system, start), dtype=np.complex128)
+    found = found.reshape(*lead, elements, 2, points)
     chain = Quaternions.empty(*lead, elements)
     chain.a[..., 0], chain.b[..., 0] = base.a.item(), base.b.item()
     at_end = found[..., :-1, :, :] @ collocation.at_end
