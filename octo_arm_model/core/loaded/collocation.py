@@ -41,6 +41,8 @@ class Collocation:
         weights: of the integral along the arm, (points,).
         twice: from values at the points of an element to the matrix of the integrals to its end,
             of the values times the integral of others from its start, (each, each x each).
+        at_end: from what is collocated at the points of an element to what it is at the end, both
+            less what it is at the start, (each,).
         length: of the arm [m].
     """
 
@@ -73,6 +75,7 @@ class Collocation:
         self.length = arm.length
         twice = self.rule.to_end.T[:, :, np.newaxis] * self.rule.from_start[:, np.newaxis]
         self.twice = twice.reshape(points, -1)
+        self.at_end = np.linalg.solve(self.rule.from_start.T, self.rule.weights)
 
     def by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., points) as (..., elements, points of each)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -43,6 +43,14 @@ Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, Float
 Frames: TypeAlias = Callable[[FloatArray], Quaternions]
 
 
+class _Pulled(NamedTuple):
+    """Cross sections with the tendons that pull, see `SectionEnergy.pulled`, and `force_scale`."""
+
+    energy: SectionEnergy
+    local_tensions: FloatArray
+    scale: FloatArray
+
+
 class Equilibrium:
     """The equations of one arm under loads.
 
@@ -66,6 +74,8 @@ class Equilibrium:
         self.energy, self.collocation = energy, collocation
         self.loads, self.base = loads, base
         self.evaluate: Evaluate | None = None
+        # By the very tensions of the last call, as those of a search for balance stay.
+        self._pulled_last: tuple[FloatArray, _Pulled] | None = None
         self.frames: Frames = functools.partial(frames, collocation=collocation, base=base)
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
@@ -92,8 +102,10 @@ class Equilibrium:
         """The shape after ``now`` by ``part`` of the change from ``before``."""
         return self.shape(now.twist + part * (now.twist - before.twist))
 
-    def state(self, condition: Condition, shape: Shape) -> State:
-        """Evaluate the balance of ``shape``."""
+    def state(
+        self, condition: Condition, shape: Shape, is_to_be_linearised: bool = False
+    ) -> State:
+        """Evaluate the balance of ``shape``, with the Hessian if it ``is_to_be_linearised``."""
         twist, orientation = shape
         sliding, hessian = None, None
         if self.evaluate is not None and self.friction is None:
@@ -101,29 +113,34 @@ class Equilibrium:
         else:
             # As a batch of cross sections, of one arm or several.
             batch = twist.reshape(len(twist), -1, twist.shape[-1])
-            tensions = np.atleast_2d(condition.tensions)
             if self.friction is None:
-                local_tensions = self.energy.local_tensions(tensions)
+                energy, local_tensions, scale = self._pulled(condition.tensions)
             else:
+                tensions = np.atleast_2d(condition.tensions)
                 sliding = self.friction.slide_along(batch, tensions, condition.before)
-                local_tensions = sliding.tensions
-            gradient = gradient_by_twist(self.energy, batch, local_tensions).reshape(twist.shape)
-            scale = force_scale(self.energy, local_tensions).reshape(twist.shape)
+                energy, local_tensions = self.energy, sliding.tensions
+                scale = force_scale(energy, local_tensions)
+            if is_to_be_linearised:
+                gradient, hessian = derivatives_by_twist(energy, batch, local_tensions)
+                hessian = hessian.reshape(len(twist), *twist.shape)
+            else:
+                gradient = gradient_by_twist(energy, batch, local_tensions)
+            gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
         rotation = orientation.matrix()
         tangent = np.einsum('ik...,k...->i...', rotation[:, : len(twist) - 3], twist[3:])
         loads = self.loads.resultants(RodPoints(self.collocation, orientation))
         # Dead loads are those of all arms, the wrench on its tip is that of each.
         on_tip = condition.tip_wrench.T[..., np.newaxis]
         of_all = 3, *(1,) * (tangent.ndim - 2), -1
-        force = condition.factor * loads.force.reshape(of_all) + on_tip[:3]
-        moment = self.collocation.integrate_from_tip(cross(tangent, force))
-        moment += condition.factor * loads.moment.reshape(of_all) + on_tip[3:]
-        wrench = np.empty((6, *tangent.shape[1:]))
-        np.einsum('ji...,j...->i...', rotation, moment, out=wrench[:3])
-        np.einsum('ji...,j...->i...', rotation, force, out=wrench[3:])
-        wrench = wrench[: len(twist)]
+        both = np.empty((2, *tangent.shape))
+        moment, force = both
+        np.add(condition.factor * loads.force.reshape(of_all), on_tip[:3], out=force)
+        np.add(condition.factor * loads.moment.reshape(of_all), on_tip[3:], out=moment)
+        moment += self.collocation.integrate_from_tip(cross(tangent, force))
+        wrench = np.einsum('ji...,kj...->ki...', rotation, both)
+        wrench = wrench.reshape(6, *tangent.shape[1:])[: len(twist)]
         imbalance = wrench - gradient
-        scale += np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
+        scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
         # NaN where a strain is impossible.
         residual = (np.abs(imbalance) / scale).max(axis=(0, -1))
         return State(
@@ -131,17 +148,24 @@ class Equilibrium:
             hessian,
         )  # fmt: skip
 
+    def _pulled(self, tensions: FloatArray) -> _Pulled:
+        """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""
+        if self._pulled_last is None or self._pulled_last[0] is not tensions:
+            found = self.energy.pulled(np.atleast_2d(tensions))
+            self._pulled_last = tensions, _Pulled(*found, force_scale(*found))
+        return self._pulled_last[1]
+
     def hessian(self, state: State) -> FloatArray:
         """Second derivatives of the energy by the twist, (n, n, ..., points), in a ``state``."""
         if state.hessian is not None:
             return state.hessian
         twist = state.shape.twist
         if state.sliding is not None:
-            local_tensions = state.sliding.tensions
+            energy, local_tensions = self.energy, state.sliding.tensions
         else:
-            local_tensions = self.energy.local_tensions(np.atleast_2d(state.condition.tensions))
+            energy, local_tensions, _ = self._pulled(state.condition.tensions)
         batch = twist.reshape(len(twist), -1, twist.shape[-1])
-        hessian = derivatives_by_twist(self.energy, batch, local_tensions)[1]
+        hessian = derivatives_by_twist(energy, batch, local_tensions)[1]
         return hessian.reshape(len(twist), *twist.shape)
 
     def linearised(self, state: State, damping: float = 0.0) -> System:

@@ -22,27 +22,28 @@ def frames(angular: FloatArray, collocation: Collocation, base: Quaternions) -> 
     rule, step = collocation.rule, collocation.step
     t, n, b = collocation.by_element(angular) * (0.5 * step[:, np.newaxis])
     *lead, elements, points = t.shape
-    # From (a, b) at point j to (a, b) at point i of an element.
-    blocks = np.empty((*lead, elements, points, 2, points, 2), np.complex128)
+    # From a and b at point j, one after the other, to a and b at point i of an element.
+    blocks = np.empty((*lead, elements, 2, points, 2, points), np.complex128)
     same, other = 1j * t, n + 1j * b
     for row, column, rate in (
-        (0, 0, same), (1, 0, other), (0, 1, -other.conj()), (1, 1, same.conj())
+        (0, 0, -same), (1, 0, -other), (0, 1, other.conj()), (1, 1, same)
     ):  # fmt: skip
-        np.multiply(rule.from_start, -rate[..., np.newaxis, :], out=blocks[..., row, :, column])
+        np.multiply(rule.from_start, rate[..., np.newaxis, :], out=blocks[..., row, :, column, :])
     size = 2 * points
     system = blocks.reshape(*lead, elements, size, size)
-    system[..., np.arange(size), np.arange(size)] += 1.0
+    system.reshape(*lead, elements, -1)[..., :: size + 1] += 1.0
     start = np.zeros((*lead, elements, size, 1), np.complex128)
-    start[..., ::2, :] = 1.0
+    start[..., :points, :] = 1.0
     found = np.asarray(np.linalg.solve(system, start), dtype=np.complex128)
-    x, y = found[..., ::2, 0], found[..., 1::2, 0]
+    found = found.reshape(*lead, elements, 2, points)
     chain = Quaternions.empty(*lead, elements)
     chain.a[..., 0], chain.b[..., 0] = base.a.item(), base.b.item()
-    chain.a[..., 1:] = ((x * same - y * other.conj()) @ rule.weights)[..., :-1] + 1.0
-    chain.b[..., 1:] = ((x * other + y * same.conj()) @ rule.weights)[..., :-1]
+    at_end = found[..., :-1, :, :] @ collocation.at_end
+    chain.a[..., 1:] = at_end[..., 0] + (1.0 - collocation.at_end.sum())
+    chain.b[..., 1:] = at_end[..., 1]
     first = cumulative_product(chain)
     start_of = Quaternions(first.a[..., np.newaxis], first.b[..., np.newaxis])
-    at_points = start_of.times((x, y))
+    at_points = start_of.times((found[..., 0, :], found[..., 1, :]))
     return unit(Quaternions(*(part.reshape(*lead, -1) for part in at_points)))
 
 

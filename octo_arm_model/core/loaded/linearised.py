@@ -204,11 +204,15 @@ class Linearised:
         return int(self.signs[0])
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Response to small ``imbalance`` (n, columns, ..., points), in axes of cross sections."""
+        """Response to small ``imbalance`` (n, columns, ..., points), in axes of cross sections.
+
+        The system of one arm also responds for several, each of one column.
+        """
         rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis]
         arms, elements, rows, _ = self._inverse.shape
-        strains, columns = imbalance.shape[:2]
-        given = imbalance.reshape(strains, columns, arms, -1)
+        strains, points = len(imbalance), imbalance.shape[-1]
+        given = imbalance.reshape(strains, -1, arms, points)
+        columns = given.shape[1]
         stretched = np.einsum('ikan,kcan->ican', self._stretched, given[3:])
         carried = self._collocation.by_element(stretched[:3]) * -h
         sides = np.einsum('ijan,jcan->ican', self._rotation, given[:3]) + stretched[3:]
@@ -238,7 +242,9 @@ class Linearised:
         return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
 
     def of(self, arms: IntArray) -> Linearised:
-        """The systems of some ``arms`` of several."""
+        """The systems of some ``arms`` of several, or that of all of them."""
+        if len(self.matrix) == 1:
+            return self
         part = copy.copy(self)
         for name in ('_rotation', '_rows', '_stretched', '_small', 'axial'):
             setattr(part, name, getattr(self, name)[:, :, arms])

@@ -120,7 +120,7 @@ def newton_of_all(
 ) -> list[tuple[IntArray, Iterate]]:  # fmt: skip
     """`newton` of several arms at once, in groups of those that go the same way.
 
-    The system of balances nearby that is ``known`` makes the first step, as long as that leaves a
+    The system of a balance nearby that is ``known`` makes the first step, as long as that leaves a
     small part of the residual.
 
     Returns:
@@ -149,7 +149,8 @@ def newton_of_all(
 def _begin(
     problem: Equilibrium, condition: Condition, shape: Shape, known: System | None
 ) -> _Progress:
-    state, is_known = problem.state(condition, shape), known is not None
+    is_known = known is not None
+    state = problem.state(condition, shape, is_to_be_linearised=not is_known)
     nothing = np.zeros_like(state.residual)
     return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing)
 
@@ -164,7 +165,9 @@ def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
     if system is None or not now.again:
         system, turned = problem.linearised(state), 0.0
     step = newton_step(problem, system, state)
-    new = problem.state(state.condition, problem.moved(state.shape, step))
+    # Newton's method leaves about the square of a residual; what is not near is linearised next.
+    is_far = now.is_known or bool(np.max(state.residual) ** 2 > NEAR)
+    new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
     turn = problem.turn(step)
     corrected = now.corrected + (0.0 if now.is_first else turn)
     return _Progress(new, system, True, False, False, now.iterations + 1, corrected, turned + turn)

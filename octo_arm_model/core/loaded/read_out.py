@@ -45,16 +45,17 @@ def _at_stations(
     Along s moments change by what is ``carried`` (3, ..., points), with the integrals ``before``
     (3, ..., stations) from the base.
     """
-    energy, stations, own = rod.station_sections, rod.stations, rod.equilibrium.collocation
+    stations, own = rod.stations, rod.equilibrium.collocation
     others = state.moment - own.integrate_from_tip(carried)
     at = stations.interpolate(np.concatenate([others, state.force, state.shape.twist]))
     twist = at[6:]
     # As a batch of cross sections, of one arm or several.
     batch = twist.reshape(len(twist), -1, twist.shape[-1])
     if state.sliding is None:
-        tensions = energy.local_tensions(np.atleast_2d(state.condition.tensions))
+        tensions = np.atleast_2d(state.condition.tensions)
+        energy, tensions = rod.station_sections.pulled(tensions)
     else:
-        tensions = stations.interpolate(state.sliding.tensions)
+        energy, tensions = rod.station_sections, stations.interpolate(state.sliding.tensions)
     gradient, hessian = derivatives_by_twist(energy, batch, tensions)
     moment = at[:3] + (carried @ own.weights)[..., np.newaxis] - before
     rotation = Quaternions.from_xyzw(turn).matrix()

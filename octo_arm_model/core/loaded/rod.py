@@ -184,8 +184,7 @@ class LoadedRod:
 
     def _minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum` of the cross sections at the points."""
-        energy = self.equilibrium.energy
-        local_tensions = energy.local_tensions(tensions[np.newaxis])
+        energy, local_tensions = self.equilibrium.energy.pulled(tensions[np.newaxis])
         start = initial_strain(energy, local_tensions)
         strain = minimise(energy, local_tensions, start).strain
         check_fibres(energy, strain)
@@ -193,8 +192,8 @@ class LoadedRod:
 
     def _near_minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum`, but for how tendons turn; of (..., tendons)."""
-        energy = self.equilibrium.energy
-        strain = initial_strain(energy, energy.local_tensions(np.atleast_2d(tensions)))
+        energy, local_tensions = self.equilibrium.energy.pulled(np.atleast_2d(tensions))
+        strain = initial_strain(energy, local_tensions)
         twist = to_twist(energy.law, strain)
         return twist if tensions.ndim > 1 else twist[:, 0]
 

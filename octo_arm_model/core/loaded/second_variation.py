@@ -37,11 +37,15 @@ def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
     before = by_last @ stiffness
     at_first = before @ by_first - ends[..., 3:, :3]
     form = np.zeros((arms, elements, 3, elements, 3))
-    this = np.arange(elements)
-    last, following = this[:-1], this[1:]
-    form[:, this, :, this] = stiffness.swapaxes(0, 1)
-    form[:, last, :, last] += at_first[:, 1:].swapaxes(0, 1)
-    form[:, last, :, following] = -before[:, 1:].swapaxes(0, 1)
-    form[:, following, :, last] = -(stiffness @ by_first)[:, 1:].swapaxes(0, 1)
+    _diagonal(form)[:] = stiffness
+    _diagonal(form[:, :-1, :, :-1])[:] += at_first[:, 1:]
+    _diagonal(form[:, :-1, :, 1:])[:] = -before[:, 1:]
+    _diagonal(form[:, 1:, :, :-1])[:] = -(stiffness @ by_first)[:, 1:]
     are_held = are_definite(form.reshape(arms, 3 * elements, -1))
     return np.asarray(is_stretched & are_free & are_held)
+
+
+def _diagonal(blocks: FloatArray) -> FloatArray:
+    """View of the blocks (..., n, 3, 3) on the diagonal of all, (..., n, 3, n, 3)."""
+    view: FloatArray = np.einsum('aipiq->aipq', blocks)
+    return view

@@ -100,13 +100,8 @@ class Settling:
         """
         arms, known = len(wanted.tensions), self._kept.about(shape.twist)
         if shape.twist.ndim == 2:
-            (a, b), all_arms = shape.orientation, (arms, shape.twist.shape[1])
-            shape = Shape(
-                np.repeat(shape.twist[:, np.newaxis], arms, axis=1),
-                Quaternions(np.broadcast_to(a, all_arms), np.broadcast_to(b, all_arms)),
-            )
-        if known is not None and arms > 1:
-            known = known.of(np.zeros(arms, np.int64))
+            a, b = (part[np.newaxis].repeat(arms, axis=0) for part in shape.orientation)
+            shape = Shape(shape.twist[:, np.newaxis].repeat(arms, axis=1), Quaternions(a, b))
         found: dict[int, Settled] = {}
         for numbers, group in newton_of_all(
             self._rod.equilibrium, wanted, shape, TOLERANCE, known

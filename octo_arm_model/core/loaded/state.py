@@ -75,6 +75,7 @@ class State(NamedTuple):
             Shape(self.shape.twist[:, arms], Quaternions(a[arms], b[arms])),
             self.rotation[:, :, arms], self.tangent[:, arms], self.moment[:, arms],
             self.force[:, arms], self.imbalance[:, arms], self.residual[arms],
+            hessian=None if self.hessian is None else self.hessian[:, :, arms],
         )  # fmt: skip
 
 

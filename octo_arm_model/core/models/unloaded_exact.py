@@ -75,8 +75,7 @@ class UnloadedExact:
             ConvergenceError: if a cross section finds no balance.
             SolveError: if there is none that can be trusted.
         """
-        energy = self.at_points
-        local_tensions = energy.local_tensions(tensions)
+        energy, local_tensions = self.at_points.pulled(tensions)
         found = minimise(energy, local_tensions, initial_strain(energy, local_tensions))
         check_fibres(energy, found.strain)
         energy.check_tendons(found.strain, local_tensions)
@@ -112,8 +111,7 @@ class UnloadedExact:
             self._at_nodes[panel] = self._sections_at(
                 setup.grid.nodes[nodes], setup.grid.node_section[nodes]
             )
-        energy = self._at_nodes[panel]
-        local_tensions = energy.local_tensions(tensions[arms])
+        energy, local_tensions = self._at_nodes[panel].pulled(tensions[arms])
         at = np.ix_(np.arange(energy.strains), arms, nodes)
         start = to_scaled(energy.law, twist[at])
         # Where the strain has a peak between the points, what is interpolated can turn a section

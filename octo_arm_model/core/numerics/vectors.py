@@ -10,7 +10,7 @@ from octo_arm_model.core.hints import FloatArray
 
 def cross(u: FloatArray, v: FloatArray) -> FloatArray:
     """Cross product along the first axis ; np.cross takes several times as long."""
-    return np.stack([
+    return np.array([
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],
         u[0] * v[1] - u[1] * v[0],

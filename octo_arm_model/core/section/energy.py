@@ -17,7 +17,7 @@ straight tendons in planes through the midline.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,12 +25,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.formulas import (
-    bending_terms,
-    tendon_direction,
-    tendon_gradient,
-    tendon_hessian,
-)
+from octo_arm_model.core.section.formulas import bending_terms, tendon_direction
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.planar_tendons import PlanarTendons
 from octo_arm_model.core.section.quasi_newton import Tendons
@@ -41,7 +36,7 @@ if TYPE_CHECKING:
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
-_ROWS, _COLUMNS = zip(*LOWER)
+_MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
 
 
 class SectionEnergy:
@@ -68,6 +63,11 @@ class SectionEnergy:
         shear_stiffness: G A [N], (nodes,).
         poisson: Poisson's ratio [-], (nodes,).
     """
+
+    # Tables of every tendon.
+    _of_tendons: tuple[str, ...] = (
+        'active', 'transmission', 'x', 'y', 'dx', 'dy', 'squared_slope'
+    )  # fmt: skip
 
     def __init__(
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
@@ -97,6 +97,27 @@ class SectionEnergy:
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         self.squared_slope = self.dx**2 + self.dy**2
         self.squared_radius = self.radius**2
+        self._twice = 2.0 * self.stiffness.axial * self.squared_radius
+        self._pulled: dict[bytes, SectionEnergy] = {}
+        self._tabulated: tuple[FloatArray, FloatArray] | None = None
+
+    def pulled(self, tensions: FloatArray) -> tuple[SectionEnergy, FloatArray]:
+        """These cross sections with the tendons alone that pull, and the tension of each there.
+
+        For ``tensions`` (batch, tendons), of which a slack tendon has none in any arm; the
+        tensions at the nodes are (pulling tendons, batch, nodes) [N].
+        """
+        pull = tensions.any(axis=0)
+        key = pull.tobytes()
+        if key not in self._pulled:
+            if len(self._pulled) == _MOST_PULLED:
+                del self._pulled[next(iter(self._pulled))]
+            self._pulled[key] = some = copy.copy(self)
+            for name in self._of_tendons:
+                setattr(some, name, getattr(self, name)[pull])
+            some._levers, some._tabulated = self._levers[:, pull], None
+        some = self._pulled[key]
+        return some, some.local_tensions(tensions[:, pull])
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
         """Tension of every tendon at every node [N] for ``tensions`` (batch, tendons)."""
@@ -149,9 +170,9 @@ class SectionEnergy:
     ) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
         width, slope, _ = self.widening(strain[3])
-        *u, length = self.stretching(strain, width)
-        gradient = self._gradient(u, length, slope)
-        return length, gradient * self.active
+        u, length = self._directions(strain, width)
+        gradient = np.einsum('cmj...,cj...->mj...', self._tables()[0], u / length)
+        return length, _by_strain(gradient, slope) * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
         """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
@@ -171,15 +192,29 @@ class SectionEnergy:
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
         """Likewise a balance without loads that is none of least energy; here all are."""
 
-    def _gradient(self, u: Sequence[FloatArray], length: FloatArray, slope: Number) -> FloatArray:
-        """Gradient of |u| by the strain, also of tendons that do not act."""
-        over = 1.0 / length
-        u_t, u_n, u_b = (part * over for part in u)
-        gradient = np.empty((self.strains, *length.shape))
-        gradient[:4] = tendon_gradient(u_t, u_n, u_b, slope, self.x, self.y, self.dx, self.dy)
-        if self.strains == 6:
-            gradient[4], gradient[5] = u_n, u_b
-        return gradient
+    def _tables(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of u of every tendon by scaled strain and widening, taken as independent.
+
+        u is linear in these. (3, n + 1, tendons, batch, nodes), and their products over the
+        components of u (n + 1, n + 1, tendons, batch, nodes); the batch is 1 but of tendons that
+        have left their paths.
+        """
+        if self._tabulated is None:
+            x, y, count = self.x, self.y, self.strains
+            by = np.zeros((3, count + 1, *x.shape))
+            by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -y, x, y, -x
+            for component in range(count - 3):
+                by[component, 3 + component] = 1.0
+            by[1, count], by[2, count] = self.dx, self.dy
+            self._tabulated = by, np.einsum('cmjbn,ckjbn->mkjbn', by, by)
+        return self._tabulated
+
+    def _directions(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
+        """Of every tendon u, (3, tendons, batch, nodes), and its length."""
+        extended = np.empty((self.strains + 1, *strain.shape[1:]))
+        extended[:-1], extended[-1] = strain, width
+        u = np.einsum('cmj...,m...->cj...', self._tables()[0], extended)
+        return u, np.sqrt(np.einsum('cj...,cj...->j...', u, u))
 
     def gradient(
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
@@ -189,7 +224,7 @@ class SectionEnergy:
         f = self.law.density(stretch, np.add.reduce(bending * bending) * self.squared_radius)
         gradient = self.tendon_gradient(strain, local_tensions, width, slope)
         gradient[0] += self.stiffness.torsion * strain[0]
-        gradient[1:3] += (2.0 * self.stiffness.axial * self.squared_radius * f.by_bend) * bending
+        gradient[1:3] += (self._twice * f.by_bend) * bending
         gradient[3] += self.stiffness.axial * f.by_stretch
         if self.strains == 6:
             gradient[4:] += self.shear_stiffness * strain[4:]
@@ -199,39 +234,26 @@ class SectionEnergy:
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
         """Gradient (n, batch, nodes) of sum T |u|, as `gradient`."""
-        u_t, u_n, u_b, length = self.stretching(strain, width)
-        towards = self._gradient((u_t, u_n, u_b), length, slope)
-        total: FloatArray = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
-        return total
+        u, length = self._directions(strain, width)
+        pull = (local_tensions / length) * u
+        return _by_strain(np.einsum('cmj...,cj...->m...', self._tables()[0], pull), slope)
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
         width, slope, bend = self.widening(strain[3])
-        u_t, u_n, u_b, length = self.stretching(strain, width)
-        towards = self._gradient((u_t, u_n, u_b), length, slope)
-        gradient = np.einsum('jbn,ijbn->ibn', local_tensions, towards)
+        u, length = self._directions(strain, width)
+        by, products = self._tables()
         weight = local_tensions / length
-        x, y, dx, dy = self.x, self.y, self.dx, self.dy
-        count = self.strains
-        hessian = np.empty((count, *strain.shape))
-        g_t, g_n, g_b, g_s = towards[:4]
-        terms = tendon_hessian(g_t, g_n, g_b, g_s, u_n, u_b, slope, bend, x, y, dx, dy)
-        total = np.einsum('jbn,mjbn->mbn', weight, np.stack(terms))
-        hessian[_ROWS, _COLUMNS] = hessian[_COLUMNS, _ROWS] = total
-        if count == 6:
-            across = np.einsum('ijbn,kjbn->ikbn', weight * towards[4:], towards)
-            hessian[4:] = -across
-            total = np.add.reduce(weight)
-            hessian[4, 0] -= np.add.reduce(weight * y)
-            hessian[5, 0] += np.add.reduce(weight * x)
-            hessian[4, 3] += slope * np.add.reduce(weight * dx)
-            hessian[5, 3] += slope * np.add.reduce(weight * dy)
-            hessian[4, 4] += total
-            hessian[5, 5] += total
-            hessian[:4, 4:] = hessian[4:, :4].swapaxes(0, 1)
-        return gradient, hessian
+        along = np.einsum('cmj...,cj...->mj...', by, u / length)
+        gradient = np.einsum('j...,mj...->m...', local_tensions, along)
+        hessian = np.einsum('mkj...,j...->mk...', products, weight)
+        hessian -= np.einsum('mj...,kj...->mk...', weight * along, along)
+        for half in (hessian, hessian.swapaxes(0, 1)):
+            _by_strain(half, slope)
+        hessian[3, 3] += bend * gradient[-1]
+        return _by_strain(gradient, slope), hessian[:-1, :-1]
 
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
@@ -251,3 +273,9 @@ class SectionEnergy:
             gradient[4:] = self.shear_stiffness * strain[4:]
             hessian[4, 4] = hessian[5, 5] = self.shear_stiffness
         return gradient, hessian
+
+
+def _by_strain(by: FloatArray, slope: Number) -> FloatArray:
+    """Derivatives (n, ...) by strain, from those by strain and widening, which follows from it."""
+    by[3] += slope * by[-1]
+    return by[:-1]

@@ -1,9 +1,10 @@
 """The energy of a cross section and its derivatives, as functions of numbers or of arrays.
 
-NumPy calls them with arrays of tendons and nodes and sums over tendons, compiled kernels with
-numbers, tendon by tendon. (t, n, b, stretch) is the scaled strain, see `energy` for it and for u;
-(x, y) is the offset of a tendon along n and b and (dx, dy) its slope. Hessians are symmetric:
-given are the entries of the lower half, row by row.
+Compiled kernels call them with numbers, tendon by tendon, and NumPy calls some with arrays of
+tendons and nodes and sums over tendons; `energy` and `strain_measures` have tendons and the
+Hessian by the twist as products of arrays. (t, n, b, stretch) is the scaled strain, see `energy`
+for it and for u; (x, y) is the offset of a tendon along n and b and (dx, dy) its slope. Hessians
+are symmetric: given are the entries of the lower half, row by row.
 """
 
 from __future__ import annotations

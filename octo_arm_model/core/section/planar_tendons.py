@@ -33,22 +33,20 @@ class PlanarTendons:
         """See `quasi_newton.Tendons`."""
         self._width, self._slope, self._bend = self._energy.widening(strain[2])
         u_t = self._u_t = self._energy.along(strain / self._width)
-        over = 1.0 / (u_t * u_t + self._energy.squared_slope)
-        pull = self._tensions * np.sqrt(over)
+        self._over = 1.0 / (u_t * u_t + self._energy.squared_slope)
+        pull = self._tensions * np.sqrt(self._over)
         gradient = self._energy.resultants(u_t * pull)
-        across = pull * self._energy.squared_slope
-        self._stiffness = across * over / self._width
+        self._across = pull * self._energy.squared_slope
         if self._energy.law.widens:
-            self._across = np.add.reduce(across)
-            gradient[2] += self._slope * self._across
+            gradient[2] += self._slope * np.add.reduce(self._across)
         return gradient
 
     def stiffened(self, step: FloatArray) -> FloatArray:
         """See `quasi_newton.Tendons`: exact, as |u| is w times a function of u_t / w."""
         turned = self._energy.along(step) - (self._slope * step[2]) * self._u_t
-        along = self._stiffness * turned
+        along = (self._across * self._over / self._width) * turned
         change = self._energy.resultants(along)
         if self._energy.law.widens:
-            change[2] += self._bend * self._across * step[2]
+            change[2] += self._bend * np.add.reduce(self._across) * step[2]
             change[2] -= self._slope * np.add.reduce(self._u_t * along)
         return change

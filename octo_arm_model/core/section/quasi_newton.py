@@ -75,6 +75,7 @@ def balance(
     """
     over, axial = 1.0 / scale, energy.stiffness.axial
     twice = 2.0 * axial * energy.squared_radius
+    fourth = 2.0 * energy.squared_radius * twice
     previous = np.inf
     for iterations in range(_MOST_STEPS):
         bending = strain[-3:-1]
@@ -87,7 +88,7 @@ def balance(
             gradient[0] += energy.stiffness.torsion * strain[0]
         body = _Body(
             bending, square, once - tendons.softening, twice * f.by_stretch_bend,
-            2.0 * energy.squared_radius * twice * f.by_bend_bend, axial * f.by_stretch_stretch,
+            fourth * f.by_bend_bend, axial * f.by_stretch_stretch,
         )  # fmt: skip
         if tendons.has_torsion:
             about_t = energy.stiffness.torsion + tendons.torsion

@@ -80,6 +80,8 @@ class SheathedSections(SectionEnergy):
         farthest: largest distance from the midline that a tendon may have [m], likewise.
     """
 
+    _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_borne')
+
     def __init__(
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
     ) -> None:

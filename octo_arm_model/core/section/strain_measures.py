@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import LOWER, SectionEnergy
-from octo_arm_model.core.section.formulas import unscaled_hessian
+from octo_arm_model.core.section.energy import SectionEnergy
 
 SHORTEST_FIBRE = 0.02  # of its reference length
 
@@ -66,24 +65,25 @@ def unscale(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) by the ``twist``.
 
-    From those by the scaled strain; the gradient is the moment and the force in the axes of the
-    cross section.
+    From those by the scaled strain, which are written over; the gradient is the moment and the
+    force in the axes of the cross section.
     """
     if not energy.law.widens:
         return gradient, hessian
     width, slope, bend = energy.widening(twist[3])
-    new_hessian = hessian.copy()
-    t, n, b = twist[:3]
-    g_t, g_n, g_b = gradient[:3]
-    given = [hessian[i, j] for i, j in LOWER]
-    terms = unscaled_hessian(t, n, b, width, slope, bend, g_t, g_n, g_b, *given)
-    for (i, j), term in zip(LOWER, terms, strict=True):
-        new_hessian[i, j] = new_hessian[j, i] = term
-    if energy.strains == 6:
-        new_hessian[:3, 4:] *= width
-        new_hessian[3, 4:] += slope * np.einsum('ibn,ijbn->jbn', twist[:3], hessian[:3, 4:])
-        new_hessian[4:, :4] = new_hessian[:4, 4:].swapaxes(0, 1)
-    return unscale_gradient(energy, twist, gradient), new_hessian
+    kappa, by_kappa = twist[:3], gradient[:3]
+    # The chain rule, by rows and then by columns.
+    for half in (hessian, hessian.swapaxes(0, 1)):
+        half[3] += slope * np.add.reduce(kappa[:, np.newaxis] * half[:3])
+        half[:3] *= width
+    curved = slope * by_kappa
+    hessian[:3, 3] += curved
+    hessian[3, :3] += curved
+    along = np.add.reduce(kappa * by_kappa)
+    hessian[3, 3] += bend * along
+    gradient[3] += slope * along
+    by_kappa *= width
+    return gradient, hessian
 
 
 def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatArray) -> FloatArray:
