@@ -37,7 +37,7 @@ from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.friction import NO_FRICTION
-from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
+from octo_arm_model.core.loaded.sliding_balance import CHANGED, MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 
@@ -45,7 +45,6 @@ SECTION_STEPS = 2  # of Newton's method for cross sections, before tendons are t
 # What is left of the balance, relative, before the last of these.
 ROUGH = 1e-4
 NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
-CHANGED = 0.2  # part by which tensions may change for what is known to be of use
 UNRESOLVED = -2  # instead of a number of iterations
 
 
@@ -166,10 +165,7 @@ def slide(
 
 
 def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled: IntArray) -> bool:
-    """Whether what is ``known`` of the balance with tensions ``before`` is of the same tendons.
-
-    And of nearly the same ``tensions``.
-    """
+    """As `Slid.is_near`, of what is ``known`` of the balance with tensions ``before``."""
     if len(known) != remembered(pulled.size):
         return False
     for tendon in pulled:

@@ -199,7 +199,7 @@ class LoadedRod:
         friction = self.equilibrium.friction
         assert friction is not None
         sections = ExactSections(self.equilibrium.energy)
-        return balance(friction, sections, tensions[np.newaxis], before)[0][:, 0]
+        return balance(friction, sections, tensions[np.newaxis], before).twist[:, 0]
 
     def _near_minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum`, but for how tendons turn; of (..., tendons)."""
