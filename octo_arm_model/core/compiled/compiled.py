@@ -24,6 +24,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_step,
     find_turn,
     read_out,
+    slide,
 )
 from octo_arm_model.core.compiled.section_tables import (
     ExactTables,
@@ -81,7 +82,7 @@ class Compiled:
         ):
             self._sliding = CompiledSliding(statics, self._grid)
             if isinstance(statics, Exact):
-                _make(balance, find_turn, find_sliding_balance)
+                _make(balance, find_turn, find_sliding_balance, slide)
                 statics.use(_speed_up_sliding)
         elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)
@@ -159,7 +160,7 @@ def _speed_up_sliding(rod: LoadedRod) -> None:
     """Have a ``rod`` whose tendons have friction iterate in machine code; see `SlidingRod`."""
     if not rod.equilibrium.loads.others:
         sliding = SlidingRod(rod)
-        rod.newton, rod.settle = sliding.newton, sliding.settle
+        rod.newton, rod.settle, rod.slide = sliding.newton, sliding.settle, sliding.slide
         rod.equilibrium.frames = sliding.frames
 
 

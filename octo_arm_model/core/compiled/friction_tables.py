@@ -23,14 +23,17 @@ class FrictionTables(NamedTuple):
             (tendons, points).
         coefficient: mu of every tendon, (tendons,).
         step: lengths of the elements [m], (elements,).
+        lengths: of those that the points lie in [m], (points,).
+        quadrature: weights of the integral along the arm [m], (points,).
         from_start_columns: columns, as rows, of the integrals within an element from its start.
         differentiate_columns: likewise of the derivatives, for an element of length one.
-        weights: of the integral over such an element, (each,).
-        ends: from values at the points to those at both ends of an element, (2, each).
+        end_columns: columns, as rows, to values at both ends of an element, (each, 2).
         tail: from them to the last two Legendre coefficients, (2, each).
         at_nodes: likewise at the nodes of the grid, for the closed form alone.
         runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
         to_nodes: matrices (each, nodes) from values at points to these, one after another.
+        station_runs: likewise of the stations.
+        to_stations: likewise.
         is_exact: whether cross sections have least energy; else they are of the closed form.
     """
 
@@ -38,14 +41,17 @@ class FrictionTables(NamedTuple):
     transmission: FloatArray
     coefficient: FloatArray
     step: FloatArray
+    lengths: FloatArray
+    quadrature: FloatArray
     from_start_columns: FloatArray
     differentiate_columns: FloatArray
-    weights: FloatArray
-    ends: FloatArray
+    end_columns: FloatArray
     tail: FloatArray
     at_nodes: SectionTables
     runs: IntArray
     to_nodes: FloatArray
+    station_runs: IntArray
+    to_stations: FloatArray
     is_exact: bool
 
 
@@ -55,19 +61,23 @@ def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy | None) -> FrictionT
     friction, rule = rod.equilibrium.friction, own.rule
     assert friction is not None
     runs, to_nodes = runs_by_element(rod.nodes.element, rod.nodes.values)
+    station_runs, to_stations = runs_by_element(rod.stations.element, rod.stations.values)
     return FrictionTables(
         sections=section_tables(energy),
         transmission=energy.transmission[:, 0],
         coefficient=friction.coefficient,
         step=own.step,
+        lengths=np.repeat(own.step, rule.points.size),
+        quadrature=own.weights,
         from_start_columns=rule.from_start.T,
         differentiate_columns=rule.differentiation.T,
-        weights=rule.weights,
-        ends=rule.interpolate(np.array([0.0, 1.0])),
+        end_columns=rule.interpolate(np.array([0.0, 1.0])).T,
         tail=rule.tail,
         at_nodes=no_exact().sections if at_nodes is None else section_tables(at_nodes),
         runs=runs,
         to_nodes=to_nodes,
+        station_runs=station_runs,
+        to_stations=to_stations,
         is_exact=at_nodes is None,
     )
 
@@ -75,7 +85,8 @@ def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy | None) -> FrictionT
 def no_friction() -> FrictionTables:
     """Of no arm."""
     none, table, sections = np.zeros(0), np.zeros((0, 0)), no_exact().sections
+    runs = np.zeros((0, 3), np.int64)
     return FrictionTables(
-        sections, table, none, none, table, table, none, np.zeros((2, 0)), np.zeros((2, 0)),
-        sections, np.zeros((0, 3), np.int64), none, False,
+        sections, table, none, none, none, none, table, table, np.zeros((0, 2)),
+        np.zeros((2, 0)), sections, runs, none, runs, none, False,
     )  # fmt: skip

@@ -68,8 +68,9 @@ find_shapes = _made(kernels.find_shapes, no_arm(), no_grid(), _TABLE, *_SHAPES)
 find_exact_shapes = _made(exact_kernels.find_exact_shapes, no_exact(), no_grid(), _TABLE, *_SHAPES)
 find_sliding_shapes = _made(
     sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,
-    _TABLE, np.zeros((0, 0, 0)),
+    _TABLE, np.zeros((0, 0, 0)), _TABLE, _TABLE,
 )  # fmt: skip
+slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _FOUR, _TABLE, _TABLE)
 read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
 find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)
 wind = _made(

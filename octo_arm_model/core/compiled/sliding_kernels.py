@@ -8,14 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.coupling_kernels import (
-    empty_turning,
     find_couplings,
-    find_turnings,
+    follow_tensions,
     improve,
 )
 from octo_arm_model.core.compiled.frame_kernels import read_out
 from octo_arm_model.core.compiled.friction_kernels import (
+    TurningState,
+    empty_turning,
     find_tensions,
+    find_turnings,
     resolves_tensions,
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
@@ -34,11 +36,14 @@ from octo_arm_model.core.compiled.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.start_kernels import set_start
 from octo_arm_model.core.compiled.tables import GridTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.sliding_balance import MOST, has_converged
+from octo_arm_model.core.loaded.friction import NO_FRICTION
+from octo_arm_model.core.loaded.sliding_balance import CHANGED, MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 
 SECTION_STEPS = 2  # of Newton's method for cross sections, before tendons are turned anew
+# What is left of the balance, relative, before the last of these.
+ROUGH = 1e-4
 NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
 UNRESOLVED = -2  # instead of a number of iterations
 
@@ -97,53 +102,104 @@ def find_sections(
 
 
 def slide(
-    tables: FrictionTables, tensions: FloatArray, before: FloatArray, twist: FloatArray
-) -> tuple[float, int, bool]:
+    tables: FrictionTables, tensions: FloatArray, before: FloatArray, twist: FloatArray,
+    known: FloatArray, memory: FloatArray,
+) -> tuple[float, int, bool]:  # fmt: skip
     """Fill in the ``twist`` (4, points) and the tensions at the points, as `balance` does.
+
+    ``memory`` is filled in by `remember` if it has any size, ``known`` that of the balance with
+    the tensions ``before`` if it has; then it is near.
 
     Returns:
         What is left of the balance, relative, number of sweeps, -1 where there is no balance,
         and whether any tendon sticks.
     """
-    count = twist.shape[1]
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
-    turning = empty_turning(tensions.size, count)
+    along, is_known = tables.sections.transmission, known.size > 0
+    turning = empty_turning(pulled.size, twist.shape[1])
     rows = np.zeros(ROWS)
     rows[WIDTH : WIDTH + LANES] = 1.0
-    tables.sections.transmission[:] = 0.0
     last, left, is_found = 0.0, 0.0, False
+    if is_known:
+        recall(known, twist, turning)
+        along[:] = before
+        find_tensions(tables, tensions, before, pulled, turning)
+        follow_tensions(tables, turning, twist, True)
+        left = improve(tables, pulled, turning)
+    else:
+        along[:] = 0.0
     for sweep in range(MOST):
-        sticks = find_tensions(tables, tensions, before, pulled, turning.angle, turning.slip)
-        if sweep == 0:
+        sticks = find_tensions(tables, tensions, before, pulled, turning)
+        if is_known or sweep > 1:
+            follow_tensions(tables, turning, twist, False)
+        elif sweep == 0:
             find_sections(tables, ones, pulled, True, twist, rows)
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
             residual, is_possible = find_sections(tables, ones, pulled, False, twist, rows)
-            if residual <= TOLERANCE:
+            if residual <= (TOLERANCE if is_found else ROUGH):
                 break
         if is_found and residual <= TOLERANCE:
+            if memory.size:
+                remember(turning, twist, memory)
             return residual, sweep if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
         find_turnings(tables, twist, pulled, turning)
-        if sweep == 0:
-            for tendon in pulled:
-                mu = tables.coefficient[tendon]
-                for i in range(count):
-                    turned = turning.turned[tendon, i]
-                    turning.angle[tendon, i] = np.log1p(mu * turned) / mu if mu > 0.0 else turned
+        if sweep == 0 and not is_known:
+            for number in range(pulled.size):
+                mu = max(tables.coefficient[pulled[number]], NO_FRICTION)
+                turning.angle[number] = np.log1p(mu * turning.turned[number]) / mu
             continue
-        if sweep == 1:
-            hessian = np.empty((4, 4, count))
+        if sweep == (2 if is_known else 1):
+            hessian = np.empty((4, *twist.shape))
             evaluate_sections(
-                tables.sections, ones, twist, np.empty((4, count)), hessian, np.empty((4, count))
+                tables.sections, ones, twist, np.empty(twist.shape), hessian, np.empty(twist.shape)
             )
             find_couplings(tables, twist, hessian, pulled, turning)
         last, left = left, improve(tables, pulled, turning)
         if np.isnan(left):
-            return np.inf, -1, False
+            break
         is_found = has_converged(left, last)
     return np.inf, -1, False
+
+
+def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled: IntArray) -> bool:
+    """As `Slid.is_near`, of what is ``known`` of the balance with tensions ``before``."""
+    if len(known) != remembered(pulled.size):
+        return False
+    for tendon in pulled:
+        at_base = before[tendon, 0]
+        if not abs(tensions[tendon] - at_base) <= CHANGED * at_base:
+            return False
+    return True
+
+
+def remembered(pulled: int) -> int:
+    """How many numbers at every point `remember` keeps."""
+    return 4 + pulled * (5 + pulled)
+
+
+def remember(turning: TurningState, twist: FloatArray, memory: FloatArray) -> None:
+    """Keep the ``twist`` and what is known of ``turning`` in ``memory`` (`remembered`, points)."""
+    memory[:4] = twist
+    place = 4
+    for k in range(len(turning.angle)):
+        memory[place] = turning.angle[k]
+        memory[place + 1 : place + 5] = turning.by_pull[k]
+        memory[place + 5 : place + 5 + len(turning.angle)] = turning.coupling[k]
+        place += 5 + len(turning.angle)
+
+
+def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None:
+    """Take them from it."""
+    twist[:] = memory[:4]
+    place = 4
+    for k in range(len(turning.angle)):
+        turning.angle[k] = memory[place]
+        turning.by_pull[k] = memory[place + 1 : place + 5]
+        turning.coupling[k] = memory[place + 5 : place + 5 + len(turning.angle)]
+        place += 5 + len(turning.angle)
 
 
 def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
@@ -160,20 +216,25 @@ def find_sliding_shapes(
     tables: FrictionTables, grid: GridTables, tensions: FloatArray, before: FloatArray,
     may_refine: bool, twist: FloatArray, strains: FloatArray, position: FloatArray,
     quaternion: FloatArray, residual: FloatArray, iterations: IntArray, points: FloatArray,
-    stations: FloatArray,
+    stations: FloatArray, known: FloatArray, memory: FloatArray,
 ) -> int:  # fmt: skip
-    """As `kernels.find_shapes`, of tendons with friction.
+    """As `kernels.find_shapes`, of tendons with friction; ``known`` and ``memory`` as in `slide`.
 
     Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
-    the ``stations`` (batch, stations, tendons). Where finer elements ``may_refine`` what these do
-    not resolve ``iterations`` are `UNRESOLVED`.
+    the ``stations`` (batch, stations, tendons), zero at first. Where finer elements
+    ``may_refine`` what these do not resolve ``iterations`` are `UNRESOLVED`.
     """
     without = 0
     at_points = np.empty((4, tables.transmission.shape[1]))
-    at_nodes = np.empty((tensions.shape[1], twist.shape[1]))
-    s = tables.weights.size
+    s, nothing = len(tables.end_columns), np.zeros((0, 0))
     for arm in range(len(tensions)):
-        residual[arm], iterations[arm], sticks = slide(tables, tensions[arm], before, at_points)
+        own, sweeps, sticks = tensions[arm], -1, False
+        pulled = np.flatnonzero(own)
+        if is_near(known, before, own, pulled):
+            residual[arm], sweeps, sticks = slide(tables, own, before, at_points, known, memory)
+        if sweeps < 0:
+            residual[arm], sweeps, sticks = slide(tables, own, before, at_points, nothing, memory)
+        iterations[arm] = sweeps
         if iterations[arm] < 0:
             without += 1
             continue
@@ -182,17 +243,17 @@ def find_sliding_shapes(
             without += 1
             continue
         points[:] = tables.sections.transmission
-        at_nodes[:] = 0.0
-        add_runs(tables.runs, tables.to_nodes, s, points, at_nodes)
-        for station in range(grid.station_node.size):
-            for tendon in range(tensions.shape[1]):
-                stations[arm, station, tendon] = at_nodes[tendon, grid.station_node[station]]
+        along, at_stations = points[pulled], np.zeros((pulled.size, stations.shape[1]))
+        add_runs(tables.station_runs, tables.to_stations, s, along, at_stations)
+        for number in range(pulled.size):
+            for station in range(stations.shape[1]):
+                stations[arm, station, pulled[number]] = at_stations[number, station]
         if tables.is_exact:
             twist[:] = 0.0
             add_runs(tables.runs, tables.to_nodes, s, at_points, twist)
         else:
-            tables.at_nodes.transmission[:] = at_nodes
-            pulled = np.flatnonzero(tensions[arm])
+            tables.at_nodes.transmission[:] = 0.0
+            add_runs(tables.runs, tables.to_nodes, s, points, tables.at_nodes.transmission)
             for i in range(twist.shape[1]):
                 closed_form(tables.at_nodes, i, pulled, twist)
         if not read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm]):

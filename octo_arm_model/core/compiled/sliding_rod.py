@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod, quaternions_of, state_of
-from octo_arm_model.core.compiled.friction_tables import friction_tables
-from octo_arm_model.core.compiled.numba_build import find_sliding_balance
+from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.numba_build import find_sliding_balance, slide
 from octo_arm_model.core.compiled.rod_kernels import ANY_READINGS, READINGS
 from octo_arm_model.core.compiled.system_kernels import system_of
 from octo_arm_model.core.compiled.tables import own
@@ -20,6 +20,8 @@ from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+
+_NOTHING = np.zeros((0, 0))
 
 
 class _Found(NamedTuple):
@@ -53,11 +55,23 @@ class SlidingRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._compiled, self._newton = CompiledRod(rod), rod.newton
-        self._friction = own(friction_tables(rod, None))
-        self._find_balance = find_sliding_balance()
+        self._compiled, self._newton, self._points = CompiledRod(rod), rod.newton, rod.points
+        friction: FrictionTables = own(friction_tables(rod, None))
+        self._friction = friction._replace(sections=self._compiled.tables.sections)
+        self._find_balance, self._slide = find_sliding_balance(), slide()
+        self._unloaded = rod.slide  # which says why there is none
         self._no_system = system_of(0, 0)
         self.frames = self._compiled.frames
+
+    def slide(self, tensions: FloatArray, before: FloatArray | None) -> FloatArray:
+        """`Slide` of the rod.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        held, twist = _NOTHING if before is None else own(before), np.empty((4, self._points))
+        _, sweeps, _ = self._slide(self._friction, own(tensions), held, twist, _NOTHING, _NOTHING)
+        return self._unloaded(tensions, before) if sweeps < 0 else twist
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
@@ -95,9 +109,8 @@ class SlidingRod:
 
     def _balance(self, condition: Condition, shape: Shape, tolerance: float) -> _Found | None:
         """`find_sliding_balance`."""
-        tensions, before = own(condition.tensions), np.zeros((0, 0))
-        if condition.before is not None:
-            before = own(condition.before)
+        tensions = own(condition.tensions)
+        before = _NOTHING if condition.before is None else own(condition.before)
         tables, tip_wrench = self._compiled.tables, own(condition.tip_wrench)
         slip = np.empty_like(tables.sections.transmission)
         near = self._compiled.system_about(shape)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.coupling_kernels import (
+from octo_arm_model.core.compiled.coupling_kernels import find_couplings, improve
+from octo_arm_model.core.compiled.friction_kernels import (
     empty_turning,
-    find_couplings,
+    find_tensions,
     find_turnings,
-    improve,
+    resolves_tensions,
 )
-from octo_arm_model.core.compiled.friction_kernels import find_tensions, resolves_tensions
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.orientation_kernels import DEFECTS, find_turn, turn_by
 from octo_arm_model.core.compiled.products import add_runs
@@ -46,9 +46,9 @@ def find_sliding_balance(
     """Balance the ``state``, of which twist and orientations are given, and its tendons.
 
     These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
-    they end as the ``transmission`` of both tables and of those at the stations, with their
-    ``slip`` (tendons, points). If ``is_known``, the ``known`` system of a balance nearby makes
-    steps for as long as these leave little.
+    they end as the ``transmission`` of the sections, which both tables have in common, and of
+    those at the stations, with their ``slip`` (tendons, points). If ``is_known``, the ``known``
+    system of a balance nearby makes steps for as long as these leave little.
 
     Returns:
         How many systems it took, as iterations of Newton's method count; -1 where there is no
@@ -56,24 +56,25 @@ def find_sliding_balance(
         sticks; and whether elements are fine enough for the tensions.
     """
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
-    pulled, turning = np.flatnonzero(tensions), empty_turning(tensions.size, count)
+    pulled = np.flatnonzero(tensions)
+    turning = empty_turning(pulled.size, count)
     new, current, own = empty_state(count), known, empty_system(tables)
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
     along, changed = tables.sections.transmission, np.inf
-    friction.sections.transmission[:] = 0.0
+    along[:] = 0.0
     find_turnings(friction, state.twist, pulled, turning)
-    for tendon in pulled:
-        turning.angle[tendon] = turning.turned[tendon]
-    sticks = find_tensions(friction, tensions, before, pulled, turning.angle, turning.slip)
-    along[:] = friction.sections.transmission
+    turning.angle[:] = turning.turned
+    sticks = find_tensions(friction, tensions, before, pulled, turning)
     residual = find_state(tables, held, tip_wrench, factor, state)
     find_couplings(friction, state.twist, state.hessian, pulled, turning)
     is_slow = not is_known
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= SETTLED:
-            slip[:] = turning.slip
+            slip[:] = -1.0
+            for number in range(pulled.size):
+                slip[pulled[number]] = turning.slip[number]
             at_stations = tables.station_sections.transmission
             at_stations[:] = 0.0
             each = tables.weights.size
@@ -90,8 +91,7 @@ def find_sliding_balance(
         find_turn(tables, new.twist, DEFECTS, new.turn)
         find_turnings(friction, new.twist, pulled, turning)
         changed = improve(friction, pulled, turning)
-        sticks = find_tensions(friction, tensions, before, pulled, turning.angle, turning.slip)
-        along[:] = friction.sections.transmission
+        sticks = find_tensions(friction, tensions, before, pulled, turning)
         found = find_state(tables, held, tip_wrench, factor, new)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
             break

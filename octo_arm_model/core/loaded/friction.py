@@ -33,7 +33,7 @@ from octo_arm_model.core.section.tendon_tangents import (
     tangents,
 )
 
-_NONE = 1e-30  # coefficient of friction that is none
+NO_FRICTION = 1e-30  # coefficient of friction that is none
 # Angles by which tendons in sheaths turn are right to this [rad], after at most so many steps.
 _PLACED, _MOST_PLACED = 1e-13, 50
 SAME = 1e-8  # part by which tensions of one tendon may differ by rounding
@@ -93,7 +93,7 @@ class Friction:
         self.coefficient, self.points = np.array(arm.friction), collocation.s.size
         self.names, self._gives_way = arm.tendon_names, bool(arm.sheath_stiffness)
         # That of the smallest number is as none, and can be divided by.
-        self.mu = np.maximum(self.coefficient, _NONE)[:, np.newaxis, np.newaxis]
+        self.mu = np.maximum(self.coefficient, NO_FRICTION)[:, np.newaxis, np.newaxis]
         self.energy, self.collocation = energy, collocation
         rule = collocation.rule
         self._ends = rule.interpolate(np.array([0.0, 1.0]))

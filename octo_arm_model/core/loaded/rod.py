@@ -60,6 +60,10 @@ Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | Shape | No
 # From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
 
+# From tensions (tendons,) of tendons with friction, and those (tendons, points) along them before,
+# to the twist under them alone, (n, points); raises SolveError.
+Slide: TypeAlias = Callable[[FloatArray, FloatArray | None], FloatArray]
+
 # From a balanced condition and shape, and resultants of dead loads per unit of each, force and
 # moment (loads, 3, points) in base_frame, to their changes of pose (stations, 6, columns), strain
 # (stations, 4, columns) and tendon length (tendons, columns). Without loads to those by the wrench
@@ -81,6 +85,7 @@ class LoadedRod:
         newton: Newton's method for these.
         minimum: the twist under tensions alone.
         near_minimum: nearly that, for little.
+        slide: the twist under tensions alone of tendons with friction.
         read_out: what a state is at nodes and stations.
         settle: both in one call of machine code, if there is.
         base: pose of the base.
@@ -117,6 +122,7 @@ class LoadedRod:
         self.newton: Newton = functools.partial(newton, self.equilibrium)
         self.minimum: Minimum = self._minimum
         self.near_minimum: Minimum = self._near_minimum
+        self.slide: Slide = self._slide
         self.read_out: ReadOut = functools.partial(read_out, self)
         self.settle: Settle | None = None
         if friction is None and not loads.others:
@@ -157,12 +163,9 @@ class LoadedRod:
         Raises:
             SolveError: if there is none.
         """
-        friction = self.equilibrium.friction
-        if friction is None:
-            return self.equilibrium.shape(self.minimum(tensions))
-        sections = ExactSections(self.equilibrium.energy)
-        twist, _, _ = balance(friction, sections, tensions[np.newaxis], before)
-        return self.equilibrium.shape(twist[:, 0])
+        slides = self.equilibrium.friction is not None
+        twist = self.slide(tensions, before) if slides else self.minimum(tensions)
+        return self.equilibrium.shape(twist)
 
     def near_unloaded(self, tensions: FloatArray, before: FloatArray | None = None) -> Shape:
         """Nearly the shape of `unloaded`, from where Newton's method leads as far.
@@ -189,6 +192,13 @@ class LoadedRod:
         strain = minimise(energy, local_tensions, start).strain
         check_fibres(energy, strain)
         return to_twist(energy.law, strain)[:, 0]
+
+    def _slide(self, tensions: FloatArray, before: FloatArray | None) -> FloatArray:
+        """`Slide` of the cross sections at the points."""
+        friction = self.equilibrium.friction
+        assert friction is not None
+        sections = ExactSections(self.equilibrium.energy)
+        return balance(friction, sections, tensions[np.newaxis], before).twist[:, 0]
 
     def _near_minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum`, but for how tendons turn; of (..., tendons)."""

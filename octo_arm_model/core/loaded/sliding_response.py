@@ -19,7 +19,7 @@ from octo_arm_model.core.numerics.fixed_point import fixed_point
 from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 
 _EXACT = 1e-12  # what is left of a small change, in parts of it
-_ROUGH = 1e-5  # likewise where Newton's method needs no more to converge as fast
+_ROUGH = 1e-2  # likewise where Newton's method needs no more to converge as fast
 _MOST = 100  # steps
 
 

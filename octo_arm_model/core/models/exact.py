@@ -110,13 +110,11 @@ class Exact:
         is_loaded = self.is_loaded(tip_wrench)
         if is_loaded and tensions.ndim == 1:
             return self._solve_loaded(tensions, tip_wrench, start, before)
+        if self.slides and not is_loaded:
+            return self.rods.slide(_sections, tensions, before)
         rows = np.atleast_2d(tensions)
         if not is_loaded:
-            solution = (
-                self.rods.slide(_sections, rows, before)
-                if self.slides
-                else self.unloaded.solve(rows)
-            )
+            solution = self.unloaded.solve(rows)
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
             settled = self._settle_all(rows, wrenches, start)

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.kept_systems import KeptSystems
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.sliding_balance import Sections, balance
+from octo_arm_model.core.loaded.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import to_scaled
@@ -28,6 +29,7 @@ class Rods:
     def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
         """Of what makes, or keeps, the ``rod`` of a level."""
         self.rod = rod
+        self._kept: KeptSystems[Slid] = KeptSystems()
 
     def level_of(self, values: FloatArray) -> int:
         """Level of the rod at whose points ``values`` (..., points) are."""
@@ -59,7 +61,7 @@ class Rods:
         tensions: FloatArray,
         before: FloatArray | None,
     ) -> Solution:
-        """Balance under ``tensions`` (batch, tendons) [N] alone, with friction.
+        """Balance under ``tensions`` (batch, tendons) or (tendons,) [N] alone, with friction.
 
         ``sections`` gives the twist of the cross sections of a rod; ``before`` is as in
         `Friction.slide`.
@@ -67,23 +69,38 @@ class Rods:
         Raises:
             SolveError: if there is none.
         """
-        level = 0 if before is None else self.level_of(before)
+        level, rows = 0 if before is None else self.level_of(before), np.atleast_2d(tensions)
+        known = None
+        if before is not None and tensions.ndim == 1:
+            known = self._kept.about(before)
+        if known is not None and not known.is_near(tensions):
+            known = None
         while True:
             rod = self.rod(level)
             friction = rod.equilibrium.friction
             assert friction is not None
-            answer = sections(rod)
-            twist, sliding, steps = balance(
-                friction, answer, tensions, self.at_level(before, level)
-            )
-            if level + 1 == len(CUTS) or rod.resolves_twist(twist, sliding):
+            answer, held = sections(rod), self.at_level(before, level)
+            try:
+                slid = balance(friction, answer, rows, held, known)
+            except SolveError:
+                if known is None:
+                    raise
+                slid = balance(friction, answer, rows, held)
+            if level + 1 == len(CUTS) or rod.resolves_twist(slid.twist, slid.sliding):
                 break
-            level += 1
-        energy = rod.equilibrium.energy
-        strain = to_scaled(energy.law, twist)
-        energy.check_tendons(strain, sliding.tensions)
-        energy.check_stable(strain, sliding.tensions)
-        iterations = np.full(len(tensions), steps)
-        at_nodes = rod.nodes.interpolate(sliding.tensions)
-        along = TendonTensions(sliding.tensions, at_nodes[..., rod.station_node])
-        return Solution(rod.nodes.interpolate(twist), answer.residual, iterations, tendons=along)
+            level, known = level + 1, None
+        energy, local_tensions = rod.equilibrium.energy, slid.sliding.tensions
+        strain = to_scaled(energy.law, slid.twist)
+        energy.check_tendons(strain, local_tensions)
+        energy.check_stable(strain, local_tensions)
+        iterations = np.full(len(rows), slid.steps)
+        tendons = TendonTensions(local_tensions, rod.stations.interpolate(local_tensions))
+        solution = Solution(
+            rod.nodes.interpolate(slid.twist), answer.residual, iterations, tendons=tendons
+        )
+        if tensions.ndim > 1:
+            return solution
+        one = solution.one()
+        assert one.tendons is not None
+        self._kept.keep(one.tendons.points, slid)
+        return one

@@ -44,14 +44,13 @@ class SlidingClosedForm(UnloadedStatics):
         return ClosedForm(self._setup.arm, self._setup.grid.nodes, self._setup.grid.node_section)
 
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
-        rows = np.atleast_2d(tensions)
-        solution = self.rods.slide(self._answer, rows, before)
+        solution = self.rods.slide(self._answer, tensions, before)
         assert solution.tendons is not None
         along = solution.tendons.points
         rod = self._rod(self.rods.level_of(along))
-        twist = self._at_nodes.local_twist(rod.nodes.interpolate(along))
-        solution = solution._replace(twist=twist)
-        return solution if tensions.ndim > 1 else solution.one()
+        rows = along.reshape(len(along), -1, rod.points)
+        twist = self._at_nodes.local_twist(rod.nodes.interpolate(rows))
+        return solution._replace(twist=twist.reshape(solution.twist.shape))
 
     def _answer(self, rod: LoadedRod) -> _Sections:
         return _Sections(self._closed_form(rod))
@@ -124,6 +123,9 @@ class _Sections:
     def __init__(self, closed_form: ClosedForm) -> None:
         self._closed_form = closed_form
         self.residual: FloatArray = np.zeros(1)
+
+    def begin(self, twist: FloatArray) -> None:
+        """Nothing is begun with."""
 
     def __call__(self, local_tensions: FloatArray) -> FloatArray:
         """See `Sections`."""

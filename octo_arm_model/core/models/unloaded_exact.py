@@ -25,7 +25,8 @@ from octo_arm_model.core.section.newton import can_be, initial_strain, minimise
 from octo_arm_model.core.section.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 
-POINTS = 20  # in each panel
+# Points in each panel; where sheaths give way, whose softening strains are less smooth.
+_POINTS, _IN_SHEATHS = 20, 24
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
 
@@ -35,7 +36,7 @@ class PanelNodes(NamedTuple):
 
     Attributes:
         numbers: of the nodes, (n,).
-        from_points: matrix from the points of the panel to them, (`POINTS`, n).
+        from_points: matrix from the points of the panel to them, (points, n).
     """
 
     numbers: IntArray
@@ -48,22 +49,21 @@ class UnloadedExact:
     Attributes:
         at_points: cross sections at the Chebyshev points of all panels in which tendons act.
         panels: the nodes in each of these.
-        tail: matrix to the last two Chebyshev coefficients, (`POINTS`, 2).
+        tail: matrix to the last two Chebyshev coefficients, (points, 2).
     """
 
     def __init__(self, setup: Setup) -> None:
         """Tabulate the arm."""
         self._setup = setup
-        points, _ = chebyshev_integration(POINTS)
+        each = _IN_SHEATHS if setup.arm.sheath_stiffness else _POINTS
+        points, _ = chebyshev_integration(each)
         # Where no tendon acts the section stays as it is.
         panels = [panel for panel in panels_of(setup.arm) if panel.section > 0]
         self.panels = [_nodes_of(setup, panel, points) for panel in panels]
         s = np.concatenate([panel.start + panel.length * points for panel in panels])
-        self.at_points = self._sections_at(
-            s, np.repeat([panel.section for panel in panels], POINTS)
-        )
+        self.at_points = self._sections_at(s, np.repeat([panel.section for panel in panels], each))
         self._at_nodes: dict[int, SectionEnergy] = {}
-        self.tail = tail_matrix(POINTS)
+        self.tail = tail_matrix(each)
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
         return sections_of(self._setup.arm, s, section, self._setup.law, self._setup.shear)
@@ -85,7 +85,7 @@ class UnloadedExact:
         coarse[3] -= 1.0
         count = len(tensions)
         twist = np.zeros((energy.strains, count, self._setup.grid.nodes.size))
-        by_panel = coarse.reshape(energy.strains, count, -1, POINTS)
+        by_panel = coarse.reshape(energy.strains, count, -1, len(self.tail))
         for panel, (numbers, from_points) in enumerate(self.panels):
             twist[..., numbers] = by_panel[:, :, panel] @ from_points
         twist[3] += 1.0

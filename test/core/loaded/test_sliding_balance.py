@@ -39,7 +39,7 @@ def test_couplings_are_the_derivatives_of_rates_by_tensions_of_parallel_tendons(
         return friction.turning(twist, tensions).rate
 
     twist = ExactSections(energy)(local)
-    found = couplings(energy, twist, local, friction.turning(twist, local))
+    found = couplings(energy, twist, local, friction.turning(twist, local)).rates
     step = 1e-5
     for number in range(len(local)):
         more, less = local.copy(), local.copy()
