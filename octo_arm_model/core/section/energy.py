@@ -109,14 +109,15 @@ class SectionEnergy:
         """
         pull = tensions.any(axis=0)
         key = pull.tobytes()
-        if key not in self._pulled:
-            if len(self._pulled) == _MOST_PULLED:
-                del self._pulled[next(iter(self._pulled))]
-            self._pulled[key] = some = copy.copy(self)
+        some = self._pulled.get(key)
+        if some is None:
+            some = copy.copy(self)
             for name in self._of_tendons:
                 setattr(some, name, getattr(self, name)[pull])
             some._levers, some._tabulated = self._levers[:, pull], None
-        some = self._pulled[key]
+            if len(self._pulled) == _MOST_PULLED:
+                del self._pulled[next(iter(self._pulled))]
+            self._pulled[key] = some
         return some, some.local_tensions(tensions[:, pull])
 
     def local_tensions(self, tensions: FloatArray) -> FloatArray:
