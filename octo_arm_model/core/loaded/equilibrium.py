@@ -150,10 +150,11 @@ class Equilibrium:
 
     def _pulled(self, tensions: FloatArray) -> _Pulled:
         """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""
-        if self._pulled_last is None or self._pulled_last[0] is not tensions:
+        last = self._pulled_last
+        if last is None or last[0] is not tensions:
             found = self.energy.pulled(np.atleast_2d(tensions))
-            self._pulled_last = tensions, _Pulled(*found, force_scale(*found))
-        return self._pulled_last[1]
+            self._pulled_last = last = tensions, _Pulled(*found, force_scale(*found))
+        return last[1]
 
     def hessian(self, state: State) -> FloatArray:
         """Second derivatives of the energy by the twist, (n, n, ..., points), in a ``state``."""
