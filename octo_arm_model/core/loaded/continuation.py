@@ -13,7 +13,8 @@ from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
 TOLERANCE = 1e-11
-ON_THE_WAY = 3e-3  # residual of intermediate equilibria
+# Residual of intermediate equilibria: about what the few points that most are found at leave.
+ON_THE_WAY = 3e-3
 _SMALLEST_STEP = 1e-3
 # Where the corrections after Newton's first step turn the arm by more than this [rad], they may
 # have left its branch of equilibria: a smaller load step follows the branch more closely.

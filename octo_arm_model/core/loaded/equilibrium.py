@@ -153,7 +153,7 @@ class Equilibrium:
         last = self._pulled_last
         if last is None or last[0] is not tensions:
             found = self.energy.pulled(np.atleast_2d(tensions))
-            last = self._pulled_last = tensions, _Pulled(*found, force_scale(*found))
+            self._pulled_last = last = tensions, _Pulled(*found, force_scale(*found))
         return last[1]
 
     def hessian(self, state: State) -> FloatArray:

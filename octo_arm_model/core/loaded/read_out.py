@@ -57,11 +57,9 @@ def _at_stations(
     else:
         energy, tensions = rod.station_sections, stations.interpolate(state.sliding.tensions)
     gradient, hessian = derivatives_by_twist(energy, batch, tensions)
-    moment = at[:3] + (carried @ own.weights)[..., np.newaxis] - before
+    at[:3] += (carried @ own.weights)[..., np.newaxis] - before
     rotation = Quaternions.from_xyzw(turn).matrix()
-    wrench = np.concatenate([
-        np.einsum('ji...,j...->i...', rotation, moment),
-        np.einsum('ji...,j...->i...', rotation, at[3:6]),
-    ])[: len(twist)]  # fmt: skip
+    wrench = np.einsum('ji...,kj...->ki...', rotation, at[:6].reshape(2, 3, *at.shape[1:]))
+    wrench = wrench.reshape(6, *at.shape[1:])[: len(twist)]
     step = substitute(factorise(hessian), wrench.reshape(batch.shape) - gradient)
     return np.asarray(twist + step.reshape(twist.shape))

@@ -30,6 +30,7 @@ from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.planar_tendons import PlanarTendons
 from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.tendon_sums import transmission
+from octo_arm_model.core.section.tendon_tables import TendonTables, by_strain
 
 if TYPE_CHECKING:
     from octo_arm_model.core.section.condensed import Condensed
@@ -99,7 +100,7 @@ class SectionEnergy:
         self.squared_radius = self.radius**2
         self._twice = 2.0 * self.stiffness.axial * self.squared_radius
         self._pulled: dict[bytes, SectionEnergy] = {}
-        self._tabulated: tuple[FloatArray, FloatArray] | None = None
+        self._tabulated: TendonTables | None = None
 
     def pulled(self, tensions: FloatArray) -> tuple[SectionEnergy, FloatArray]:
         """These cross sections with the tendons alone that pull, and the tension of each there.
@@ -115,8 +116,8 @@ class SectionEnergy:
             for name in self._of_tendons:
                 setattr(some, name, getattr(self, name)[pull])
             some._levers, some._tabulated = self._levers[:, pull], None
-            if len(self._pulled) == _MOST_PULLED:
-                del self._pulled[next(iter(self._pulled))]
+            if len(self._pulled) >= _MOST_PULLED:
+                self._pulled.clear()
             self._pulled[key] = some
         return some, some.local_tensions(tensions[:, pull])
 
@@ -171,9 +172,10 @@ class SectionEnergy:
     ) -> tuple[FloatArray, FloatArray]:
         """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
         width, slope, _ = self.widening(strain[3])
-        u, length = self._directions(strain, width)
-        gradient = np.einsum('cmj...,cj...->mj...', self._tables()[0], u / length)
-        return length, _by_strain(gradient, slope) * self.active
+        tables = self._tables()
+        u, length = tables.directions(strain, width)
+        gradient = np.einsum('cmj...,cj...->mj...', tables.by, u / length)
+        return length, by_strain(gradient, slope) * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
         """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
@@ -193,29 +195,11 @@ class SectionEnergy:
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
         """Likewise a balance without loads that is none of least energy; here all are."""
 
-    def _tables(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of u of every tendon by scaled strain and widening, taken as independent.
-
-        u is linear in these. (3, n + 1, tendons, batch, nodes), and their products over the
-        components of u (n + 1, n + 1, tendons, batch, nodes); the batch is 1 but of tendons that
-        have left their paths.
-        """
+    def _tables(self) -> TendonTables:
+        """Tables of the tendons where they are."""
         if self._tabulated is None:
-            x, y, count = self.x, self.y, self.strains
-            by = np.zeros((3, count + 1, *x.shape))
-            by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -y, x, y, -x
-            for component in range(count - 3):
-                by[component, 3 + component] = 1.0
-            by[1, count], by[2, count] = self.dx, self.dy
-            self._tabulated = by, np.einsum('cmjbn,ckjbn->mkjbn', by, by)
+            self._tabulated = TendonTables(self.x, self.y, self.dx, self.dy, self.strains)
         return self._tabulated
-
-    def _directions(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
-        """Of every tendon u, (3, tendons, batch, nodes), and its length."""
-        extended = np.empty((self.strains + 1, *strain.shape[1:]))
-        extended[:-1], extended[-1] = strain, width
-        u = np.einsum('cmj...,m...->cj...', self._tables()[0], extended)
-        return u, np.sqrt(np.einsum('cj...,cj...->j...', u, u))
 
     def gradient(
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
@@ -235,26 +219,27 @@ class SectionEnergy:
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
         """Gradient (n, batch, nodes) of sum T |u|, as `gradient`."""
-        u, length = self._directions(strain, width)
+        tables = self._tables()
+        u, length = tables.directions(strain, width)
         pull = (local_tensions / length) * u
-        return _by_strain(np.einsum('cmj...,cj...->m...', self._tables()[0], pull), slope)
+        return by_strain(np.einsum('cmj...,cj...->m...', tables.by, pull), slope)
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
         width, slope, bend = self.widening(strain[3])
-        u, length = self._directions(strain, width)
-        by, products = self._tables()
+        tables = self._tables()
+        u, length = tables.directions(strain, width)
         weight = local_tensions / length
-        along = np.einsum('cmj...,cj...->mj...', by, u / length)
+        along = np.einsum('cmj...,cj...->mj...', tables.by, u / length)
         gradient = np.einsum('j...,mj...->m...', local_tensions, along)
-        hessian = np.einsum('mkj...,j...->mk...', products, weight)
+        hessian = np.einsum('mkj...,j...->mk...', tables.products, weight)
         hessian -= np.einsum('mj...,kj...->mk...', weight * along, along)
         for half in (hessian, hessian.swapaxes(0, 1)):
-            _by_strain(half, slope)
+            by_strain(half, slope)
         hessian[3, 3] += bend * gradient[-1]
-        return _by_strain(gradient, slope), hessian[:-1, :-1]
+        return by_strain(gradient, slope), hessian[:-1, :-1]
 
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
@@ -274,9 +259,3 @@ class SectionEnergy:
             gradient[4:] = self.shear_stiffness * strain[4:]
             hessian[4, 4] = hessian[5, 5] = self.shear_stiffness
         return gradient, hessian
-
-
-def _by_strain(by: FloatArray, slope: Number) -> FloatArray:
-    """Derivatives (n, ...) by strain, from those by strain and widening, which follows from it."""
-    by[3] += slope * by[-1]
-    return by[:-1]
