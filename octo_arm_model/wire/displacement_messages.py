@@ -23,9 +23,10 @@ def read_displacements(message: Any, arm: Arm) -> dict[str, float]:
         TensionError: if names are unknown or repeated, lengths differ, or a position is not
             finite.
     """
+    count, tendons = len(message.name), len(arm.tendons)
+    if count > tendons:
+        raise TensionError(f'{count} displacements, this arm has {tendons} tendons')
     given = values_by_name(message.name, message.position, 'position')
     found = {name: float(position) for name, position in given.items()}
-    if len(found) > len(arm.tendons):
-        raise TensionError(f'{len(found)} displacements, this arm has {len(arm.tendons)} tendons')
     check_displacements(arm, found, {})
     return found
