@@ -14,10 +14,13 @@ from octo_arm_model.cli.estimate_options import add_estimator, read_estimator
 from octo_arm_model.cli.estimate_report import as_dict, summary
 from octo_arm_model.cli.options import (
     add_config_option,
+    add_flag,
     add_json,
+    add_number,
     add_path,
     add_storage,
     add_tendons,
+    add_value,
     new_command,
     read_config_option,
 )
@@ -84,17 +87,13 @@ def add_command(commands: Any) -> None:
     )
     add_path(parser, 'bag', 'BAG', 'rosbag2 folder, .mcap or .db3 file; it stays as it is')
     add_config_option(parser, None, 'the arm_description in the bag')
-    parser.add_argument(
-        '--smooth',
-        action='store_true',
-        help='estimate each time from the whole recording instead of what was measured before',
-    )
+    text = 'estimate each time from the whole recording instead of what was measured before'
+    add_flag(parser, '--smooth', text)
     topics = parser.add_argument_group(
         'topics', 'by default those of the names above, in whatever namespace; - for none'
     )
-    topics.add_argument(
-        '--tensions', metavar='TOPIC[:FIELD]', help='tensions, or any numeric field of any topic'
-    )
+    text = 'tensions, or any numeric field of any topic'
+    add_value(topics, '--tensions', 'TOPIC[:FIELD]', text)
     for name, row in MEASUREMENT_TOPICS.items():
         topics.add_argument(
             f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
@@ -102,12 +101,8 @@ def add_command(commands: Any) -> None:
             metavar='TOPIC',
             help=f'in place of {name} ({row.type_name})',
         )
-    topics.add_argument(
-        '--midlines',
-        metavar='TOPIC',
-        help='of a camera, to compare with: nav_msgs/Path, PoseArray, or tips (default: '
-        'camera/midline)',
-    )
+    text = 'of a camera, to compare with: nav_msgs/Path, PoseArray, or tips (default: '
+    add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
     add_tendons(parser)
     topics.add_argument(
         '--align',
@@ -117,24 +112,14 @@ def add_command(commands: Any) -> None:
         'for the same, or fit (default: that of the camera is fitted, and other measurements in '
         'such a frame are refused)',
     )
-    topics.add_argument(
-        '--clock-offset',
-        type=float,
-        metavar='S',
-        help='to add to the stamps of --midlines [s]; by default found from the motion',
-    )
+    text = 'to add to the stamps of --midlines [s]; by default found from the motion'
+    add_value(topics, '--clock-offset', 'S', text, float)
     add_estimator(parser)
     output = parser.add_argument_group('output', 'besides the summary')
     text = 'bag to write, not there yet: what BAG holds, and the topics of octo_arm_estimator'
     add_path(output, '--out', 'OUT', text)
-    output.add_argument(
-        '--rate',
-        type=float,
-        default=10.0,
-        metavar='HZ',
-        help='estimates a second in OUT at most; 0 for all (default: %(default)s)',
-    )
-    output.add_argument('--no-copy', action='store_true', help='write to OUT the estimates alone')
+    add_number(output, '--rate', 10.0, 'estimates a second in OUT at most; 0 for all', 'HZ')
+    add_flag(output, '--no-copy', 'write to OUT the estimates alone')
     add_storage(parser)
     add_path(output, '--csv', 'DIR', 'folder for estimate.csv and innovations.csv')
     add_path(output, '--plot', 'PNG', 'picture of force and tip with their bands of 95 percent')

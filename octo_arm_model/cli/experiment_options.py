@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from octo_arm_model.cli.options import add_config_option, add_number, add_path, add_tendons
+from octo_arm_model.cli.options import (
+    add_config_option,
+    add_number,
+    add_path,
+    add_tendons,
+    add_value,
+    add_values,
+)
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
 from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS
@@ -45,51 +52,37 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='MODEL',
         help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
     )
-    parser.add_argument(
-        '--midlines',
-        nargs='+',
-        default=[],
-        metavar='TOPIC',
-        help='measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
+    text = (
+        'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
         '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
         'by default the only ones there; with --marker-s perhaps one of each marker, with '
-        '--marker-frames topics of TF',
+        '--marker-frames topics of TF'
     )
-    parser.add_argument(
-        '--marker-s',
-        nargs='+',
-        type=float,
-        default=[],
-        metavar='S',
-        help='arc coordinates of markers [m], from the base on: what is measured are points at '
-        'these, NaN where a marker is hidden, and no midlines',
+    add_values(parser, '--midlines', 'TOPIC', text)
+    text = (
+        'arc coordinates of markers [m], from the base on: what is measured are points at these, '
+        'NaN where a marker is hidden, and no midlines'
     )
-    parser.add_argument(
-        '--marker-frames',
-        nargs='+',
-        default=[],
-        metavar='FRAME',
-        help='their frames in /tf and /tf_static, or in the topics of --midlines, in the same '
-        'order; chains of frames are followed to base_frame, or else to their root',
+    add_values(parser, '--marker-s', 'S', text, float)
+    text = (
+        'their frames in /tf and /tf_static, or in the topics of --midlines, in the same order; '
+        'chains of frames are followed to base_frame, or else to their root'
     )
+    add_values(parser, '--marker-frames', 'FRAME', text)
     parser.add_argument(
         '--length-unit',
         choices=LENGTH_UNITS,
         default='m',
         help='of what was measured (default: %(default)s)',
     )
-    parser.add_argument(
-        '--tensions',
-        metavar='TOPIC[:FIELD]',
-        help='tensions, or any numeric field of any topic; by default the only ones there',
+    text = 'tensions, or any numeric field of any topic; by default the only ones there'
+    add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
+    text = (
+        'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
+        'position [m] by name); by default tendon_displacements; where no tensions were recorded '
+        'these follow from them (model exact)'
     )
-    parser.add_argument(
-        '--displacements',
-        metavar='TOPIC',
-        help='lengths that winches have reeled in, as encoders read them '
-        '(sensor_msgs/JointState, position [m] by name); by default tendon_displacements; where '
-        'no tensions were recorded these follow from them (model exact)',
-    )
+    add_value(parser, '--displacements', 'TOPIC', text)
     add_tendons(parser)
     parser.add_argument(
         '--align',
@@ -107,38 +100,29 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     add_path(tables, '--midline-csv', 'CSV', text)
     text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
     add_path(tables, '--displacement-csv', 'CSV', text)
-    tables.add_argument(
-        '--columns',
-        nargs='+',
-        default=[],
-        metavar='NAME=COLUMN',
-        help='columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file '
-        'of such; units are those in the header, such as "force [mN]"',
+    text = (
+        'columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file of '
+        'such; units are those in the header, such as "force [mN]"'
     )
+    add_values(tables, '--columns', 'NAME=COLUMN', text)
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
         'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
         'within this time, and lies at least that far inside its steady step'
     )
     add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
-    pairing.add_argument(
-        '--clock-offset',
-        type=float,
-        metavar='S',
-        help='to add to the stamps of frames [s]; by default found from the motion',
-    )
+    text = 'to add to the stamps of frames [s]; by default found from the motion'
+    add_value(pairing, '--clock-offset', 'S', text, float)
     pairing.add_argument(
         '--base-end',
         choices=('first', 'last'),
         help='point of the midlines at the base; by default the end that moves least',
     )
-    pairing.add_argument(
-        '--steady',
-        type=float,
-        metavar='N',
-        help='half the band that steady tensions stay in [N], or lengths [m] where there are no '
-        'tensions (default: the larger of 2 percent of the highest and four times the noise)',
+    text = (
+        'half the band that steady tensions stay in [N], or lengths [m] where there are no '
+        'tensions (default: the larger of 2 percent of the highest and four times the noise)'
     )
+    add_value(pairing, '--steady', 'N', text, float)
     add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
     pairing.add_argument(
         '--ramp',

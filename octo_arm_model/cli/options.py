@@ -60,7 +60,22 @@ def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
 
 def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
     """Add the option, or the argument, ``name`` for a file or folder."""
-    parser.add_argument(name, type=Path, metavar=metavar, help=text)
+    add_value(parser, name, metavar, text, Path)
+
+
+def add_value(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
+    """Add the option ``name`` for a value of a ``kind``; None where it is not given."""
+    parser.add_argument(name, type=kind, metavar=metavar, help=text)
+
+
+def add_values(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
+    """Add the option ``name`` for one or more values of a ``kind``; none by default."""
+    parser.add_argument(name, nargs='+', type=kind, default=[], metavar=metavar, help=text)
+
+
+def add_flag(parser: Any, name: str, text: str) -> None:
+    """Add the option ``name`` that is given or not."""
+    parser.add_argument(name, action='store_true', help=text)
 
 
 def add_config_option(
@@ -86,15 +101,12 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
 
 def add_tendons(parser: argparse.ArgumentParser) -> None:
     """Add ``--tendons``."""
-    parser.add_argument(
-        '--tendons',
-        nargs='+',
-        default=[],
-        metavar='NAME',
-        help='what each tendon of the arm, from the tip, is called in what is read: a name, or '
-        'a number from 0 on where there are none, or - for one that is slack (default: '
-        'tension_names of the arm)',
+    text = (
+        'what each tendon of the arm, from the tip, is called in what is read: a name, or a '
+        'number from 0 on where there are none, or - for one that is slack (default: '
+        'tension_names of the arm)'
     )
+    add_values(parser, '--tendons', 'NAME', text)
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -114,17 +126,13 @@ def add_storage(parser: argparse.ArgumentParser) -> None:
 
 def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
     """Add ``--json``."""
-    parser.add_argument('--json', action='store_true', help=f'print one JSON object{more}')
+    add_flag(parser, '--json', f'print one JSON object{more}')
 
 
 def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
     """Add ``--highest``, bounds of the tensions; ``default`` describes the default."""
-    parser.add_argument(
-        '--highest',
-        metavar='N',
-        help=f'largest tension [N]{of}: one number, or rows as --tensions of solve; by default '
-        f'{default}',
-    )
+    text = f'largest tension [N]{of}: one number, or rows as --tensions of solve; by default '
+    add_value(parser, '--highest', 'N', text + default)
 
 
 def read_highest(options: argparse.Namespace) -> Any:
@@ -151,20 +159,15 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the arm, and the options that replace values of its file."""
     add_config_argument(parser)
     add_model(parser)
-    parser.add_argument(
-        '--stations', type=int, metavar='N', help='stations, instead of those of the config'
-    )
+    add_value(parser, '--stations', 'N', 'stations, instead of those of the config', int)
     physics = parser.add_argument_group(
         'physics', 'instead of what the config says; with --model exact'
     )
     physics.add_argument('--material', choices=LAWS, help='elastic law of the cross sections')
     gravity = 'acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81'
     add_vector(physics, '--gravity', 'X Y Z', gravity)
-    for name, text in (
-        ('--density', 'of the arm [kg/m^3]'),
-        ('--fluid-density', 'of the surrounding fluid [kg/m^3]'),
-    ):
-        physics.add_argument(name, type=float, metavar='RHO', help=text)
+    add_value(physics, '--density', 'RHO', 'of the arm [kg/m^3]', float)
+    add_value(physics, '--fluid-density', 'RHO', 'of the surrounding fluid [kg/m^3]', float)
     add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame [N]')
     add_vector(physics, '--tip-moment', 'X Y Z', 'in base_frame [N m]')
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from octo_arm_model.cli.options import (
     add_config_option,
+    add_flag,
     add_highest,
     add_number,
     add_path,
@@ -60,15 +61,15 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
     )
-    parser.add_argument('--list', action='store_true', help='list the movements of the arm')
+    add_flag(parser, '--list', 'list the movements of the arm')
     add_config_option(parser, 'renda2012_table4')
     of = ' of rotating, ramps, steps and sweeps'
     add_highest(parser, 'what the arm bears', of)
     add_number(parser, '--speed', 1.0, 'factor of the speed it is written for')
-    parser.add_argument('--loop', action='store_true', help='repeat it until Ctrl-C')
+    add_flag(parser, '--loop', 'repeat it until Ctrl-C')
     add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, a second', 'HZ')
     parser.add_argument('--topic', default=TOPIC, help='where to publish (default: %(default)s)')
-    parser.add_argument('--hold', action='store_true', help='keep the last tensions at the end')
+    add_flag(parser, '--hold', 'keep the last tensions at the end')
     add_number(parser, '--wait', 5.0, 'how long to wait for a subscriber [s]', 'S')
     add_path(parser, '--csv', 'CSV', 'write it there instead')
     add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')

@@ -10,6 +10,8 @@ from octo_arm_model.cli.options import (
     add_number,
     add_path,
     add_storage,
+    add_value,
+    add_values,
     new_command,
 )
 from octo_arm_model.cli.outputs import unwritten
@@ -66,34 +68,19 @@ def add_command(commands: Any) -> None:
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     more = '; arms that bear other tensions than this one are pulled accordingly'
     add_config_option(parser, 'renda2012_prototype', more=more)
-    parser.add_argument(
-        '--stiffness',
-        type=float,
-        metavar='RATIO',
-        help="true Young's modulus over that of the config (default: 1.1; 1 with --touch)",
-    )
+    text = "true Young's modulus over that of the config (default: 1.1; 1 with --touch)"
+    add_value(parser, '--stiffness', 'RATIO', text, float)
     add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
     add_number(parser, '--sheath', 0.0, sheath, 'K')
     stretch = 'true E A of the tendons themselves [N]; 0 for that of the config'
     add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
-    add_number(
-        parser,
-        '--friction',
-        0.0,
-        'true coefficient of friction of the tendons; with some, tensions rise and fall again',
-        'MU',
-    )
+    rub = 'true coefficient of friction of the tendons; with some, tensions rise and fall again'
+    add_number(parser, '--friction', 0.0, rub, 'MU')
     touch = 'force on the tip while the middle tension is held [N], for octo-arm estimate'
     add_number(parser, '--touch', 0.0, touch, 'N')
-    parser.add_argument(
-        '--markers',
-        nargs='+',
-        type=float,
-        default=[],
-        metavar='S',
-        help='arc coordinates of markers that are measured [m]',
-    )
+    text = 'arc coordinates of markers that are measured [m]'
+    add_values(parser, '--markers', 'S', text, float)
     add_number(parser, '--seed', 0, 'of everything random')
     add_storage(parser)
 

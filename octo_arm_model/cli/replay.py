@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.cli.options import (
     add_config_option,
+    add_flag,
     add_json,
     add_model,
     add_path,
     add_storage,
     add_tendons,
+    add_values,
     new_command,
     read_config_option,
 )
@@ -69,24 +71,16 @@ def add_command(commands: Any) -> None:
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     add_config_option(parser, None, 'what the bag says')
     add_model(parser)
-    parser.add_argument(
-        '--topics',
-        nargs='+',
-        default=[],
-        metavar='TOPIC[:FIELD]',
-        help='topics of tensions or displacements, or any numeric field of any (default: all with '
-        'the names that the node listens to, in whatever namespace, or else the only one of such '
-        'a type)',
+    text = (
+        'topics of tensions or displacements, or any numeric field of any (default: all with the '
+        'names that the node listens to, in whatever namespace, or else the only one of such a '
+        'type)'
     )
+    add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
     add_tendons(parser)
-    parser.add_argument(
-        '--lengths',
-        action='store_true',
-        help='write tendon_lengths too; several times slower, as sets are solved one by one',
-    )
-    parser.add_argument(
-        '--no-copy', action='store_true', help='write the answers alone, without what is in IN'
-    )
+    text = 'write tendon_lengths too; several times slower, as sets are solved one by one'
+    add_flag(parser, '--lengths', text)
+    add_flag(parser, '--no-copy', 'write the answers alone, without what is in IN')
     text = 'folder for stations.csv, and tensions.csv as `octo-arm play` reads it'
     add_path(parser, '--csv', 'DIR', text)
     add_storage(parser)

@@ -7,7 +7,14 @@ import json
 from typing import Any
 
 from octo_arm_model.analysis.displacement import solve_displacements
-from octo_arm_model.cli.options import add_config, add_json, new_command, read_config, read_json
+from octo_arm_model.cli.options import (
+    add_config,
+    add_json,
+    add_value,
+    new_command,
+    read_config,
+    read_json,
+)
 from octo_arm_model.cli.report import as_dict, summary
 from octo_arm_model.core.errors import TensionError, shown
 
@@ -26,18 +33,14 @@ def add_command(commands: Any) -> None:
         'shape.',
     )
     add_config(parser)
-    parser.add_argument(
-        '--tensions',
-        metavar='JSON',
-        help='tensions [N]: one row for each section, from the tip to the base, '
+    text = (
+        'tensions [N]: one row for each section, from the tip to the base, '
         "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, of tendons "
-        'that are held by tension, others are slack',
+        'that are held by tension, others are slack'
     )
-    parser.add_argument(
-        '--displacements',
-        metavar='JSON',
-        help=f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}',
-    )
+    add_value(parser, '--tensions', 'JSON', text)
+    text = f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}'
+    add_value(parser, '--displacements', 'JSON', text)
     add_json(parser)
 
 

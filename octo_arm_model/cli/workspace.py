@@ -14,6 +14,7 @@ from octo_arm_model.cli.options import (
     add_json,
     add_number,
     add_path,
+    add_value,
     new_command,
     read_config,
     read_highest,
@@ -57,18 +58,10 @@ def add_command(commands: Any) -> None:
     add_highest(parser, default)
     add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')
     add_number(parser, '--seed', 0, 'other seeds draw other tensions, as evenly', 'N')
-    parser.add_argument(
-        '--processes',
-        type=int,
-        metavar='N',
-        help='worker processes; by default one for each core where that is quicker',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
-        "pip install 'octo_arm_model[cluster]'",
-    )
+    text = 'worker processes; by default one for each core where that is quicker'
+    add_value(parser, '--processes', 'N', text, int)
+    text = 'Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
+    add_value(parser, '--scheduler', 'ADDRESS', f"{text}pip install 'octo_arm_model[cluster]'")
     add_path(parser, '--out', 'PNG', 'picture to write (default: workspace.png; with --json none)')
     sets = (
         ': highest, seed, refused, and of each set with an answer its tensions, tip and direction'

@@ -50,6 +50,21 @@ def field_values(message: Any, path: str) -> FloatArray:
     return array.astype(np.float64)
 
 
+def values_by_name(names: Sequence[str], values: Sequence[float], field: str) -> dict[str, float]:
+    """The ``values`` of the ``field`` of a message by the ``names`` of their tendons.
+
+    Raises:
+        TensionError: if there are not as many names, or one is repeated.
+    """
+    if len(names) != len(values):
+        raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
+    found = dict(zip(names, values))
+    if len(found) < len(names):
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+        raise TensionError(f'tendon named more than once: {listed(repeated)}')
+    return found
+
+
 def tensions_by_names(
     values: FloatArray, names: Sequence[str] | None, wanted: Sequence[str], arm: Arm
 ) -> FloatArray:
@@ -77,10 +92,9 @@ def tensions_by_names(
         wanted = arm.tendon_names if names is not None else list(map(str, range(count)))
     places = {str(n): n for n in range(len(values))}
     if names is not None:
-        repeated = [name for name, count in Counter(names).items() if count > 1]
         places |= {name: n for n, name in enumerate(names)}
-        for name in repeated:
-            if name in wanted:
+        for name, count in Counter(names).items():
+            if count > 1 and name in wanted:
                 raise TensionError(f'named more than once: {name[:MAX_NAME]}')
     tensions = np.zeros(len(arm.tendons))
     for tendon, name in enumerate(wanted):

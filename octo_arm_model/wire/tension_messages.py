@@ -6,7 +6,6 @@ same fields.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -17,7 +16,12 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError, listed
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.cdr_layout import Layout
-from octo_arm_model.wire.tension_fields import field_values, names_of, tensions_by_names
+from octo_arm_model.wire.tension_fields import (
+    field_values,
+    names_of,
+    tensions_by_names,
+    values_by_name,
+)
 
 # Adds a field that has this value in one message to the layout of all that are like it.
 Field: TypeAlias = Callable[[Layout, Any], None]
@@ -173,12 +177,7 @@ def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> Fl
 
 
 def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
-    if len(names) != len(values):
-        raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
-    tension_of = dict(zip(names, values))
-    if len(tension_of) < len(names):
-        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
-        raise TensionError(f'tendon named more than once: {listed(repeated)}')
+    tension_of = values_by_name(names, values, field)
     known = set(arm.tendon_names)
     unknown = [name for name in names if name not in known]
     if unknown:

@@ -89,6 +89,7 @@ def test_tips_have_the_papers_error_and_no_other(
         (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a finite time >= 0 [s]'),
         (['--clock-offset', 'nan'], 2, '--clock-offset is nan, expected a finite time [s]'),
         (['--steady', '0'], 2, 'steady tolerance is 0.0'),
+        (['--hold', '-1'], 2, '--hold: steady duration is -1.0, expected a finite number > 0 [s]'),
         (['--hold', '60'], 1, 'nothing to compare: no tension stays within'),
         (['--settle', '60'], 1, 'for 1 s, and beyond the first 60 s'),
         (['--clock-offset', '99'], 1, 'nothing to compare: none of'),

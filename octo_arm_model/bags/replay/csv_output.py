@@ -14,6 +14,7 @@ from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
+from octo_arm_model.wire.cdr_backbone import read_poses
 
 STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
 
@@ -60,15 +61,9 @@ class CsvAnswers(CsvFiles):
         tensions = reading.tensions if answer.tensions is None else answer.tensions
         assert tensions is not None
         self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
-        types = known_types()
-        found: dict[str, Any] = {}
-        for name, data in zip(topics, answer.messages):
-            if name in ('backbone/poses', 'strains'):
-                found[name] = types.deserialize_cdr(bytes(data), ANSWERS[name])
-        poses, strains = found['backbone/poses'], found['strains']
-        points = [(p.x, p.y, p.z) for p in (pose.position for pose in poses.poses)]
-        table = np.column_stack([
-            strains.s, points, strains.tau, strains.xi, strains.k, strains.q
-        ])  # fmt: skip
+        data = {name: bytes(message) for name, message in zip(topics, answer.messages)}
+        _, poses = read_poses(data['backbone/poses'])
+        one: Any = known_types().deserialize_cdr(data['strains'], ANSWERS['strains'])
+        table = np.column_stack([one.s, poses[:, :3], one.tau, one.xi, one.k, one.q])
         head = (topic, reading.stamp_ns, round(time, 9))
         self._stations.writerows([*head, *row] for row in table.tolist())

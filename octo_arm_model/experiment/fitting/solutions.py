@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.displacement import solve_displacements
-from octo_arm_model.analysis.winding import Wound, displacements_of, tendon_compliance
+from octo_arm_model.analysis.tendon_displacement import displacements_of, tendon_compliance
+from octo_arm_model.analysis.winding import Wound
 from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone

@@ -50,9 +50,9 @@ class SteadyRule:
     def __post_init__(self) -> None:
         """Validate."""
         if self.tolerance is not None:
-            positive('steady tolerance', self.tolerance, 'N')
-        positive('steady duration', self.duration, 's')
-        not_negative('settling time', self.settle, 'time', 's')
+            positive('--steady: steady tolerance', self.tolerance, 'N')
+        positive('--hold: steady duration', self.duration, 's')
+        not_negative('--settle: settling time', self.settle, 'time', 's')
 
     def tolerance_for(self, tensions: FloatArray) -> float:
         """Tolerance for a recording of ``tensions`` (n, tendons) [N]."""

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from functools import partial
 
 from octo_arm_model.ros.estimator.main import NAME
 from octo_arm_model.ros.estimator.server import EstimatorServer
 from octo_arm_model.ros.node.lifecycle import ManagedNode
 from octo_arm_model.ros.node.main import run
 
-
-class ManagedEstimatorNode(ManagedNode):
-    """Publishes the estimate of the arm for the measurements it receives while it is active."""
-
-    def __init__(self, **options: Any) -> None:
-        """As `ManagedNode`."""
-        super().__init__(NAME, EstimatorServer, **options)
+# `EstimatorNode` as a managed node.
+ManagedEstimatorNode = partial(ManagedNode, NAME, EstimatorServer)
 
 
 def main(arguments: list[str] | None = None) -> int:

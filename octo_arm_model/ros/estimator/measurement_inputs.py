@@ -41,7 +41,8 @@ class MeasurementInputs:
             diagnostics: told who publishes, and how many messages were skipped for newer ones.
             arm: returns the arm that they tell of.
             take: called with the topic, the stamp and the measurement.
-            refuse: called with the topic and the error of a message that measures nothing.
+            refuse: called with the topic and the error of a message that measures nothing, or
+                that ``take`` raises.
         """
         self._node, self._work, self._diagnostics = node, work, diagnostics
         self._arm, self._take, self._refuse = arm, take, refuse

@@ -6,7 +6,7 @@ import time
 
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import MeasurementError, OctoArmError
+from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.measurements import Measurement
@@ -85,31 +85,26 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         return self._measured
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        try:
-            measurement = tensions_of(readings, self._measured_arm())
-        except OctoArmError as error:
-            self._refuse(topic, error)
-            return
-        self._take(topic, stamp, measurement)
+        self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
 
     def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
-        """Correct the estimate by a ``measurement`` that came on ``topic`` and publish it."""
+        """Correct the estimate by a ``measurement`` that came on ``topic`` and publish it.
+
+        Raises:
+            OctoArmError: if it is refused.
+        """
         arm, tracker, outbox = self._arm, self._tracker, self._publishers
         assert tracker is not None and outbox is not None
-        try:
-            self._diagnostics.received(topic, stamp)
-            at = self._stamps.resolve(topic, stamp)
-            if back := self._stamps.runs_back(topic, at, arm.settings.window):
-                self._node.get_logger().warning(
-                    f'{topic}: stamps run back by {back:.3g} s; the estimate begins anew'
-                )
-                tracker = self._begin_anew()
-            began = time.perf_counter()
-            tracked = tracker.add(at.ns, [measurement])
-            duration = time.perf_counter() - began
-        except OctoArmError as error:
-            self._refuse(topic, error)
-            return
+        self._diagnostics.received(topic, stamp)
+        at = self._stamps.resolve(topic, stamp)
+        if back := self._stamps.runs_back(topic, at, arm.settings.window):
+            self._node.get_logger().warning(
+                f'{topic}: stamps run back by {back:.3g} s; the estimate begins anew'
+            )
+            tracker = self._begin_anew()
+        began = time.perf_counter()
+        tracked = tracker.add(at.ns, [measurement])
+        duration = time.perf_counter() - began
         self._newest = max(self._newest, at)
         if tracked.begins_anew:
             self._node.get_logger().warning(

@@ -20,6 +20,8 @@ from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.server import Server
 
+SUCCESS = TransitionCallbackReturn.SUCCESS
+
 
 class ManagedNode(CheckedNode, LifecycleNode):
     """Does what its server does while it is active."""
@@ -56,23 +58,24 @@ class ManagedNode(CheckedNode, LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load and validate the arm; a failure leaves the node unconfigured."""
+        return self._attempt('configured', self._server.configure, self._server.cleanup)
+
+    def _attempt(
+        self, what: str, change: Callable[[], None], undo: Callable[[], None]
+    ) -> TransitionCallbackReturn:
+        """``change`` the server, or log that it is not ``what`` it should be, and ``undo`` it."""
         try:
-            self._server.configure()
+            change()
         except OctoArmError as error:
-            self.get_logger().error(f'not configured: {error}')
-            self._server.cleanup()
+            self.get_logger().error(f'not {what}: {error}')
+            undo()
             return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
+        return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to answer; a failure leaves the node inactive."""
-        try:
-            self._server.activate()
-        except OctoArmError as error:
-            self.get_logger().error(f'not activated: {error}')
-            self._server.deactivate()
-            return TransitionCallbackReturn.FAILURE
-        return super().on_activate(state)
+        found = self._attempt('activated', self._server.activate, self._server.deactivate)
+        return super().on_activate(state) if found == SUCCESS else found
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering."""
@@ -82,21 +85,17 @@ class ManagedNode(CheckedNode, LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the arm and its publishers."""
         self._server.cleanup()
-        return TransitionCallbackReturn.SUCCESS
+        return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate and clean up, from any state."""
         self._server.deactivate()
         self._server.cleanup()
-        return TransitionCallbackReturn.SUCCESS
+        return SUCCESS
 
 
-class ManagedOctoArmNode(ManagedNode):
-    """Publishes the backbone of the arm for the tensions it receives while it is active."""
-
-    def __init__(self, **options: Any) -> None:
-        """As `ManagedNode`."""
-        super().__init__('octo_arm', ArmServer, **options)
+# `OctoArmNode` as a managed node.
+ManagedOctoArmNode = partial(ManagedNode, 'octo_arm', ArmServer)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,6 +6,7 @@ import contextlib
 import faulthandler
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -20,6 +21,7 @@ from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
+from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.start import split_arguments, start_ros
 from octo_arm_model.ros.work.interruption import install, interruptible
 from octo_arm_model.terminal import fail, make_parser
@@ -33,21 +35,26 @@ LONGEST_WAIT = 0.5  # [s] between checks for shutdown
 LONGEST_END = 4.0  # [s] for ROS to destroy a node
 
 
-class OctoArmNode(CheckedNode):
-    """Publishes the backbone of the arm for the tensions it receives."""
+class ServedNode(CheckedNode):
+    """Does what its server does, from the beginning on."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(
+        self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
+    ) -> None:
         """Read the parameters, prepare the arm and create all ROS entities.
 
         Raises:
-            ConfigError: if a parameter is missing, unknown or of the wrong type, or they do not go
-                together.
-            ArmDefinitionError: if the arm cannot exist.
+            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible, or
+                they do not go together.
         """
-        super().__init__('octo_arm', **options)
-        self._server = ArmServer(self)
+        super().__init__(name, **options)
+        self._server = make_server(self)
         self._server.configure()
         self._server.activate()
+
+
+# Publishes the backbone of the arm for the tensions it receives.
+OctoArmNode = partial(ServedNode, 'octo_arm', ArmServer)
 
 
 def make_executor(context: Context | None = None) -> Executor:

@@ -23,7 +23,6 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import CheckedNode
@@ -47,7 +46,6 @@ from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.limits import check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
-from octo_arm_model.simulation.sensors import Push
 from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_fields import NONE
@@ -63,7 +61,7 @@ class SimulatorNode(CheckedNode):
             OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
         """
         super().__init__('octo_arm_sim', **options)
-        self._config: SimulatorConfig | None = None
+        self._configured: SimulatorConfig | None = None
         self._control: LengthControl | None = None
         self._set_point: FloatArray = np.zeros(0)
         self._timer: Timer | None = None
@@ -77,7 +75,8 @@ class SimulatorNode(CheckedNode):
             self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
         )
         table = (*ARM_PARAMETERS, *PARAMETERS)
-        self._sensors, self._push = SensorPublishers(self), PushService(self, self._current_push)
+        self._sensors = SensorPublishers(self)
+        self._push = PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
         work = WorkQueue(self)
@@ -85,7 +84,7 @@ class SimulatorNode(CheckedNode):
             TensionSubscription(
                 self,
                 topic,
-                self._current_arm,
+                lambda: self._config.arm,
                 self._on_command,
                 self._diagnostics.refuse,
                 work,
@@ -105,7 +104,7 @@ class SimulatorNode(CheckedNode):
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
         """Use ``config`` from now on, of whose parameters ``names`` were set."""
-        before, self._config = self._config, config
+        before, self._configured = self._configured, config
         if any(name.startswith('push.') for name in names):
             self._push.forget()
         tendons = config.arm.tendon_names
@@ -130,13 +129,11 @@ class SimulatorNode(CheckedNode):
                 self.destroy_timer(self._timer)
             self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
 
-    def _current_arm(self) -> Arm:
-        assert self._config is not None  # it subscribes once configured
-        return self._config.arm
-
-    def _current_push(self) -> Push:
-        assert self._config is not None  # services are answered once it spins
-        return self._config.push
+    @property
+    def _config(self) -> SimulatorConfig:
+        """The present one, which there is before anything is subscribed to or published."""
+        assert self._configured is not None
+        return self._configured
 
     def _count(self, older: int) -> None:
         """Count a command, and the ``older`` ones that it replaces."""
@@ -144,20 +141,18 @@ class SimulatorNode(CheckedNode):
 
     def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
         """Follow a command from now on, and no longer the profile."""
-        assert self._config is not None
         self._command = check_command(self._config.arm, tensions, self._config.limits)
         self._is_playing = False
 
     def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
-        arm = self._current_arm()
-        found = displacement_messages.read_displacements(decoded(data, JointState), arm)
+        message = decoded(data, JointState)
+        found = displacement_messages.read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
         self._is_playing = False
 
     def _length_control(self) -> LengthControl:
         """That of the present arm, made when it is first needed."""
-        assert self._config is not None
         if self._control is None:
             self._control = LengthControl(self._config.solver, self._config.limits)
         return self._control
@@ -172,9 +167,7 @@ class SimulatorNode(CheckedNode):
 
     def _step(self) -> None:
         """Advance winches and load cells to the present time."""
-        config = self._config
-        assert config is not None
-        now = self.get_clock().now()
+        config, now = self._config, self.get_clock().now()
         if now.nanoseconds == self._last:
             return  # where several clock messages wait, rclpy calls the timer once for each
         # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
@@ -209,7 +202,6 @@ class SimulatorNode(CheckedNode):
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
-        assert self._config is not None
         try:
             reeled_in = self._length_control().encoders(tensions)
         except OctoArmError as error:
@@ -220,7 +212,6 @@ class SimulatorNode(CheckedNode):
         self._encoders.publish(message)
 
     def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
-        assert self._config is not None
         config = self._config
         message = tensions_message(tensions, config.arm, stamp, config.base_frame)
         if names := config.hardware.calibration.names:
