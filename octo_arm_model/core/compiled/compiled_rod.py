@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 
+from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.numba_build import (
     balance,
     differentiate,
@@ -54,7 +55,7 @@ class CompiledRod:
         """
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
-        self._kernel, self._loads = balance(), rod.equilibrium.loads
+        self._kernel, self._loads = entry_point(balance()), rod.equilibrium.loads
         self._kept: KeptSystems[System] = KeptSystems()
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
@@ -136,10 +137,11 @@ class CompiledRod:
         pose = np.empty((self._stations, 6, columns))
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))
+        force, moment = map(own, dead or _NO_LOADS)
         self._check(
-            differentiate()(
+            entry_point(differentiate())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), *(dead or _NO_LOADS), pose, strain, length,
+                state_of(shape), force, moment, pose, strain, length,
             )
         )  # fmt: skip
         return pose, strain, length
@@ -149,7 +151,7 @@ class CompiledRod:
         tensions = condition.tensions
         tip = np.empty((6, 2 * tensions.size + 2))
         self._check(
-            differentiate_tip()(
+            entry_point(differentiate_tip())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
                 state_of(shape), tip,
             )

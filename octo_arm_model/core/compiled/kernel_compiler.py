@@ -96,6 +96,18 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     raise AssertionError  # The last round returns or raises.
 
 
+def entry_point(machine: Any) -> Callable[..., Any]:
+    """What runs ``machine`` without looking at the types of its arguments first.
+
+    These have to be those that it was compiled for, as nobody compares them: all arrays are
+    `tables.own`, or made in order. A loaded rod has so many of them that to look at all takes
+    as long as a step of Newton's method.
+    """
+    (compiled_once,) = machine.overloads.values()
+    run: Callable[..., Any] = compiled_once.entry_point
+    return run
+
+
 def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
     """A ``function`` with all it calls compiled, named after everything it is made from."""
     scopes: dict[str, dict[str, Any]] = {}
