@@ -80,8 +80,8 @@ class SlidingRod(CompiledRod):
         before = _NOTHING if condition.before is None else own(condition.before)
         tensions, tip_wrench = own(condition.tensions), own(condition.tip_wrench)
         orientation = np.empty((2, self._rod.points), complex)
-        system = self._kept.oldest() or empty_system(self._tables)
         near = self.system_about(shape)
+        system = self._kept.oldest() or empty_system(self._tables)
         for known in (None,) if near is None else (near, None):
             state = state_of(shape)
             found = self._slide_rod(
