@@ -20,11 +20,11 @@ from octo_arm_model.core.compiled.numba_build import (
     find_exact_shapes,
     find_minima,
     find_shapes,
-    find_sliding_balance,
     find_step,
     find_turn,
     read_out,
     slide,
+    slide_rod,
 )
 from octo_arm_model.core.compiled.section_tables import (
     ExactTables,
@@ -82,7 +82,7 @@ class Compiled:
         ):
             self._sliding = CompiledSliding(statics, self._grid)
             if isinstance(statics, Exact):
-                _make(balance, find_turn, find_sliding_balance, slide)
+                _make(balance, find_turn, slide, slide_rod)
                 statics.use(_speed_up_sliding)
         elif isinstance(statics, PapersModel):
             assert isinstance(statics.equations, ClosedForm | Renda2012)

@@ -104,16 +104,16 @@ class CompiledRod:
         return readings.twist, readings.position, readings.quaternion
 
     def settle(
-        self, wanted: Condition, shape: Shape, spending: Spending, kind: int = READINGS
+        self, wanted: Condition, shape: Shape, spending: Spending
     ) -> Solution | Shape | None:
-        """`Settle` of the rod, with readings of the ``kind`` of `rod_kernels`.
+        """`Settle` of the rod.
 
         Raises:
             SolveError: if a tendon is pressed out of its sheath and the body.
         """
         readings = empty_readings(self._nodes, self._stations)
         outcome, _, found = self._balance(
-            wanted, shape, TOLERANCE, kind, readings, *self._not_asked
+            wanted, shape, TOLERANCE, READINGS, readings, *self._not_asked
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:

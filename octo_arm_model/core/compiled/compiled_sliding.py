@@ -7,6 +7,7 @@ import functools
 import numpy as np
 
 from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
 from octo_arm_model.core.compiled.sliding_kernels import UNRESOLVED, remembered
 from octo_arm_model.core.compiled.tables import GridTables, own
@@ -30,7 +31,7 @@ class CompiledSliding:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._find_shapes = find_sliding_shapes()
+        self._find_shapes = entry_point(find_sliding_shapes())
         self._grid, self._rods = grid, statics.rods
         at_nodes = None if isinstance(statics, Exact) else statics.sections
 
@@ -60,8 +61,8 @@ class CompiledSliding:
                 pulled = int(np.count_nonzero(tensions))
                 memory = np.empty((remembered(pulled), tables.lengths.size))
             without = self._find_shapes(
-                tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist, strains,
-                position, quaternion, residual, iterations, points, stations,
+                tables, self._grid, own(tensions), held, level + 1 < len(CUTS), results.twist,
+                strains, position, quaternion, residual, iterations, points, stations,
                 _NOTHING if known is None or at_level is not before else known, memory,
             )  # fmt: skip
             if not without or not (iterations == UNRESOLVED).any():

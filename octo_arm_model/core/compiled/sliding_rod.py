@@ -2,52 +2,31 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, quaternions_of, state_of
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, state_of
 from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
-from octo_arm_model.core.compiled.numba_build import find_sliding_balance, slide
-from octo_arm_model.core.compiled.rod_kernels import ANY_READINGS, READINGS
-from octo_arm_model.core.compiled.system_kernels import system_of
+from octo_arm_model.core.compiled.kernel_compiler import entry_point
+from octo_arm_model.core.compiled.numba_build import slide, slide_rod
+from octo_arm_model.core.compiled.readout_kernels import Readings
+from octo_arm_model.core.compiled.rod_kernels import Outcome
+from octo_arm_model.core.compiled.state_kernels import RodState
+from octo_arm_model.core.compiled.system_kernels import empty_system
 from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 
 _NOTHING = np.zeros((0, 0))
 
 
-class _Found(NamedTuple):
-    """A balance.
-
-    Attributes:
-        held: its condition with tensions that stay, those of the tables.
-        shape: its shape.
-        slip: as in `Sliding`, (tendons, points).
-        systems: iterations of Newton's method.
-        corrected: how far all but the first have turned the arm [rad].
-        is_resolved: whether elements are as fine as tensions along tendons need.
-        sticks: whether any tendon sticks, where strains have a kink that no elements resolve.
-    """
-
-    held: Condition
-    shape: Shape
-    slip: FloatArray
-    systems: int
-    corrected: float
-    is_resolved: bool
-    sticks: bool
-
-
-class SlidingRod:
-    """`Newton` and `Settle` of one rod."""
+class SlidingRod(CompiledRod):
+    """`Newton`, `Settle` and `Slide` of one rod."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Tabulate ``rod``.
@@ -55,13 +34,13 @@ class SlidingRod:
         Raises:
             Exception: whatever a numba that does not work raises.
         """
-        self._compiled, self._newton, self._points = CompiledRod(rod), rod.newton, rod.points
+        super().__init__(rod)
         friction: FrictionTables = own(friction_tables(rod, None))
-        self._friction = friction._replace(sections=self._compiled.tables.sections)
-        self._find_balance, self._slide = find_sliding_balance(), slide()
-        self._unloaded = rod.slide  # which says why there is none
-        self._no_system = system_of(0, 0)
-        self.frames = self._compiled.frames
+        self._friction = friction._replace(sections=self._tables.sections)
+        self._slide, self._slide_rod = entry_point(slide()), entry_point(slide_rod())
+        # Which say why there is nothing.
+        self._unloaded, self._by_numpy = rod.slide, rod.newton
+        self._slip = np.empty_like(friction.transmission)
 
     def slide(self, tensions: FloatArray, before: FloatArray | None) -> FloatArray:
         """`Slide` of the rod.
@@ -69,59 +48,51 @@ class SlidingRod:
         Raises:
             SolveError: if there is none.
         """
-        held, twist = _NOTHING if before is None else own(before), np.empty((4, self._points))
+        held, twist = _NOTHING if before is None else own(before), np.empty((4, self._rod.points))
         _, sweeps, _ = self._slide(self._friction, own(tensions), held, twist, _NOTHING, _NOTHING)
         return self._unloaded(tensions, before) if sweeps < 0 else twist
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
-        balance = self._balance(condition, shape, tolerance)
-        if balance is None:
-            return self._newton(condition, shape, tolerance)
-        # With tensions that stay it is balanced, and only judged.
-        found = self._compiled.newton(balance.held, balance.shape, tolerance)
-        along = self._compiled.tables.sections.transmission
-        sliding = Sliding(along[:, np.newaxis].copy(), balance.slip[:, np.newaxis])
-        return Iterate(
-            found.state._replace(condition=condition, sliding=sliding),
-            balance.systems + found.iterations, balance.corrected + found.corrected, found.system,
-        )  # fmt: skip
+        found = super().newton(condition, shape, tolerance)
+        if found.state.residual == np.inf:
+            return self._by_numpy(condition, shape, tolerance)
+        along = self._tables.sections.transmission[:, np.newaxis].copy()
+        sliding = Sliding(along, self._slip[:, np.newaxis].copy())
+        return found._replace(state=found.state._replace(sliding=sliding))
 
     def settle(
         self, wanted: Condition, shape: Shape, spending: Spending
     ) -> Solution | Shape | None:
         """`Settle` of the rod."""
-        balance = self._balance(wanted, shape, TOLERANCE)
-        if balance is None:
-            return None
-        spending.add(balance.systems, 0.0, TOLERANCE, balance.shape.twist)
-        if balance.corrected > MOST_CORRECTED:
-            return None
-        kind = ANY_READINGS if balance.sticks else READINGS
-        solution = self._compiled.settle(balance.held, balance.shape, spending, kind)
+        solution = super().settle(wanted, shape, spending)
         if not isinstance(solution, Solution):
             return solution
-        if not (balance.sticks or balance.is_resolved):
-            return solution.shape
-        tables = self._compiled.tables
-        along, at_stations = tables.sections.transmission, tables.station_sections.transmission
-        return solution._replace(tendons=TendonTensions(along.copy(), at_stations.copy()))
+        along, stations = self._tables.sections, self._tables.station_sections
+        tendons = TendonTensions(along.transmission.copy(), stations.transmission.copy())
+        return solution._replace(tendons=tendons)
 
-    def _balance(self, condition: Condition, shape: Shape, tolerance: float) -> _Found | None:
-        """`find_sliding_balance`."""
-        tensions = own(condition.tensions)
+    def _balance(
+        self, condition: Condition, shape: Shape, tolerance: float, wanted: int,
+        readings: Readings, compliance: FloatArray, change: FloatArray,
+    ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
+        """`sliding_rod_kernels.slide_rod`, as that of `CompiledRod`."""
         before = _NOTHING if condition.before is None else own(condition.before)
-        tables, tip_wrench = self._compiled.tables, own(condition.tip_wrench)
-        slip = np.empty_like(tables.sections.transmission)
-        near = self._compiled.system_about(shape)
+        tensions, tip_wrench = own(condition.tensions), own(condition.tip_wrench)
+        orientation = np.empty((2, self._rod.points), complex)
+        near = self.system_about(shape)
+        system = self._kept.oldest() or empty_system(self._tables)
         for known in (None,) if near is None else (near, None):
             state = state_of(shape)
-            systems, corrected, sticks, is_resolved = self._find_balance(
-                tables, self._friction, tensions, before, tip_wrench, float(condition.factor),
-                tolerance, known is not None, known or self._no_system, state, slip,
+            found = self._slide_rod(
+                self.tables, self._friction, tensions, before, tip_wrench,
+                float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,
+                known is not None, known or self._no_system, orientation, state, self._slip,
+                system, compliance, change, readings,
             )  # fmt: skip
-            if systems >= 0:
-                held = condition._replace(tensions=np.sign(tensions), before=None)
-                found = Shape(state.twist, quaternions_of(state.turn))
-                return _Found(held, found, slip, systems, corrected, is_resolved, sticks)
-        return None
+            outcome = Outcome(*found)
+            if outcome.residual < np.inf:
+                break
+        if outcome.sign:
+            self._kept.keep(state.twist, system)
+        return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

@@ -17,9 +17,10 @@ from octo_arm_model.core.compiled.friction_kernels import (
     resolves_tensions,
 )
 from octo_arm_model.core.compiled.friction_tables import FrictionTables
-from octo_arm_model.core.compiled.orientation_kernels import DEFECTS, find_turn, turn_by
+from octo_arm_model.core.compiled.orientation_kernels import DEFECTS, find_turn, normalise, turn_by
 from octo_arm_model.core.compiled.products import add_runs
-from octo_arm_model.core.compiled.rod_kernels import turn_of
+from octo_arm_model.core.compiled.readout_kernels import Readings
+from octo_arm_model.core.compiled.rod_kernels import ANY_READINGS, READINGS, balance, turn_of
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.state_kernels import (
     RodState,
@@ -29,13 +30,50 @@ from octo_arm_model.core.compiled.state_kernels import (
 )
 from octo_arm_model.core.compiled.step_kernels import find_step
 from octo_arm_model.core.compiled.system_kernels import System, empty_system, find_system
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import ComplexArray, FloatArray
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS
 
 MOST_STEPS = 30
 SETTLED = 1e-9  # change of the angles by which tendons turn, with which tensions stay [rad]
 SLOW = 0.2  # part of the residual that a step must leave less than, else the system is found anew
 STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
+
+
+def slide_rod(
+    tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
+    tip_wrench: FloatArray, factor: float, tolerance: float, has_energy: bool, wanted: int,
+    is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
+    system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
+) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
+    """`find_sliding_balance`, and what `rod_kernels.balance` finds with tensions that stay.
+
+    Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
+    elements do not resolve tensions along tendons.
+
+    Returns:
+        As `rod_kernels.balance`; an infinite residual where tensions are not found.
+    """
+    systems, corrected, sticks, is_resolved = find_sliding_balance(
+        tables, friction, tensions, before, tip_wrench, factor, tolerance, is_known, known, state,
+        slip,
+    )  # fmt: skip
+    if systems < 0:
+        return np.inf, 0, corrected, 0, False, False, False
+    turn, held = state.turn, np.sign(tensions)
+    normalise(turn)
+    for i in range(turn.shape[1]):
+        orientation[0, i] = complex(turn[0, i], turn[1, i])
+        orientation[1, i] = complex(turn[2, i], turn[3, i])
+    # Where a tendon begins to stick strains have a kink, which no elements resolve.
+    kind = ANY_READINGS if sticks and wanted == READINGS else wanted
+    residual, iterations, moved, sign, is_least, is_definite, is_read = balance(
+        tables, held, tip_wrench, factor, tolerance, has_energy, kind, False, known, orientation,
+        state, system, compliance, change, readings,
+    )  # fmt: skip
+    corrected += moved
+    is_read = is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
+    return residual, systems + iterations, corrected, sign, is_least, is_definite, is_read
 
 
 def find_sliding_balance(

@@ -55,6 +55,22 @@ def test_machine_code_pulls_and_releases_as_numpy_does(model: str, material: str
         one, other = other, one
 
 
+@pytest.mark.parametrize('compiled', [False, True])
+@pytest.mark.parametrize('model', MODELS)
+def test_a_movement_does_not_depend_on_what_is_kept_of_the_balance_before(
+    model: str, compiled: bool
+) -> None:
+    """Followed by one solver, and by another that knows of each backbone no more than it has."""
+    arm = helical_arm(friction=tuple(np.linspace(0.05, 0.4, 6).tolist()))
+    solver = Solver(arm, model, compiled=compiled)
+    backbone = solver.solve(PULL)
+    for part in (1.003, 1.006, 1.0, 0.9, 0.9, 0.91, 1.1, 0.3, 0.301):
+        expected = Solver(arm, model, compiled=compiled).follow(part * PULL, backbone)
+        backbone = solver.follow(part * PULL, backbone)
+        assert_same(backbone, expected, arm.length)
+        assert backbone.residual <= 1e-11
+
+
 @settings(max_examples=20, deadline=None)
 @given(loaded_arms(3), fractions(0.01, 0.6), fractions(0.0, 1.0), st.sampled_from(MODELS))
 def test_machine_code_follows_any_arm_as_numpy_does(
