@@ -60,17 +60,12 @@ class Agreement(NamedTuple):
         return Agreement(self.value + change, information)
 
 
-def shift_to_mean(by: Gain, second: FloatArray) -> FloatArray:
-    """Mean of the posterior less its mode, (n,).
-
-    ``by`` is what linearised measurements make of the prior, ``second`` (m, n, n) their second
-    derivatives there.
-    """
-    return -by.root @ (by.root.T @ gradient(by.gain, second))
-
-
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
-    """Gradient of ln(det S) / 2 by the state, (n,), at a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
+    """Gradient of ln(det S) / 2 by the state, (n,): tr(P+ J' R^-1 dJ).
+
+    ``gain`` (n, m) is that of linearised measurements, ``second`` (m, n, n) their second
+    derivatives.
+    """
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
 
 

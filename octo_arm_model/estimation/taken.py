@@ -38,7 +38,7 @@ class Taken(NamedTuple):
 
     Attributes:
         belief: after them.
-        at: the prediction of its mean.
+        at: the prediction of its mean, or nearly, see `Fit`.
         accepted: those that were used.
         squares: normalised squares of all, by `id`.
         square: of all that were accepted together.
