@@ -24,13 +24,18 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.posterior import Posterior, Step
-from octo_arm_model.estimation.posterior_mean import Agreement, agreement
+from octo_arm_model.estimation.posterior_mean import (
+    Agreement,
+    agreement,
+    gain_of_part,
+    gradient,
+    share_of,
+)
 from octo_arm_model.estimation.prediction import Prediction
 
 _TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
 _MOST = 12  # evaluations
-_RENEWALS = 1  # of all second derivatives: where none foretell a step there is no end of it
-_FAR = 1.0  # step that is worth to find them anew for
+_RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
 _NEAR = 0.3  # step within which derivatives are still good enough
 _PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
 _GROWTH = 3.0  # likewise one with derivatives
@@ -121,16 +126,14 @@ def fit(
         jacobian = jacobians(measurements, at)
         is_right = known.foretells(x - before.x, jacobian, stddev)
         known = known.after(x - before.x, jacobian, scale)
-        local = posterior.local(x, left, jacobian, known.second)
-        step = posterior.step(local, x)
-        if step.size > _FAR and not is_right:
+        if not is_right:
             if renewals == _RENEWALS:
                 break
             renewals += 1
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
             known = renewed(known, measurements, at, after)
-            local = posterior.local(x, left, jacobian, known.second)
-            step = posterior.step(local, x)
+        local = posterior.local(x, left, jacobian, known.second)
+        step = posterior.step(local, x)
         if step.size <= _TOLERANCE and step.cost <= first + _RISE:
             return _fit(prior, noise, step, at, left, jacobian, known)
         if step.size > _GROWTH * size:
@@ -152,9 +155,13 @@ def _fit(
     by = gain(prior.root, jacobian, noise)
     innovation = left + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root) + step.beyond
-    agreed = known.agreed.after(agreement(by, innovation, known.second))
-    known = known._replace(agreed=agreed)
-    return Fit(Belief(step.x, by.root), at, innovation, by.innovation_root, square, known)
+    whole = gradient(by.gain, known.second)
+    part = gradient(gain_of_part(prior.scattered, jacobian, by), known.second)
+    agreed = known.agreed.after(agreement(by, part, innovation, known.second))
+    known = known._replace(agreed=agreed, share=share_of(part, whole, by))
+    return Fit(
+        prior.corrected(step.x, by, jacobian), at, innovation, by.innovation_root, square, known
+    )
 
 
 def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
@@ -167,4 +174,6 @@ def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Predicti
     by = gain(prior.root, jacobian, noise_root(measurements))
     innovation = residuals(measurements, at) + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root)
-    return Fit(Belief(at.x, by.root), at, innovation, by.innovation_root, square, None)
+    return Fit(
+        prior.corrected(at.x, by, jacobian), at, innovation, by.innovation_root, square, None
+    )

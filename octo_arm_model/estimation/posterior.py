@@ -10,21 +10,23 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dposv, dpotrf
+from scipy.linalg.lapack import dgeqrf, dpotrf
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import (
     Belief,
+    gain,
     normalised_square,
     solve_lower,
 )
-from octo_arm_model.estimation.posterior_mean import gradient
+from octo_arm_model.estimation.posterior_mean import gain_of_part, gradient
 from octo_arm_model.estimation.prediction import ArmModel
 
 _MOST_OF_MODEL = 8  # steps within a local model
 _LAST = 0.3  # step within it that is the last
 _HALVED = 5  # times that such a step is halved
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
+_MOST_BENT = 50  # halvings of what it loses
 
 
 class Local(NamedTuple):
@@ -36,6 +38,7 @@ class Local(NamedTuple):
         left: measured less predicted there, (m,).
         jacobian: of what is predicted, (m, n).
         second: its second derivatives, (m, n, n).
+        slope: gradient of what is least, by which the mean is not the most probable state, (n,).
     """
 
     x: FloatArray
@@ -43,6 +46,7 @@ class Local(NamedTuple):
     left: FloatArray
     jacobian: FloatArray
     second: FloatArray
+    slope: FloatArray
 
     def about(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured less predicted in ``z``, and the Jacobian there."""
@@ -76,6 +80,7 @@ class Posterior:
         ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
         """
         self._prior, self._noise, self._model, self._weight = prior, noise, model, weight
+        self._per_noise = solve_lower(noise, np.eye(len(noise)))
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """Sum of squares of the change of the state and of the noise, in standard deviations."""
@@ -86,20 +91,26 @@ class Posterior:
         self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray
     ) -> Local:
         """Of derivatives in their own units; see `Local`."""
-        root, noise, (m, n) = self._prior.root, self._noise, jacobian.shape
-        bent = solve_lower(noise, second.reshape(m, n * n)).reshape(m, n, n)
+        root, (m, n) = self._prior.root, jacobian.shape
+        # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
+        bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
+        slope = np.zeros(n)
+        if self._weight:
+            part = gain_of_part(self._prior.scattered, jacobian, gain(root, jacobian, self._noise))
+            slope = self._weight * (gradient(part, second) @ root)
         return Local(
             x,
             self._away(x),
-            solve_lower(noise, left),
-            solve_lower(noise, jacobian) @ root,
+            self._per_noise @ left,
+            self._per_noise @ jacobian @ root,
             root.T @ bent @ root,
+            slope,
         )
 
     def moved(self, local: Local, x: FloatArray, left: FloatArray) -> Local:
         """A ``local`` model with what was found to be ``left`` in another state ``x``."""
         z = self._away(x)
-        return Local(x, z, solve_lower(self._noise, left), local.about(z)[1], local.second)
+        return Local(x, z, self._per_noise @ left, local.about(z)[1], local.second, local.slope)
 
     def _away(self, x: FloatArray) -> FloatArray:
         return solve_lower(self._prior.root, x - self._prior.mean)
@@ -127,8 +138,7 @@ class Posterior:
         bent = (by.multiplier @ local.second.reshape(m, n * n)).reshape(n, n)
         bent, change = solve_lower(by.root, solve_lower(by.root, bent).T), by.change
         if self._weight:
-            gain = solve_lower(by.root, by.white_gain, is_transposed=True)
-            change = change - self._weight * solve_lower(by.root, gradient(gain, local.second))
+            change = change - solve_lower(by.root, local.slope)
         change = _stiffened(bent, change)
         wanted = x + self._prior.root @ solve_lower(by.root, change, is_transposed=True)
         new, beyond = wanted, 0.0
@@ -139,8 +149,7 @@ class Posterior:
             change, off = (to_white @ (self._away(new) - self._away(one)) for one in (x, wanted))
             beyond = float(off @ off)
         size = math.sqrt(float(change @ change) / n)
-        volume = 2.0 * float(np.log(np.abs(by.root.diagonal())).sum())
-        cost = float(z @ z) + float(left @ left) + self._weight * volume
+        cost = float(z @ z) + float(left @ left) + 2.0 * float(local.slope @ (z - local.z))
         return Step(x, new, size, beyond, cost)
 
 
@@ -150,13 +159,11 @@ class _LeastSquares(NamedTuple):
     Attributes:
         root: of the inverse of the covariance, 1 + J' J: its triangle on and below the diagonal.
         change: the step times the transpose of that root, (n,).
-        white_gain: change of this by what is left, (n, m).
         multiplier: what is left after the step, (m,).
     """
 
     root: FloatArray
     change: FloatArray
-    white_gain: FloatArray
     multiplier: FloatArray
 
 
@@ -170,17 +177,22 @@ def _least_squares(jacobian: FloatArray, left: FloatArray, z: FloatArray) -> _Le
     array[ones, (ones - m) % (m + n)] = 1.0
     array = dgeqrf(array, overwrite_a=1)[0]
     multiplier = np.triu(array[n:, n:-1]).T @ array[n:, -1]
-    return _LeastSquares(array[:n, :n].T.copy(), array[:n, -1], array[:n, n:-1], multiplier)
+    return _LeastSquares(array[:n, :n].T.copy(), array[:n, -1], multiplier)
 
 
 def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
-    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`."""
+    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`.
+
+    Where one is, all of them are halved until none is.
+    """
     one = np.eye(change.size)
-    if dpotrf(_BENT * one - bent, lower=1)[1] == 0:
-        # By Cholesky: eigenvalues take longer, and much longer where threads of LAPACK wait.
-        return np.asarray(dposv(one - bent, change, lower=1)[1])
-    parts, axes = np.linalg.eigh(bent)
-    return np.asarray(axes @ ((axes.T @ change) / (1.0 - np.minimum(parts, _BENT))))
+    # By Cholesky alone: eigenvalues take longer, and much longer where threads of LAPACK wait.
+    for _ in range(_MOST_BENT):
+        if dpotrf(_BENT * one - bent, lower=1)[1] == 0:
+            root = np.ascontiguousarray(dpotrf(one - bent, lower=1)[0])
+            return solve_lower(root, solve_lower(root, change), is_transposed=True)
+        bent = 0.5 * bent
+    return change
 
 
 def nearest_possible(model: ArmModel, belief: Belief, mean: FloatArray) -> FloatArray:

@@ -244,7 +244,7 @@ def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) ->
     ):
         elapsed = following.time - step.time
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
-        predicted, after = belief.after(decay, growth), smoothed[-1]
+        predicted, after = predict(model, belief, elapsed), smoothed[-1]
         back = _back(belief, decay, predicted)
         mean = belief.mean + back @ (after.mean - predicted.mean)
         kept = belief.root - back @ (decay[:, np.newaxis] * belief.root)
