@@ -10,6 +10,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm, dtrsv
 from scipy.linalg.lapack import dgeqrf
 
@@ -22,22 +23,39 @@ class Belief(NamedTuple):
     Attributes:
         mean: (n,).
         root: lower triangular square root of the covariance, (n, n).
+        scatter: the part of the covariance by which the state is random about a mean that is
+            known, (n, n); None of all. The rest is by what sensors err, and by random walks.
     """
 
     mean: FloatArray
     root: FloatArray
+    scatter: FloatArray | None = None
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance, (n, n)."""
         return self.root @ self.root.T
 
-    def after(self, decay: FloatArray, growth: FloatArray) -> Belief:
-        """Each component times ``decay``, and with a noise of standard deviation ``growth``."""
+    @property
+    def scattered(self) -> FloatArray:
+        """`scatter` as a matrix, (n, n)."""
+        return self.covariance if self.scatter is None else self.scatter
+
+    def after(self, decay: FloatArray, growth: FloatArray, scatters: NDArray[np.bool_]) -> Belief:
+        """Each component times ``decay``, and with a noise of standard deviation ``growth``.
+
+        That is part of the `scatter` of those that it ``scatters``, (n,).
+        """
         if not growth.any() and (decay == 1.0).all():
             return self
         root = lower_root([decay[:, np.newaxis] * self.root, np.diag(growth)])
-        return Belief(decay * self.mean, root)
+        scatter = decay[:, np.newaxis] * self.scattered * decay
+        return Belief(decay * self.mean, root, scatter + np.diag(scatters * growth**2))
+
+    def corrected(self, mean: FloatArray, by: Gain, jacobian: FloatArray) -> Belief:
+        """After linear measurements of ``jacobian`` (m, n), which lead to that ``mean``."""
+        left = np.eye(mean.size) - by.gain @ jacobian
+        return Belief(mean, by.root, left @ self.scattered @ left.T)
 
     def whitened(self, change: FloatArray) -> FloatArray:
         """A ``change`` (n,) of the state in standard deviations, as independent ones."""

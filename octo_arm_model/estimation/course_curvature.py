@@ -33,7 +33,7 @@ def _others(step: Step) -> list[Measurement]:
 def weight_of(step: Step) -> float:
     """Weight of what leads from the most probable state to the mean, see `Agreement.weight`."""
     known = step.updated.curvatures.get(kinds_of(_others(step)))
-    return known.agreed.weight if known is not None else 1.0
+    return known.weight if known is not None else 1.0
 
 
 def bent_at(step: Step, at: Prediction, belief: Belief, before: Bent | None) -> Bent | None:

@@ -31,11 +31,18 @@ class Curvature(NamedTuple):
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
         agreed: how innovations drew the mode so far.
+        share: part of the whole shift to the mean, see `share_of`.
     """
 
     second: FloatArray
     jacobian: FloatArray
     agreed: Agreement = Agreement()
+    share: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """Of the whole shift to the mean."""
+        return self.agreed.weight * self.share
 
     @classmethod
     def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:

@@ -24,7 +24,8 @@ class Estimate:
         state: what the vector of the state holds.
         mean: of the state, (n,).
         root: root of its covariance, (n, n).
-        backbone: shape in the mean, with the tensions and the wrench on the tip estimated.
+        backbone: shape in the mean, or a tenth of a standard deviation off at most, with the
+            tensions and the wrench on the tip estimated.
         innovations: of the measurements of this time.
         normalised_square: of all measurements of this time that were accepted, and of how many
             numbers; see `Innovation`.

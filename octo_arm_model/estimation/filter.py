@@ -22,12 +22,14 @@ GATE = 0.9999
 def prior(model: ArmModel) -> Belief:
     """What is known of ``model`` before anything is measured."""
     stddev = model.state.prior_stddev()
-    return Belief(np.zeros(stddev.size), np.diag(stddev))
+    scatter = np.diag(model.state.scatters * stddev**2)
+    return Belief(np.zeros(stddev.size), np.diag(stddev), scatter)
 
 
 def predict(model: ArmModel, belief: Belief, elapsed: float) -> Belief:
     """``belief`` after ``elapsed`` [s]."""
-    return belief.after(model.state.decay(elapsed), model.state.growth(elapsed))
+    state = model.state
+    return belief.after(state.decay(elapsed), state.growth(elapsed), state.scatters)
 
 
 @dataclass(frozen=True)

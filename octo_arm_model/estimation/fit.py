@@ -23,12 +23,17 @@ from octo_arm_model.estimation.measurements import (
     noise_root,
     residuals,
 )
-from octo_arm_model.estimation.posterior import Local, Posterior, Step
-from octo_arm_model.estimation.posterior_mean import Agreement, agreement
+from octo_arm_model.estimation.posterior import Posterior, Step
+from octo_arm_model.estimation.posterior_mean import (
+    Agreement,
+    agreement,
+    gain_of_part,
+    gradient,
+    share_of,
+)
 from octo_arm_model.estimation.prediction import Prediction
 
-# Where the next step is shorter than this part of a standard deviation there is none.
-TOLERANCE = 3e-2
+_TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
 _MOST = 12  # evaluations
 _RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
 _NEAR = 0.3  # step within which derivatives are still good enough
@@ -45,7 +50,8 @@ class Fit(NamedTuple):
 
     Attributes:
         belief: after them.
-        at: the prediction of its mean, about which they were linearised.
+        at: a prediction nearly of its mean, about which they were linearised: a tenth of a
+            standard deviation off at most.
         innovation: measured less predicted before, by that linearisation, (m,).
         innovation_root: of its covariance, (m, m).
         square: least sum of squares of noise and change of the state that explains them.
@@ -86,16 +92,15 @@ def fit(
         after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
         agreed = Agreement() if known is None else known.agreed
         known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
-    local, size, is_near = Local(at.x, left, jacobian, known.second), math.inf, False
-    renewals = 0
     posterior = Posterior(prior, noise, at.model, known.agreed.weight)
+    local = posterior.local(at.x, left, jacobian, known.second)
     step = posterior.step(local, local.x)
-    first = step.cost
-    evaluations = 0
+    size, is_near, first = math.inf, False, step.cost
+    evaluations = renewals = 0
     while evaluations < _MOST:
         evaluations += 1
         wanted = posterior.mean(local, step)
-        most = _WORSE * posterior.square(local.x, local.left) + wanted.size
+        most = _WORSE * posterior.square(local.x, left) + wanted.size
         for halved in range(_HALVED):
             # Farther from the last state than its local model is good for it may get worse.
             x = local.x + 0.5**halved * (wanted - local.x)
@@ -109,10 +114,11 @@ def fit(
         shape = new.solved
         if is_near:
             # The derivatives are known well enough: what is predicted is all that is new.
-            moved = Local(x, left, local.about(x)[1], local.second)
+            jacobian = jacobian + known.second @ (x - local.x)
+            moved = posterior.moved(local, x, left)
             step = posterior.step(moved, x)
-            if step.size <= TOLERANCE and step.cost <= first + _RISE:
-                return _fit(step, new, known)
+            if step.size <= _TOLERANCE and step.cost <= first + _RISE:
+                return _fit(prior, noise, step, new, left, jacobian, known)
             if step.size <= _PROGRESS * size:
                 local, size = moved, step.size
                 continue
@@ -126,22 +132,36 @@ def fit(
             renewals += 1
             after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
             known = renewed(known, measurements, at, after)
-        local = Local(x, left, jacobian, known.second)
+        local = posterior.local(x, left, jacobian, known.second)
         step = posterior.step(local, x)
-        if step.size <= TOLERANCE and step.cost <= first + _RISE:
-            return _fit(step, at, known)
+        if step.size <= _TOLERANCE and step.cost <= first + _RISE:
+            return _fit(prior, noise, step, at, left, jacobian, known)
         if step.size > _GROWTH * size:
             break
         size, is_near = step.size, step.size <= _NEAR
     raise ConvergenceError('the estimate', step.size, evaluations)
 
 
-def _fit(step: Step, at: Prediction, known: Curvature) -> Fit:
-    """The `Fit` ``at`` a state from which a ``step`` leads nowhere."""
-    by = step.by
-    agreed = known.agreed.after(agreement(by, step.innovation, known.second))
-    known = known._replace(agreed=agreed)
-    return Fit(Belief(at.x, by.root), at, step.innovation, by.innovation_root, step.square, known)
+def _fit(
+    prior: Belief,
+    noise: FloatArray,
+    step: Step,
+    at: Prediction,
+    left: FloatArray,
+    jacobian: FloatArray,
+    known: Curvature,
+) -> Fit:
+    """The `Fit` that a last ``step`` from the state ``at`` leads to."""
+    by = gain(prior.root, jacobian, noise)
+    innovation = left + jacobian @ (at.x - prior.mean)
+    square = normalised_square(innovation, by.innovation_root) + step.beyond
+    whole = gradient(by.gain, known.second)
+    part = gradient(gain_of_part(prior.scattered, jacobian, by), known.second)
+    agreed = known.agreed.after(agreement(by, part, innovation, known.second))
+    known = known._replace(agreed=agreed, share=share_of(part, whole, by))
+    return Fit(
+        prior.corrected(step.x, by, jacobian), at, innovation, by.innovation_root, square, known
+    )
 
 
 def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
@@ -154,4 +174,6 @@ def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Predicti
     by = gain(prior.root, jacobian, noise_root(measurements))
     innovation = residuals(measurements, at) + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root)
-    return Fit(Belief(at.x, by.root), at, innovation, by.innovation_root, square, None)
+    return Fit(
+        prior.corrected(at.x, by, jacobian), at, innovation, by.innovation_root, square, None
+    )

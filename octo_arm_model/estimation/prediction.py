@@ -27,9 +27,9 @@ from octo_arm_model.core.errors import (
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.effort import Effort
+from octo_arm_model.estimation.state_change import Part, StateChange
 from octo_arm_model.estimation.unit_loads import unit_loads
 from octo_arm_model.estimation.unknowns import State, Unknowns
 
@@ -98,11 +98,9 @@ class ArmModel:
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
         self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
-        self._wrench_parts = [
-            state.tip_force.stop > state.tip_force.start,
-            state.tip_moment.stop > state.tip_moment.start,
-        ]
-        if any(self._wrench_parts):
+        if state.tip_force.stop > state.tip_force.start or (
+            state.tip_moment.stop > state.tip_moment.start
+        ):
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 
     @contextlib.contextmanager
@@ -149,7 +147,7 @@ class ArmModel:
         self._effort.take(int(shape.iterations))
         return shape
 
-    def derivatives(self, x: FloatArray, backbone: Backbone) -> Change:
+    def derivatives(self, x: FloatArray, backbone: Backbone) -> StateChange:
         """Change of the shape ``backbone`` in ``x`` per unit of each component of the state.
 
         Raises:
@@ -159,30 +157,21 @@ class ArmModel:
         self._effort.check()
         self._effort.take(1)
         by = self.solver.sensitivity(backbone)
-        scale = np.full(1, 1.0 / ratio)
-        transmitted = scale * self._transmitted(x)
-        parts = [(state.tension, by.by_tension, slice(None), transmitted)]
-        if any(self._wrench_parts):
-            assert by.by_tip_wrench is not None
-            parts.append((state.tip_force, by.by_tip_wrench, slice(0, 3), scale))
-            parts.append((state.tip_moment, by.by_tip_wrench, slice(3, 6), scale))
-        parts.append((state.log_modulus, by.by_youngs_modulus, slice(None), np.ones(1)))
-        lost = -transmitted * x[state.tension]
-        parts.append((state.tension_loss, by.by_tension, slice(None), lost))
+        one, along = np.ones(1), self._transmitted(x) / ratio
+        lost, every = -along * x[state.tension], slice(None)
+        parts = [
+            Part(state.tension, by.by_tension, every, along),
+            Part(state.log_modulus, by.by_youngs_modulus, every, one),
+            Part(state.tension_loss, by.by_tension, every, lost),
+        ]
+        if by.by_tip_wrench is not None:
+            parts.append(Part(state.tip_force, by.by_tip_wrench, slice(0, 3), one / ratio))
+            parts.append(Part(state.tip_moment, by.by_tip_wrench, slice(3, 6), one / ratio))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
             where = slice(state.point_forces.start, state.current.stop)
-            parts.append((where, by_loads, slice(None), scale))
-        shape = backbone.s.size, len(self.arm.tendons)
-        pose, strain, length = (
-            np.zeros((*size, state.size)) for size in ((shape[0], 6), (shape[0], 4), shape[1:])
-        )
-        for where, change, columns, scale in parts:
-            if where.stop > where.start:
-                pose[..., where] = change.pose[..., columns] * scale
-                strain[..., where] = change.strain[..., columns] * scale
-                length[..., where] = change.tendon_length[..., columns] * scale
-        return Change(pose, strain, length)
+            parts.append(Part(where, by_loads, every, one / ratio))
+        return StateChange(state.size, parts)
 
     def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
         """``backbone`` with the tensions and the wrench on the tip of ``x``."""
@@ -246,12 +235,12 @@ class Prediction:
             raise SolveError(f'no shape that explains what was measured: {error}') from error
 
     @property
-    def change(self) -> Change:
+    def change(self) -> StateChange:
         """Change of the shape per unit of each component of the state."""
         return self.linearised._change
 
     @functools.cached_property
-    def _change(self) -> Change:
+    def _change(self) -> StateChange:
         return self.model.derivatives(self.x, self.solved)
 
     def forget(self) -> None:

@@ -26,7 +26,6 @@ from octo_arm_model.estimation.belief import (
 from octo_arm_model.estimation.course_curvature import Bent, bent_at, gradient_at, weight_of
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
-from octo_arm_model.estimation.fit import TOLERANCE
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
@@ -38,6 +37,7 @@ from octo_arm_model.estimation.prediction import ArmModel, Prediction
 
 MAX_RECORDED = 100_000  # times
 _MOST = 100  # passes
+_TOLERANCE = 3e-2  # standard deviations a component, of a step that is the last
 _LONGEST = 3.0  # standard deviations a component, of a step at any time
 _SHORTEST = 1e-3  # part of a step
 # Second derivatives of a course nearby lead not quite where the cost is least: so near to the mean
@@ -80,7 +80,7 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
     points = [step.updated.at.differentiated() for step in steps]
     about = _Pass(model, steps, points, [None] * len(steps))
     for _ in range(_MOST):
-        if about.size <= TOLERANCE:
+        if about.size <= _TOLERANCE:
             return [
                 estimate_of(
                     step.time,
@@ -244,7 +244,7 @@ def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) ->
     ):
         elapsed = following.time - step.time
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
-        predicted, after = belief.after(decay, growth), smoothed[-1]
+        predicted, after = predict(model, belief, elapsed), smoothed[-1]
         back = _back(belief, decay, predicted)
         mean = belief.mean + back @ (after.mean - predicted.mean)
         kept = belief.root - back @ (decay[:, np.newaxis] * belief.root)

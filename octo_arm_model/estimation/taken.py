@@ -38,7 +38,7 @@ class Taken(NamedTuple):
 
     Attributes:
         belief: after them.
-        at: the prediction of its mean.
+        at: the prediction of its mean, or nearly, see `Fit`.
         accepted: those that were used.
         squares: normalised squares of all, by `id`.
         square: of all that were accepted together.
@@ -70,13 +70,13 @@ def take_linear(
             if len(within) < len(accepted):
                 accepted = within
                 continue
-        wanted, posterior = prior.mean + by.gain @ left, Belief(prior.mean, by.root)
-        mean = nearest_possible(at.model, posterior, wanted)
+        wanted = prior.mean + by.gain @ left
+        mean = nearest_possible(at.model, Belief(wanted, by.root), wanted)
         square = normalised_square(left, by.innovation_root)
         square += normalised_square(mean - wanted, by.root)
         new = Prediction(at.model, mean, at.shape)
         volume = volume_of(by.innovation_root)
-        return Taken(Belief(mean, by.root), new, accepted, squares, square, volume)
+        return Taken(prior.corrected(mean, by, jacobian), new, accepted, squares, square, volume)
     return Taken(prior, at, (), squares)
 
 

@@ -53,6 +53,11 @@ class Walk:
         """Gauss-Markov process of one standard deviation at all times."""
         return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
 
+    @property
+    def scatters(self) -> bool:
+        """Whether its values scatter about zero at all times, as those of a random walk do not."""
+        return not self.rate or math.isfinite(self.correlation_time)
+
     def decay(self, elapsed: float) -> float:
         """What is left of a deviation after ``elapsed`` [s]."""
         return math.exp(-elapsed / self.correlation_time)
@@ -115,6 +120,7 @@ class State:
         size: how many they are.
         shapes: whether the shape depends on a component, (n,).
         shaping: numbers of those on which it does.
+        scatters: whether each component scatters about zero, see `Walk`, (n,).
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
         tension_loss: where each is in the vector; empty slices for what is not estimated.
     """
@@ -148,6 +154,7 @@ class State:
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
         self.shaping = np.flatnonzero(self.shapes).tolist()
+        self.scatters = np.array([walk.scatters for walk in self._walks])
 
     def _add(
         self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]

@@ -44,8 +44,8 @@ class Updated(NamedTuple):
 
     Attributes:
         belief: after them.
-        at: the prediction of its mean, about which it was linearised.
-        shape: in its mean, of the arm as described.
+        at: the prediction of its mean, or nearly, about which it was linearised; see `Fit`.
+        shape: that of this prediction, of the arm as described.
         innovations: of every measurement, in their order; of a load cell that is refused by itself
             after these, and no number among its kind.
         accepted: the measurements that were used.

@@ -51,9 +51,12 @@ def test_after_a_while_variance_has_grown(seed: int) -> None:
     rng = np.random.default_rng(seed)
     belief = Belief(rng.normal(size=4), lower(rng, 4))
     decay, growth = rng.uniform(0.1, 1.0, 4), rng.uniform(0.0, 2.0, 4)
-    after = belief.after(decay, growth)
-    expected = np.outer(decay, decay) * belief.covariance + np.diag(growth**2)
+    scatters = rng.random(4) < 0.5
+    after = belief.after(decay, growth, scatters)
+    kept = np.outer(decay, decay) * belief.covariance
+    expected = kept + np.diag(growth**2)
     np.testing.assert_allclose(after.covariance, expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(after.scatter, kept + np.diag(scatters * growth**2), atol=1e-11)
     np.testing.assert_array_equal(after.mean, decay * belief.mean)
 
 

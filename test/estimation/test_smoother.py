@@ -115,10 +115,10 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
 
 @pytest.mark.slow
 def test_where_the_arm_bends_by_far_more_than_is_measured_it_is_better_than_the_filter() -> None:
-    """Two seconds of the scenario of the benchmark, twice: neither diverges, nor is it biased."""
+    """Two seconds of the scenario of the benchmark, four times: none diverges or is biased."""
     model = arm_model(remembers=True, stations=21)
     part, errors, squares = model.state.tip_force, [], []
-    for seed in (1, 5):
+    for seed in (1, 2, 3, 5):
         data = simulated(60, seed)
         recording = [(PERIOD * step, measured) for step, (measured, _) in enumerate(data)]
         own = Filter(model)
@@ -129,7 +129,7 @@ def test_where_the_arm_bends_by_far_more_than_is_measured_it_is_better_than_the_
     before, after = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
     assert after < before
     # Errors of neighbours are not independent: as if there were two a second.
-    assert np.mean(squares) < chi2.ppf(0.9999, 3 * 8) / 8
+    assert np.mean(squares) < chi2.ppf(0.9999, 3 * 16) / 16
 
 
 def test_what_it_refuses() -> None:

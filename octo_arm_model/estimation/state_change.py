@@ -1,0 +1,63 @@
+"""How the shape of an arm changes with a state, by the chain rule: evaluated where asked for."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.sensitivity.results import Change
+
+
+class Part(NamedTuple):
+    """What some components of a state do to the shape.
+
+    Attributes:
+        where: these components.
+        change: of the shape, per unit of what they change.
+        columns: of that change, one for each component.
+        scale: unit of what they change per unit of each component, one for all or one for each.
+    """
+
+    where: slice
+    change: Change
+    columns: slice
+    scale: FloatArray
+
+
+class StateChange:
+    """Change of the shape per unit of each component of a state, the last axis; see `Change`."""
+
+    def __init__(self, size: int, parts: Sequence[Part]) -> None:
+        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing."""
+        self._size, self._parts = size, parts
+
+    @functools.cached_property
+    def pose(self) -> FloatArray:
+        """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
+        return self._chained([one.change.pose for one in self._parts])
+
+    @functools.cached_property
+    def tip(self) -> FloatArray:
+        """The same of the tip alone, (6, state)."""
+        return self._chained([one.change.tip for one in self._parts])
+
+    @functools.cached_property
+    def strain(self) -> FloatArray:
+        """Change of tau, xi, k [1/m] and q [-], (stations, 4, state)."""
+        return self._chained([one.change.strain for one in self._parts])
+
+    @functools.cached_property
+    def tendon_length(self) -> FloatArray:
+        """Change of the length of every tendon [m], (tendons, state)."""
+        return self._chained([one.change.tendon_length for one in self._parts])
+
+    def _chained(self, changes: Sequence[FloatArray]) -> FloatArray:
+        found = np.zeros((*changes[0].shape[:-1], self._size))
+        for (where, _, columns, scale), change in zip(self._parts, changes, strict=True):
+            if where.stop > where.start:
+                np.multiply(change[..., columns], scale, out=found[..., where])
+        return found
