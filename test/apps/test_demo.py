@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import socket
+import time
 import uuid
 from pathlib import Path
 
@@ -47,9 +48,11 @@ class Program:
 
     def line(self, pattern):
         """The next line of its output that ``pattern`` is found in."""
+        end = time.monotonic() + DEADLINE
         for line in self.process.stdout:
             if found := re.search(pattern, line):
                 return found
+            assert time.monotonic() < end, f'no {pattern!r} in {DEADLINE} s, at last {line!r}'
         raise AssertionError(f'it ended by itself: {self.process.stderr.read()}')
 
     def end(self, how=signal.SIGINT):
@@ -88,7 +91,7 @@ def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(started):
 
 def test_the_demonstration_ends_quietly_with_the_reader_of_its_numbers(started):
     program = started('demo', 'renda2012_prototype', '--no-viewer')
-    program.line('waiting')
+    program.line('waiting|shapes/s')  # as quickly as the node has started
     program.process.stdout.close()  # as `head` does
     assert program.process.wait(DEADLINE) == 141
     assert 'Traceback' not in program.process.stderr.read()
