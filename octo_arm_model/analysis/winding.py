@@ -32,8 +32,6 @@ _ROUNDING = 1e-13  # of the length of the arm, that displacements are computed t
 _SMALLEST_STEP = 1e-6
 # Derivatives of a solution nearby are used while each step leaves no more than this of the error.
 _SLOW = 0.1
-# Slack tendons stay slack where a step lacks no more of their displacements than this part of all.
-_TAUT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -181,14 +179,11 @@ class Winding:
             own(changes), wrong, tensions, self._driven, self._rounding, step
         ):
             return step
-        slack = self._driven & ~(tensions > 0.0)
-        for free in (self._driven & ~slack, self._free(tensions, displacement)):
-            step[:] = 0.0
-            some = np.flatnonzero(free)
-            step[some] = np.linalg.lstsq(changes[np.ix_(some, some)], wrong[some], rcond=1e-10)[0]
-            tightened = (wrong - changes @ step)[slack & ~free].max(initial=0.0)
-            if (tensions + step >= 0.0).all() and tightened <= _TAUT * np.abs(wrong).max():
-                return step
+        free = np.flatnonzero(self._free(tensions, displacement))
+        step[:] = 0.0
+        step[free] = np.linalg.lstsq(changes[np.ix_(free, free)], wrong[free], rcond=1e-10)[0]
+        if (tensions + step >= 0.0).all():
+            return step
         # Which tendons end slack follows from the quadratic programme that Newton's step solves:
         # least (T' - T) C (T' - T) / 2 - wrong (T' - T) over T' >= 0, for C = U^T U.
         driven = np.flatnonzero(self._driven)
