@@ -30,7 +30,7 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
-from octo_arm_model.core.loaded.kept_systems import KeptSystems
+from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.kinematics import unit
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.newton import Iterate
@@ -56,7 +56,7 @@ class CompiledRod:
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = entry_point(balance()), rod.equilibrium.loads
-        self._kept: KeptSystems[System] = KeptSystems()
+        self._kept: KeptBalances[System] = KeptBalances()
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_system = empty_system(self._tables)

@@ -12,7 +12,7 @@ from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
 from octo_arm_model.core.compiled.sliding_kernels import UNRESOLVED, remembered
 from octo_arm_model.core.compiled.tables import GridTables, own
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.kept_systems import KeptSystems
+from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.sliding import CUTS
 from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
@@ -41,7 +41,7 @@ class CompiledSliding:
 
         self._tables = functools.lru_cache(tables)
         self._tables(0)
-        self._kept: KeptSystems[FloatArray] = KeptSystems()
+        self._kept: KeptBalances[FloatArray] = KeptBalances()
 
     def solve(
         self, tensions: FloatArray, before: FloatArray | None, results: Results

@@ -167,14 +167,19 @@ def balance(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
         state, system, compliance, change, readings,
     )  # fmt: skip
-    normalise(turn)
-    for i in range(turn.shape[1]):
-        orientation[0, i] = complex(turn[0, i], turn[1, i])
-        orientation[1, i] = complex(turn[2, i], turn[3, i])
+    leave(turn, orientation)
     return (
         outcome.residual, outcome.iterations, outcome.corrected, outcome.sign, outcome.is_least,
         outcome.is_definite, outcome.is_read,
     )  # fmt: skip
+
+
+def leave(turn: FloatArray, orientation: ComplexArray) -> None:
+    """Make ``turn`` (4, points) of norm one, and fill in ``orientation`` (2, points) by it."""
+    normalise(turn)
+    for i in range(turn.shape[1]):
+        orientation[0, i] = complex(turn[0, i], turn[1, i])
+        orientation[1, i] = complex(turn[2, i], turn[3, i])
 
 
 def search(

@@ -180,26 +180,27 @@ def remembered(pulled: int) -> int:
     return 4 + pulled * (5 + pulled)
 
 
+def parts_of(
+    memory: FloatArray, pulled: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Twist, ``angle``, ``by_pull`` and ``coupling`` in ``memory`` (`remembered`, points)."""
+    rest = memory[4:].reshape(pulled, 5 + pulled, memory.shape[1])
+    return memory[:4], rest[:, 0], rest[:, 1:5], rest[:, 5:]
+
+
 def remember(turning: TurningState, twist: FloatArray, memory: FloatArray) -> None:
-    """Keep the ``twist`` and what is known of ``turning`` in ``memory`` (`remembered`, points)."""
-    memory[:4] = twist
-    place = 4
-    for k in range(len(turning.angle)):
-        memory[place] = turning.angle[k]
-        memory[place + 1 : place + 5] = turning.by_pull[k]
-        memory[place + 5 : place + 5 + len(turning.angle)] = turning.coupling[k]
-        place += 5 + len(turning.angle)
+    """Keep the ``twist`` and what is known of ``turning`` in ``memory``, see `parts_of`."""
+    kept, angle, by_pull, coupling = parts_of(memory, len(turning.angle))
+    kept[:], angle[:], by_pull[:], coupling[:] = (
+        twist, turning.angle, turning.by_pull, turning.coupling
+    )  # fmt: skip
 
 
 def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None:
     """Take them from it."""
-    twist[:] = memory[:4]
-    place = 4
-    for k in range(len(turning.angle)):
-        turning.angle[k] = memory[place]
-        turning.by_pull[k] = memory[place + 1 : place + 5]
-        turning.coupling[k] = memory[place + 5 : place + 5 + len(turning.angle)]
-        place += 5 + len(turning.angle)
+    kept, angle, by_pull, coupling = parts_of(memory, len(turning.angle))
+    twist[:], turning.angle[:] = kept, angle
+    turning.by_pull[:], turning.coupling[:] = by_pull, coupling
 
 
 def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:

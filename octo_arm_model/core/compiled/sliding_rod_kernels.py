@@ -20,7 +20,13 @@ from octo_arm_model.core.compiled.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.orientation_kernels import DEFECTS, find_turn, normalise, turn_by
 from octo_arm_model.core.compiled.products import add_runs
 from octo_arm_model.core.compiled.readout_kernels import Readings
-from octo_arm_model.core.compiled.rod_kernels import ANY_READINGS, READINGS, balance, turn_of
+from octo_arm_model.core.compiled.rod_kernels import (
+    ANY_READINGS,
+    READINGS,
+    leave,
+    search,
+    turn_of,
+)
 from octo_arm_model.core.compiled.rod_tables import RodTables
 from octo_arm_model.core.compiled.state_kernels import (
     RodState,
@@ -46,7 +52,7 @@ def slide_rod(
     is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
     system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
 ) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
-    """`find_sliding_balance`, and what `rod_kernels.balance` finds with tensions that stay.
+    """`find_sliding_balance`, and what `rod_kernels.search` finds with tensions that stay.
 
     Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
     elements do not resolve tensions along tendons.
@@ -60,20 +66,20 @@ def slide_rod(
     )  # fmt: skip
     if systems < 0:
         return np.inf, 0, corrected, 0, False, False, False
-    turn, held = state.turn, np.sign(tensions)
-    normalise(turn)
-    for i in range(turn.shape[1]):
-        orientation[0, i] = complex(turn[0, i], turn[1, i])
-        orientation[1, i] = complex(turn[2, i], turn[3, i])
+    normalise(state.turn)
     # Where a tendon begins to stick strains have a kink, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
-    residual, iterations, moved, sign, is_least, is_definite, is_read = balance(
-        tables, held, tip_wrench, factor, tolerance, has_energy, kind, False, known, orientation,
+    found = search(
+        tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
         state, system, compliance, change, readings,
     )  # fmt: skip
-    corrected += moved
-    is_read = is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
-    return residual, systems + iterations, corrected, sign, is_least, is_definite, is_read
+    leave(state.turn, orientation)
+    corrected += found.corrected
+    is_read = found.is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
+    return (
+        found.residual, systems + found.iterations, corrected, found.sign, found.is_least,
+        found.is_definite, is_read,
+    )  # fmt: skip
 
 
 def find_sliding_balance(
@@ -111,8 +117,8 @@ def find_sliding_balance(
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= SETTLED:
             slip[:] = -1.0
-            for number in range(pulled.size):
-                slip[pulled[number]] = turning.slip[number]
+            for place in range(pulled.size):
+                slip[pulled[place]] = turning.slip[place]
             at_stations = tables.station_sections.transmission
             at_stations[:] = 0.0
             each = tables.weights.size

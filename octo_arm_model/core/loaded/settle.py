@@ -11,7 +11,7 @@ from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
-from octo_arm_model.core.loaded.kept_systems import KeptSystems
+from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
 from octo_arm_model.core.loaded.second_variation import are_least
@@ -48,7 +48,7 @@ class Settling:
     def __init__(self, rod: LoadedRod) -> None:
         """Of ``rod``."""
         self._rod = rod
-        self._kept: KeptSystems[Linearised] = KeptSystems()
+        self._kept: KeptBalances[Linearised] = KeptBalances()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""

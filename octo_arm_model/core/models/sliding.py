@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.kept_systems import KeptSystems
+from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
@@ -29,7 +29,7 @@ class Rods:
     def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
         """Of what makes, or keeps, the ``rod`` of a level."""
         self.rod = rod
-        self._kept: KeptSystems[Slid] = KeptSystems()
+        self._kept: KeptBalances[Slid] = KeptBalances()
 
     def level_of(self, values: FloatArray) -> int:
         """Level of the rod at whose points ``values`` (..., points) are."""
