@@ -15,7 +15,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Belief, gain, normalised_square
+from octo_arm_model.estimation.belief import Belief, Gain, gain, normalised_square
 from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.measurements import (
     Measurement,
@@ -86,14 +86,15 @@ def fit(
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
+    by = gain(prior.root, jacobian, noise)
     if known is not None and not is_new and known.is_near(jacobian, stddev):
         known = known._replace(jacobian=jacobian)
     else:
-        after = stddev_of(Belief(at.x, gain(prior.root, jacobian, noise).root))
         agreed = Agreement() if known is None else known.agreed
-        known = renewed(Curvature.flat(jacobian, agreed), measurements, at, after)
+        flat = Curvature.flat(jacobian, agreed)
+        known = renewed(flat, measurements, at, stddev_of(Belief(at.x, by.root)))
     posterior = Posterior(prior, noise, at.model, known.agreed.weight)
-    local = posterior.local(at.x, left, jacobian, known.second)
+    local = posterior.local(at.x, left, jacobian, known.second, by)
     step = posterior.step(local, local.x)
     size, is_near, first = math.inf, False, step.cost
     evaluations = renewals = 0
@@ -118,24 +119,25 @@ def fit(
             moved = posterior.moved(local, x, left)
             step = posterior.step(moved, x)
             if step.size <= _TOLERANCE and step.cost <= first + _RISE:
-                return _fit(prior, noise, step, new, left, jacobian, known)
+                by = gain(prior.root, jacobian, noise)
+                return _fit(prior, step, new, left, jacobian, by, known)
             if step.size <= _PROGRESS * size:
                 local, size = moved, step.size
                 continue
         before, at = at, new.differentiated()
         jacobian = jacobians(measurements, at)
+        by = gain(prior.root, jacobian, noise)
         is_right = known.foretells(x - before.x, jacobian, stddev)
         known = known.after(x - before.x, jacobian, scale)
         if not is_right:
             if renewals == _RENEWALS:
                 break
             renewals += 1
-            after = stddev_of(Belief(x, gain(prior.root, jacobian, noise).root))
-            known = renewed(known, measurements, at, after)
-        local = posterior.local(x, left, jacobian, known.second)
+            known = renewed(known, measurements, at, stddev_of(Belief(x, by.root)))
+        local = posterior.local(x, left, jacobian, known.second, by)
         step = posterior.step(local, x)
         if step.size <= _TOLERANCE and step.cost <= first + _RISE:
-            return _fit(prior, noise, step, at, left, jacobian, known)
+            return _fit(prior, step, at, left, jacobian, by, known)
         if step.size > _GROWTH * size:
             break
         size, is_near = step.size, step.size <= _NEAR
@@ -144,24 +146,20 @@ def fit(
 
 def _fit(
     prior: Belief,
-    noise: FloatArray,
     step: Step,
     at: Prediction,
     left: FloatArray,
     jacobian: FloatArray,
+    by: Gain,
     known: Curvature,
 ) -> Fit:
     """The `Fit` that a last ``step`` from the state ``at`` leads to."""
-    by = gain(prior.root, jacobian, noise)
-    innovation = left + jacobian @ (at.x - prior.mean)
-    square = normalised_square(innovation, by.innovation_root) + step.beyond
+    found = _linearised(prior, step.x, at, left, jacobian, by)
     whole = gradient(by.gain, known.second)
     part = gradient(gain_of_part(prior.scattered, jacobian, by), known.second)
-    agreed = known.agreed.after(agreement(by, part, innovation, known.second))
+    agreed = known.agreed.after(agreement(by, part, found.innovation, known.second))
     known = known._replace(agreed=agreed, share=share_of(part, whole, by))
-    return Fit(
-        prior.corrected(step.x, by, jacobian), at, innovation, by.innovation_root, square, known
-    )
+    return found._replace(square=found.square + step.beyond, curvature=known)
 
 
 def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
@@ -170,10 +168,21 @@ def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Predicti
     Raises:
         SolveError: if the arm has no trustworthy shape there.
     """
-    jacobian = jacobians(measurements, at)
+    left, jacobian = residuals(measurements, at), jacobians(measurements, at)
     by = gain(prior.root, jacobian, noise_root(measurements))
-    innovation = residuals(measurements, at) + jacobian @ (at.x - prior.mean)
+    return _linearised(prior, at.x, at, left, jacobian, by)
+
+
+def _linearised(
+    prior: Belief,
+    mean: FloatArray,
+    at: Prediction,
+    left: FloatArray,
+    jacobian: FloatArray,
+    by: Gain,
+) -> Fit:
+    """The `Fit` of this ``mean`` by measurements linearised ``at`` a state nearly the same."""
+    innovation = left + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root)
-    return Fit(
-        prior.corrected(at.x, by, jacobian), at, innovation, by.innovation_root, square, None
-    )
+    belief = prior.corrected(mean, by, jacobian)
+    return Fit(belief, at, innovation, by.innovation_root, square, None)

@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dgeqrf, dpotrf
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.belief import (
     Belief,
-    gain,
+    Gain,
     normalised_square,
     solve_lower,
 )
@@ -88,15 +88,15 @@ class Posterior:
         return change + normalised_square(left, self._noise)
 
     def local(
-        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray
+        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
     ) -> Local:
-        """Of derivatives in their own units; see `Local`."""
+        """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves."""
         root, (m, n) = self._prior.root, jacobian.shape
         # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
         bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
         slope = np.zeros(n)
         if self._weight:
-            part = gain_of_part(self._prior.scattered, jacobian, gain(root, jacobian, self._noise))
+            part = gain_of_part(self._prior.scattered, jacobian, by)
             slope = self._weight * (gradient(part, second) @ root)
         return Local(
             x,

@@ -20,15 +20,16 @@ LEFT = RNG.normal(size=3)
 SECOND = RNG.normal(size=(3, SIZE, SIZE))
 SECOND += SECOND.transpose(0, 2, 1)
 START = PRIOR.mean + 0.3
+NOISE = np.diag([0.5, 0.6, 0.7])
 
 
 @pytest.mark.parametrize('noise', [1.0, 1e-9])
 def test_a_linear_measurement_takes_one_step_to_what_a_kalman_filter_says(noise: float) -> None:
     root = noise * np.diag([1.0, 2.0, 3.0])
     posterior = Posterior(PRIOR, root, MODEL, 0.7)
-    local = posterior.local(START, LEFT, JACOBIAN, np.zeros_like(SECOND))
-    step = posterior.step(local, START)
     by = gain(PRIOR.root, JACOBIAN, root)
+    local = posterior.local(START, LEFT, JACOBIAN, np.zeros_like(SECOND), by)
+    step = posterior.step(local, START)
     expected = PRIOR.mean + by.gain @ (LEFT + JACOBIAN @ (START - PRIOR.mean))
     np.testing.assert_allclose(step.x, expected, rtol=1e-9)
     size = np.linalg.norm(Belief(expected, by.root).whitened(START - expected))
@@ -38,7 +39,8 @@ def test_a_linear_measurement_takes_one_step_to_what_a_kalman_filter_says(noise:
 
 def descended(posterior: Posterior, bent: float) -> tuple[Step, np.ndarray]:
     """The last of many steps, and the gradient of the cost where it leads, by differences."""
-    local = posterior.local(START, LEFT, JACOBIAN, bent * SECOND)
+    by = gain(PRIOR.root, JACOBIAN, NOISE)
+    local = posterior.local(START, LEFT, JACOBIAN, bent * SECOND, by)
     step = posterior.step(local, posterior.mean(local, posterior.step(local, START)))
     for _ in range(100):
         step = posterior.step(local, step.x)
@@ -52,28 +54,26 @@ def descended(posterior: Posterior, bent: float) -> tuple[Step, np.ndarray]:
 
 @pytest.mark.parametrize('weight', [0.0, 0.6, 1.0])
 def test_steps_lead_to_where_the_cost_is_least(weight: float) -> None:
-    posterior = Posterior(PRIOR, np.diag([0.5, 0.6, 0.7]), MODEL, weight)
+    posterior = Posterior(PRIOR, NOISE, MODEL, weight)
     step, slope = descended(posterior, 0.05)
     assert step.size < 1e-9
     np.testing.assert_allclose(slope, np.zeros(SIZE), atol=1e-6)
 
 
 def test_how_measurements_bend_moves_the_mean_only_where_the_shift_has_a_weight() -> None:
-    noise = np.diag([0.5, 0.6, 0.7])
-    mode, mean = (descended(Posterior(PRIOR, noise, MODEL, one), 0.05)[0].x for one in (0.0, 1.0))
+    mode, mean = (descended(Posterior(PRIOR, NOISE, MODEL, one), 0.05)[0].x for one in (0.0, 1.0))
     assert np.linalg.norm(PRIOR.whitened(mean - mode)) > 0.01
 
 
 def test_no_tension_is_less_than_zero_and_how_far_beyond_the_mean_is_counts() -> None:
     prior = PRIOR._replace(mean=PRIOR.mean - np.array([5.0, 0, 0, 0, 0, 0, 0]))
-    noise = np.diag([0.5, 0.6, 0.7])
-    posterior = Posterior(prior, noise, MODEL, 0.0)
+    posterior = Posterior(prior, NOISE, MODEL, 0.0)
     # It says that the first tendon pushes.
     jacobian = np.eye(3, SIZE)
-    local = posterior.local(prior.mean, np.array([-2.0, 0.0, 0.0]), jacobian, 0.0 * SECOND)
+    by = gain(prior.root, jacobian, NOISE)
+    local = posterior.local(prior.mean, np.array([-2.0, 0.0, 0.0]), jacobian, 0.0 * SECOND, by)
     step = posterior.step(local, prior.mean)
     assert step.x[0] == 0.0
-    by = gain(prior.root, jacobian, noise)
     free = prior.mean + by.gain @ [-2.0, 0.0, 0.0]
     after = Belief(free, by.root)
     assert step.beyond == pytest.approx(np.sum(after.whitened(step.x - free) ** 2))
