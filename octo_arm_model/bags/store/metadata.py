@@ -81,7 +81,8 @@ def check_folder(folder: Path) -> dict[str, str]:
     if 'compression_mode' in about:
         _check(about, {'compression_mode': str})
         mode = about['compression_mode'].lower()
-        _check({'compression_mode': mode}, {'compression_mode': _MODES})
+        if mode not in _MODES:
+            _check(about, {'compression_mode': _MODES})
     if mode not in _NONE:
         _check(about, {'compression_format': ('zstd',)})
     if mode == _FILE:
