@@ -18,8 +18,8 @@ from octo_arm_model.analysis.tendon_displacement import (
     displacements_of,
     tendon_compliance,
 )
+from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import find_step
-from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone

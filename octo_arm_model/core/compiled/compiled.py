@@ -12,6 +12,13 @@ import numpy as np
 from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
+from octo_arm_model.core.compiled.models.arm_tables import (
+    GridTables,
+    PapersTables,
+    grid_tables,
+    own,
+    papers_tables,
+)
 from octo_arm_model.core.compiled.numba_build import (
     balance,
     differentiate,
@@ -26,20 +33,13 @@ from octo_arm_model.core.compiled.numba_build import (
     slide,
     slide_rod,
 )
-from octo_arm_model.core.compiled.section_tables import (
+from octo_arm_model.core.compiled.section.section_tables import (
     ExactTables,
     SectionTables,
     exact_tables,
     section_tables,
 )
 from octo_arm_model.core.compiled.sliding_rod import SlidingRod
-from octo_arm_model.core.compiled.tables import (
-    GridTables,
-    PapersTables,
-    grid_tables,
-    own,
-    papers_tables,
-)
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.equilibrium import Evaluate
 from octo_arm_model.core.loaded.rod import LoadedRod

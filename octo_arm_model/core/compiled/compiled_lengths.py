@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
 from octo_arm_model.core.compiled.numba_build import find_lengths, wind
-from octo_arm_model.core.compiled.section_tables import ExactTables
-from octo_arm_model.core.compiled.tables import GridTables, own
+from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.section.tendon_lengths import TendonLengths
