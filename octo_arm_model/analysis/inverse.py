@@ -151,7 +151,7 @@ class _Search:
         if self._stiffness is None:
             return error
         # Logarithm of the ratio, times the length of the arm to be in metres like the others.
-        ratio = np.log(self._stiffness.of(sensitivity) / self._stiffness.value)
+        ratio = np.log(self._stiffness.of(sensitivity)) - np.log(self._stiffness.value)
         return np.append(error, ratio * self._solver.arm.length)
 
     def jacobian(self, part: FloatArray) -> FloatArray:
