@@ -19,7 +19,7 @@ from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.tendon_sums import check_highest
+from octo_arm_model.core.section.tendons.tendon_sums import check_highest
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
 

@@ -14,7 +14,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.tendon_sums import transmission
+from octo_arm_model.core.section.tendons.tendon_sums import transmission
 
 
 class BatchSolver:

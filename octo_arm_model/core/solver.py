@@ -20,7 +20,7 @@ from octo_arm_model.core.errors import (
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.core.loaded.loading.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -29,8 +29,8 @@ from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
-from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']

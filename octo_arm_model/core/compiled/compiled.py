@@ -54,8 +54,8 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import SheathedSections
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class Compiled:

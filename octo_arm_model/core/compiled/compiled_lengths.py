@@ -10,7 +10,7 @@ from octo_arm_model.core.compiled.numba_build import find_lengths, wind
 from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.assembly import Results
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class CompiledLengths:

@@ -38,7 +38,7 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
-from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))

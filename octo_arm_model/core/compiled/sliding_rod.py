@@ -15,9 +15,9 @@ from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions

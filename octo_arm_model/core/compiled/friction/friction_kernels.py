@@ -13,11 +13,11 @@ from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.loaded.resolution_kernels import largest_tail
 from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.friction import SAME
 from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
+from octo_arm_model.core.loaded.sliding.friction import SAME
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.formulas import tendon_direction
-from octo_arm_model.core.section.tendon_tangents import curvature, kink_angle
+from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_angle
 
 
 class TurningState(NamedTuple):

@@ -36,8 +36,8 @@ from octo_arm_model.core.compiled.section.section_rows import WIDTH, T, set_stra
 from octo_arm_model.core.compiled.section.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.section.start_kernels import set_start
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.loaded.friction import NO_FRICTION
-from octo_arm_model.core.loaded.sliding_balance import CHANGED, MOST, has_converged
+from octo_arm_model.core.loaded.sliding.friction import NO_FRICTION
+from octo_arm_model.core.loaded.sliding.sliding_balance import CHANGED, MOST, has_converged
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 

@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 
 LANES = 64  # sections in a block, at most
 

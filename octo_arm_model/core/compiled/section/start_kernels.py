@@ -19,7 +19,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.elastic_laws import linear_density, neo_hookean_density
 from octo_arm_model.core.section.formulas import planar_start, planar_step
 from octo_arm_model.core.section.newton import FIRST_STEPS
-from octo_arm_model.core.section.sheath import MOST_SOFTENED
+from octo_arm_model.core.section.sheaths.sheath import MOST_SOFTENED
 
 
 def set_start(
