@@ -19,6 +19,7 @@ from octo_arm_model.analysis.tendon_displacement import (
     tendon_compliance,
 )
 from octo_arm_model.core.compiled.models.arm_tables import own
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import find_step
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
@@ -72,9 +73,8 @@ class Winding:
         """
         self._history = history
         self._solver, self._driven, self._wanted = solver, driven, wanted
-        self._tip_wrench = tip_wrench
+        self._tip_wrench = None if tip_wrench is None else solver.check_tip_wrench(tip_wrench)
         self._length = solver.arm.length
-        self._compliance = tendon_compliance(solver)
         self._is_near = False  # so that few tendons become slack or taut
 
     def follow(self, tensions: FloatArray, start: Wound) -> Wound:
@@ -83,12 +83,13 @@ class Winding:
         ``tensions`` (tendons,) [N] are those of ``start``, or others where tendons are not driven.
         """
         self._is_near = self._solver.is_compiled
-        # By the derivatives of the solution before.
         moved = tensions - start.backbone.tensions.ravel()
+        if self._is_near:
+            found = self._follow_compiled(tensions, moved, start)
+            if found is not None:
+                return found
+        # By the derivatives of the solution before.
         displacement = start.displacement.ravel() + start.changes @ moved
-        found = self._follow_compiled(tensions, displacement, start.changes)
-        if found is not None:
-            return found
         step = self._step(tensions, displacement, start.changes)
         return self.solve(np.maximum(0.0, tensions + step), start.backbone, start.changes)
 
@@ -140,14 +141,15 @@ class Winding:
         raise self._error(left, MAX_ITERATIONS)
 
     def _follow_compiled(
-        self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
+        self, tensions: FloatArray, moved: FloatArray, start: Wound
     ) -> Wound | None:
-        """`follow` in machine code, where that finds it, from what things nearly are."""
-        if self._tip_wrench is not None:
-            return None
-        given = np.stack([self._wanted, self._compliance, self._solver.rest_lengths.ravel()])
-        tensions, changes, displacement = tensions.copy(), changes.copy(), displacement.copy()
-        backbone = self._solver.wind(given, self._driven, tensions, changes, displacement)
+        """`follow` in machine code, where that finds it, after tensions have ``moved`` [N]."""
+        solver, changes = self._solver, start.changes.copy()
+        given = np.stack([self._wanted, tendon_compliance(solver), solver.rest_lengths.ravel()])
+        displacement = start.displacement.flatten()
+        reeled = Reeled(tensions.copy(), moved, changes, displacement)
+        wrench = np.zeros(6) if self._tip_wrench is None else self._tip_wrench
+        backbone = solver.wind(given, self._driven, reeled, start.backbone, wrench)
         return None if backbone is None else self._wound(backbone, displacement, changes)
 
     @property
@@ -203,13 +205,11 @@ class Winding:
         return displacements_by_tension(self._solver, self._solver.sensitivity(backbone))
 
     def _wound(self, backbone: Backbone, displacement: FloatArray, changes: FloatArray) -> Wound:
-        names = np.array(self._solver.arm.tendon_names)
-        with np.errstate(invalid='ignore'):
-            loose = displacement - self._wanted > self._met
-        slack = self._driven & (backbone.tensions.ravel() == 0.0) & loose
-        shape = self._solver.arm.tension_shape
-        whole = displacement.reshape(shape)
-        return Wound(backbone, whole, tuple(names[slack].tolist()), self._driven, changes)
+        arm, is_slack = self._solver.arm, backbone.tensions.ravel() == 0.0
+        is_slack &= displacement > np.where(self._driven, self._wanted + self._met, np.inf)
+        slack = tuple(arm.tendon_names[tendon] for tendon in np.flatnonzero(is_slack))
+        whole = displacement.reshape(arm.tension_shape)
+        return Wound(backbone, whole, slack, self._driven, changes)
 
     def _error(self, left: float, iterations: int) -> ConvergenceError:
         what = 'the displacement of the tendons'

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.compiled import Compiled
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
@@ -70,17 +72,17 @@ class BatchSolver:
         return results.backbone(self._model, tensions, wrenches, lead, self._reach)
 
     def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        changes: FloatArray, displacement: FloatArray, tip_wrench: FloatArray,
+        self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,
+        tip_wrench: FloatArray, start: Backbone,
     ) -> Backbone | None:  # fmt: skip
-        """`Solver.wind` of an arm without loads; ``tip_wrench`` (6,) is zero."""
-        lengths = self._compiled.lengths if self._compiled is not None else None
-        if lengths is None or self._statics.is_loaded(tip_wrench):
+        """`Solver.wind`, with ``tip_wrench`` (6,) [N, N m] of all there are on the tip."""
+        results, setup = Results((), self._setup.grid, self._setup.base), self._setup
+        spending = Spending(setup.budget)
+        if self._compiled is None or not self._compiled.wind(
+            given, driven, reeled, tip_wrench, start, results, spending
+        ):
             return None
-        results = Results((), self._setup.grid, self._setup.base)
-        if not lengths.wind(given, driven, tensions, changes, displacement, results):
-            return None
-        held = tensions.reshape(self._setup.arm.tension_shape)
+        held = reeled.tensions.reshape(setup.arm.tension_shape)
         return results.backbone(self._model, held, tip_wrench.copy(), (), self._reach)
 
     @functools.cached_property

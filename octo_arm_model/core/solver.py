@@ -12,6 +12,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.batch_solver import BatchSolver
 from octo_arm_model.core.compiled.compiled import Compiled
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import (
     ConfigError,
@@ -290,16 +291,20 @@ class Solver:
         return lengths
 
     def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        changes: FloatArray, displacement: FloatArray,
+        self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled, start: Backbone,
+        tip_wrench: FloatArray,
     ) -> Backbone | None:  # fmt: skip
         """Shape of the arm whose tendons are held at displacements, where machine code finds it.
 
-        For `Winding`: ``given`` and the arrays that are filled in, (tendons,) and (tendons,
-        tendons), are those of `winding_kernels.wind`. None where a tendon has friction or stands
-        off its path, loads act, or it takes more than a few steps.
+        For `Winding`, from the solution ``start``: ``given`` and ``driven`` are those of
+        `Winches`; ``tip_wrench`` (6,) [N, N m] is besides that of ``loads``. None where a tendon
+        has friction or stands off its path, or it takes more than a few steps.
+
+        Raises:
+            ContinuationError: if that takes more than the budget.
         """
-        found = self._batches.wind(given, driven, tensions, changes, displacement, self._wrench)
+        self._own_twist(start)
+        found = self._batches.wind(given, driven, reeled, self._wrench + tip_wrench, start)
         if found is not None:
             self._limits.check_tensions(found.tensions)
         return found

@@ -147,8 +147,10 @@ class Arm:
 
     def stretched(self, tension_integrals: FloatArray) -> FloatArray:
         """By how much tendons stretch [m], (..., tendons), of integrals of their tension [N m]."""
-        stiffness = np.array(self.axial_stiffness or np.zeros(tension_integrals.shape[-1]))
         found = np.zeros_like(tension_integrals)
+        if not self.axial_stiffness:
+            return found
+        stiffness = np.array(self.axial_stiffness)
         return np.divide(tension_integrals, stiffness, out=found, where=stiffness > 0.0)
 
     @functools.cached_property

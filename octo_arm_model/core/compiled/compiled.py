@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
@@ -19,6 +20,7 @@ from octo_arm_model.core.compiled.models.arm_tables import (
     own,
     papers_tables,
 )
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import (
     balance,
     differentiate,
@@ -41,6 +43,7 @@ from octo_arm_model.core.compiled.section.section_tables import (
 )
 from octo_arm_model.core.compiled.sliding_rod import SlidingRod
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Evaluate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.models.closed_form import ClosedForm
@@ -50,6 +53,7 @@ from octo_arm_model.core.models.renda2012 import Renda2012
 from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
 from octo_arm_model.core.models.statics import Statics
 from octo_arm_model.core.rod.assembly import Results
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
@@ -59,11 +63,9 @@ from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class Compiled:
-    """Shapes of one arm under its tendons alone.
+    """Shapes of one arm under its tendons alone, or held by these at lengths."""
 
-    Attributes:
-        lengths: of its tendons, once `measure` was called and where they keep their places.
-    """
+    _lengths: CompiledLengths | None  # where they keep their places
 
     def __init__(self, statics: Statics, grid: StationGrid, base: Frame) -> None:
         """Tabulate the arm of ``statics`` on ``grid``, standing on ``base``.
@@ -76,7 +78,7 @@ class Compiled:
         self._grid: GridTables = own(grid_tables(grid, base))
         self._tables: PapersTables | ExactTables | None = None
         self._sliding: CompiledSliding | None = None
-        self.lengths: CompiledLengths | None = None
+        self._statics, self._lengths = statics, None
         if isinstance(statics, SlidingClosedForm) or (
             isinstance(statics, Exact) and statics.slides
         ):
@@ -110,7 +112,30 @@ class Compiled:
         if tables is not None:
             _make(find_step)
         if not isinstance(lengths.sections, SheathedSections):
-            self.lengths = CompiledLengths(lengths, tables, self._grid)
+            self._lengths = CompiledLengths(lengths, tables, self._grid)
+
+    def wind(
+        self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,
+        tip_wrench: FloatArray, start: Backbone, results: Results, spending: Spending,
+    ) -> bool:  # fmt: skip
+        """`Solver.wind`, of which ``results`` are filled in; whether tensions were found.
+
+        Raises:
+            SolveError: as `CompiledLengths.wind_loaded`.
+        """
+        statics, lengths = self._statics, self._lengths
+        if lengths is None:
+            return False
+        winches = lengths.winches(given, driven)
+        if not statics.is_loaded(tip_wrench):
+            return lengths.wind(winches, reeled, results)
+        if not isinstance(statics, Exact) or start.shape is None:
+            return False
+        rod = statics.rods.rod(statics.rods.level_of(start.shape.twist))
+        found = lengths.wind_loaded(winches, reeled, tip_wrench, rod, start.shape, spending)
+        if found is not None:
+            results.add((), found)
+        return found is not None
 
     @staticmethod
     def covers(statics: Statics) -> bool:

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
-from octo_arm_model.core.compiled.numba_build import find_lengths, wind
+from octo_arm_model.core.compiled.models.winding_kernels import (
+    FOUND,
+    MOST_STEPS,
+    ON_THE_WAY,
+    PROGRESS,
+    Reeled,
+    Winches,
+)
+from octo_arm_model.core.compiled.numba_build import find_lengths, first_step, next_step, wind
 from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.assembly import Results
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
@@ -32,7 +46,7 @@ class CompiledLengths:
         self._find_lengths = find_lengths()
         self._tables, self._grid = tables, grid
         if tables is not None:
-            self._wind = wind()
+            self._wind, self._first_step, self._next_step = wind(), first_step(), next_step()
         lengths.under = self.under
 
     def under(self, twist: FloatArray, tensions: FloatArray | None) -> FloatArray:
@@ -41,17 +55,42 @@ class CompiledLengths:
         self._find_lengths(self._path, self._weights, self._widens, own(twist), found)
         return found
 
-    def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        changes: FloatArray, displacement: FloatArray, results: Results,
-    ) -> bool:  # fmt: skip
+    def winches(self, given: FloatArray, driven: NDArray[np.bool_]) -> Winches:
+        """`Winches` of the tendons."""
+        return Winches(self._path, self._weights, self._widens, given, driven)
+
+    def wind(self, winches: Winches, reeled: Reeled, results: Results) -> bool:
         """See `winding_kernels.wind`; whether the tensions were found."""
         if self._tables is None:
             return False
         found = self._wind(
-            self._tables, self._grid, self._path, self._weights, self._widens, given, driven,
-            tensions, changes, displacement, results.twist, results.strains, results.position,
-            results.quaternion,
+            self._tables, self._grid, winches, reeled, results.twist, results.strains,
+            results.position, results.quaternion,
         )  # fmt: skip
         results.residual[()], results.iterations[()] = found
         return bool(found[1] >= 0)
+
+    def wind_loaded(
+        self, winches: Winches, reeled: Reeled, tip_wrench: FloatArray, rod: LoadedRod,
+        start: Shape, spending: Spending,
+    ) -> Solution | None:  # fmt: skip
+        """As `wind`, of a loaded ``rod`` from the shape ``start`` on.
+
+        Raises:
+            ContinuationError: if it takes more than the budget.
+            SolveError: if a tendon is pressed out of the body.
+        """
+        if self._tables is None or rod.settle is None:
+            return None
+        shape, step = start, np.zeros_like(reeled.tensions)
+        last = self._first_step(winches, reeled, step)
+        for number in range(0 if math.isnan(last) else MOST_STEPS):
+            condition = Condition(reeled.tensions, tip_wrench, 1.0)
+            found = rod.settle(condition, shape, spending)
+            if not isinstance(found, Solution) or found.shape is None:
+                return None
+            shape, progress = found.shape, PROGRESS if number else 1.0
+            last, verdict = self._next_step(winches, reeled, found.twist, progress, last, step)
+            if verdict != ON_THE_WAY:
+                return found if verdict == FOUND else None
+        return None

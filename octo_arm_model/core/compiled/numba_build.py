@@ -72,11 +72,15 @@ find_sliding_shapes = _made(
 slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _FOUR, _TABLE, _TABLE)
 read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
 find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)
+_WINCHES = (
+    winding_kernels.Winches(_OF_TENDONS, _FOUR, False, np.ones((3, 1)), np.zeros(1, np.bool_)),
+    winding_kernels.Reeled(np.zeros(1), np.zeros(1), np.ones((1, 1)), np.zeros(1)),
+)
 wind = _made(
-    winding_kernels.wind, no_exact(), no_grid(), _OF_TENDONS, _FOUR, False, np.ones((3, 1)),
-    np.zeros(1, np.bool_), np.zeros(1), np.ones((1, 1)), np.zeros(1), _FOUR, _FOUR, _POSITION,
-    _QUATERNION,
-)  # fmt: skip
+    winding_kernels.wind, no_exact(), no_grid(), *_WINCHES, _FOUR, _FOUR, _POSITION, _QUATERNION
+)
+first_step = _made(winding_kernels.first_step, *_WINCHES, np.zeros(1))
+next_step = _made(winding_kernels.next_step, *_WINCHES, _FOUR, 1.0, 1.0, np.zeros(1))
 find_step = _made(
     winding_kernels.find_step,
     np.ones((1, 1)),

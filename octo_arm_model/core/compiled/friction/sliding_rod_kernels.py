@@ -39,11 +39,11 @@ from octo_arm_model.core.compiled.loaded.state_kernels import (
     find_state,
 )
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
-from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system, find_system
+from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.products import add_runs
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
-from octo_arm_model.core.loaded.newton import FIRST_PROGRESS
+from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 
 MOST_STEPS = 30
 SETTLED = 1e-9  # change of the angles by which tendons turn, with which tensions stay [rad]
@@ -65,9 +65,9 @@ def slide_rod(
     Returns:
         As `rod_kernels.balance`; an infinite residual where tensions are not found.
     """
-    systems, corrected, sticks, is_resolved = find_sliding_balance(
+    residual, systems, sign, corrected, sticks, is_resolved = find_sliding_balance(
         tables, friction, tensions, before, tip_wrench, factor, tolerance, is_known, known, state,
-        slip,
+        slip, system,
     )  # fmt: skip
     if systems < 0:
         return np.inf, 0, corrected, 0, False, False, False
@@ -76,7 +76,7 @@ def slide_rod(
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
         tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
-        state, system, compliance, change, readings,
+        residual, sign, state, system, compliance, change, readings,
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
@@ -90,24 +90,27 @@ def slide_rod(
 def find_sliding_balance(
     tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
     tip_wrench: FloatArray, factor: float, tolerance: float, is_known: bool, known: System,
-    state: RodState, slip: FloatArray,
-) -> tuple[int, float, bool, bool]:  # fmt: skip
+    state: RodState, slip: FloatArray, system: System,
+) -> tuple[float, int, int, float, bool, bool]:  # fmt: skip
     """Balance the ``state``, of which twist and orientations are given, and its tendons.
 
     These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
     they end as the ``transmission`` of the sections, which both tables have in common, and of
     those at the stations, with their ``slip`` (tendons, points). If ``is_known``, the ``known``
-    system of a balance nearby makes steps for as long as these leave little.
+    system of a balance nearby makes steps for as long as these leave little; then one that is
+    linearised anew, which ``system`` ends as.
 
     Returns:
-        How many systems it took, as iterations of Newton's method count; -1 where there is no
-        balance; how far all steps but the first have turned the arm [rad]; whether any tendon
-        sticks; and whether elements are fine enough for the tensions.
+        The residual; how many systems it took, as iterations of Newton's method count, -1 where
+        there is no balance; the sign of the determinant of ``system``, 0 where it is not that of
+        nearly the balance; how far all steps but the first have turned the arm [rad]; whether any
+        tendon sticks; and whether elements are fine enough for the tensions.
     """
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
+    turned, sign = 0.0, 0
     pulled = np.flatnonzero(tensions)
     turning = empty_turning(pulled.size, count)
-    new, current, own = empty_state(count), known, empty_system(tables)
+    new, current = empty_state(count), known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
@@ -128,11 +131,13 @@ def find_sliding_balance(
             at_stations[:] = 0.0
             each = tables.weights.size
             add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
-            return systems, corrected, sticks, resolves_tensions(friction, tensions)
+            is_fine = resolves_tensions(friction, tensions)
+            sign = sign if turned <= SAME else 0
+            return residual, systems, sign, corrected, sticks, is_fine
         if is_slow:
-            systems += 1
-            current = own
-            if not find_system(tables, state, own):
+            systems, turned, current = systems + 1, 0.0, system
+            sign = find_system(tables, state, system)
+            if sign == 0:
                 break
         find_step(tables, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
@@ -146,6 +151,8 @@ def find_sliding_balance(
             break
         is_slow, residual = found > SLOW * residual, found
         copy_state(new, state)
+        angle = turn_of(tables, step)
+        turned += angle
         if number:
-            corrected += turn_of(tables, step)
-    return -1, corrected, False, False
+            corrected += angle
+    return residual, -1, 0, corrected, False, False

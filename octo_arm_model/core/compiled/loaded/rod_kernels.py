@@ -84,13 +84,15 @@ def turn_of(tables: RodTables, change: FloatArray) -> float:
 
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, is_known: bool, known: System, state: RodState, system: System,
+    tolerance: float, is_known: bool, known: System, residual: float, sign: int, state: RodState,
+    system: System,
 ) -> tuple[float, int, float, int]:  # fmt: skip
-    """Newton's method from the twist and orientations of ``state``, as `loaded.newton`.
+    """Newton's method from a ``state`` of this ``residual``, as `loaded.newton`.
 
     Fills in the state it ends in and, where that is balanced, the ``system`` linearised about
-    nearly the same. If ``is_known``, the ``known`` system of a balance nearby makes the first
-    step, as long as that leaves a small part of the residual.
+    nearly the same, unless its ``sign`` says that it is that already. If ``is_known``, the
+    ``known`` system of a balance nearby makes the first step, as long as that leaves a small part
+    of the residual.
 
     Returns:
         Residual, number of iterations, how far all but the first have turned the arm [rad], and
@@ -98,8 +100,7 @@ def iterate(
     """
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
-    residual = find_state(tables, tensions, tip_wrench, factor, state)
-    corrected, turned, iterations, is_first, is_near, sign = 0.0, 0.0, 0, True, False, 0
+    corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
     while residual > tolerance and iterations < MOST:
         if is_known:
             find_step(tables, known, state.imbalance, step, turn)
@@ -163,9 +164,10 @@ def balance(
     for i in range(turn.shape[1]):
         a, b = orientation[0, i], orientation[1, i]
         turn[0, i], turn[1, i], turn[2, i], turn[3, i] = a.real, a.imag, b.real, b.imag
+    residual = find_state(tables, tensions, tip_wrench, factor, state)
     outcome = search(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
-        state, system, compliance, change, readings,
+        residual, 0, state, system, compliance, change, readings,
     )  # fmt: skip
     leave(turn, orientation)
     return (
@@ -185,17 +187,17 @@ def leave(turn: FloatArray, orientation: ComplexArray) -> None:
 def search(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
-    state: RodState, system: System, compliance: FloatArray, change: FloatArray,
-    readings: Readings,
+    residual: float, sign: int, state: RodState, system: System, compliance: FloatArray,
+    change: FloatArray, readings: Readings,
 ) -> Outcome:  # fmt: skip
-    """As `balance`, from the orientations of ``state``."""
+    """As `balance`, from a ``state``; for its ``residual`` and ``sign`` see `iterate`."""
     if wanted == READ_ONLY:
-        residual = find_state(tables, tensions, tip_wrench, factor, state)
         read_rod(tables, tensions, tip_wrench, state, readings)
         return Outcome(residual, 0, 0.0, 0, False, False, True)
     residual, iterations, corrected, sign = iterate(
-        tables, tensions, tip_wrench, factor, tolerance, is_known, known, state, system
-    )
+        tables, tensions, tip_wrench, factor, tolerance, is_known, known, residual, sign, state,
+        system,
+    )  # fmt: skip
     if sign == 0:
         return Outcome(residual, iterations, corrected, 0, False, False, False)
     is_least = has_energy and sign > 0 and is_minimum(system)

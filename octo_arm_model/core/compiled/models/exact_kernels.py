@@ -7,7 +7,7 @@ import numpy as np
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
 from octo_arm_model.core.compiled.numerics.products import add_runs
-from octo_arm_model.core.compiled.section.minimum_kernels import find_minima, find_some_minima
+from octo_arm_model.core.compiled.section.minimum_kernels import find_some_minima
 from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.unloaded_exact import RESOLVED
@@ -58,12 +58,17 @@ def refine(
 
 
 def find_exact_twist(
-    tables: ExactTables, tensions: FloatArray, twist: FloatArray
-) -> tuple[float, int]:
-    """Fill in the ``twist`` (4, nodes); returns what `find_minima` does."""
-    points = tables.tail.shape[0]
-    coarse = np.empty((4, tables.sections.axial.size))
-    residual, steps = find_minima(tables.sections, tensions, coarse)
+    tables: ExactTables, tensions: FloatArray, is_near: bool, coarse: FloatArray,
+    twist: FloatArray,
+) -> tuple[float, int]:  # fmt: skip
+    """Fill in the ``twist`` (4, nodes) and ``coarse`` that at the points, nearly right if so.
+
+    Returns what `find_some_minima` does.
+    """
+    points, sections = tables.tail.shape[0], tables.sections
+    residual, steps = find_some_minima(
+        sections, 0, len(sections.blocks), tensions, coarse, is_near
+    )
     if steps < 0:
         return residual, steps
     # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
@@ -75,6 +80,8 @@ def find_exact_twist(
     add_runs(tables.runs, tables.to_nodes, points, coarse, twist)
     for i in range(twist.shape[1]):
         twist[3, i] += 1.0
+    for i in range(coarse.shape[1]):
+        coarse[3, i] += 1.0
     taken = steps
     for panel in range(tail.shape[1]):
         unresolved = 0
@@ -97,9 +104,11 @@ def find_exact_shapes(
 
     An entry of its own, as every table that is passed makes a call slower.
     """
-    without = 0
+    without, coarse = 0, np.empty((4, tables.sections.axial.size))
     for arm in range(len(tensions)):
-        residual[arm], iterations[arm] = find_exact_twist(tables, tensions[arm], twist)
+        residual[arm], iterations[arm] = find_exact_twist(
+            tables, tensions[arm], False, coarse, twist
+        )
         if iterations[arm] >= 0:
             read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm])
         else:

@@ -18,19 +18,22 @@ def find_lengths(
     nodes) are those of the integral, zero where a tendon does not act.
     """
     count = twist.shape[1]
-    scaled = twist.copy()
+    scaled, stretch = twist.copy(), np.empty(count)
     width = np.ones(count)
     if widens:
         for i in range(count):
             width[i] = incompressible_widening(twist[3, i])[0]
             for k in range(3):
                 scaled[k, i] *= width[i]
-    lengths[:] = 0.0
+    t, n, b, s = scaled[0], scaled[1], scaled[2], scaled[3]
     for tendon in range(len(path)):
         x, y, dx, dy = path[tendon]
+        # By themselves, so that several are found at once.
         for i in range(count):
-            stretch = tendon_direction(
-                scaled[0, i], scaled[1, i], scaled[2, i], scaled[3, i], width[i], x[i], y[i],
-                dx[i], dy[i],
-            )[3]  # fmt: skip
-            lengths[tendon] += weights[tendon, i] * stretch
+            stretch[i] = tendon_direction(
+                t[i], n[i], b[i], s[i], width[i], x[i], y[i], dx[i], dy[i]
+            )[3]
+        weight, total = weights[tendon], 0.0
+        for i in range(count):
+            total += weight[i] * stretch[i]
+        lengths[tendon] = total

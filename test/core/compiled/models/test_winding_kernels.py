@@ -31,27 +31,29 @@ def test_lengths_are_those_of_numpy(prototype: Config, model: str) -> None:
         np.testing.assert_allclose(machine.rest_lengths, plain.rest_lengths, rtol=1e-13)
 
 
+@pytest.mark.parametrize('wrench', [None, (0.005, 0.0, -0.003, 0.0, 0.0, 0.0)])
 @pytest.mark.parametrize('stiffness', [(), (800.0,)])
 def test_tensions_that_hold_lengths_are_found_without_numpy(
-    prototype: Config, stiffness: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    prototype: Config, stiffness: tuple[float, ...], wrench: tuple[float, ...] | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     arm = dataclasses.replace(prototype.arm, axial_stiffness=stiffness)
     solver = Solver(arm, 'exact', compiled=True)
 
     def lengths(tensions: np.ndarray) -> dict[str, float]:
-        found = displacements_of(solver, solver.solve(tensions)).ravel()
+        found = displacements_of(solver, solver.solve(tensions, wrench)).ravel()
         # Slack tendons are longer than their paths.
         found[tensions.ravel() == 0.0] -= 1e-3
         return dict(zip(arm.tendon_names, found.tolist()))
 
-    last = solve_displacements(solver, lengths(PULL))
+    last = solve_displacements(solver, lengths(PULL), tip_wrench=wrench)
     monkeypatch.setattr(winding.Winding, 'solve', None)
     for number in range(1, 6):
         tensions = PULL * (1.0 + 0.01 * number) + [[0.0, 0.01 * number, 0.0, 0.0]]
-        last = solve_displacements(solver, lengths(tensions), start=last)
+        last = solve_displacements(solver, lengths(tensions), start=last, tip_wrench=wrench)
         np.testing.assert_allclose(last.backbone.tensions, tensions, atol=1e-9 * 2.0)
         assert last.slack == arm.tendon_names[2:]
-        expected = solver.solve(tensions)
+        expected = solver.solve(tensions, wrench)
         np.testing.assert_allclose(last.backbone.position, expected.position, atol=1e-10)
 
 
