@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,10 @@ def as_dict(result: Result) -> dict[str, Any]:
             for touch in result.touches
         ],
         'innovations': {
-            name: {'accepted': one.accepted, 'refused': one.refused, 'mean_square': one.mean}
+            name: {
+                'accepted': one.accepted, 'refused': one.refused,
+                'mean_square': _or_none(one.mean),
+            }
             for name, one in result.consistency.items()
         },
         'restarts': list(result.restarts),
@@ -35,8 +39,8 @@ def as_dict(result: Result) -> dict[str, Any]:
         'hypotheses': dict(result.hypotheses),
         'camera': None if result.camera is None else {
             'frames': len(result.camera.time),
-            'tip_error': [_median(one) for one in result.camera.tip],
-            'mean_error': [_median(one) for one in result.camera.mean],
+            'tip_error': [_or_none(_median(one)) for one in result.camera.tip],
+            'mean_error': [_or_none(_median(one)) for one in result.camera.mean],
         },
         'notes': [*result.recorded.notes, *result.recorded.settings.notes],
     }  # fmt: skip
@@ -115,6 +119,11 @@ def _camera(result: Result) -> list[str]:
                     f'without the estimator {plain:.2f} mm (medians of {which.sum()} frames)'
                 )
     return lines
+
+
+def _or_none(value: float) -> float | None:
+    """The ``value``; None of NaN, which is no JSON."""
+    return None if math.isnan(value) else value
 
 
 def _median(values: FloatArray) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_config, find_path
-from octo_arm_model.core.errors import ConfigError, TensionError
+from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
 
@@ -220,10 +220,20 @@ def read_json(text: str, option: str, example: str) -> Any:
     """Value of a JSON ``option``.
 
     Raises:
-        TensionError: if it is not JSON; the message shows the ``example``.
+        TensionError: if it is not JSON, of which the message shows the ``example``, or a name is
+            given twice.
     """
+
+    def named(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise TensionError(f'{option} is {shown(text)}, expected each name once')
+        return found
+
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=named)
+    except TensionError:
+        raise
     except (RecursionError, ValueError) as error:
         where = f' at character {error.pos + 1}' if isinstance(error, json.JSONDecodeError) else ''
         raise TensionError(

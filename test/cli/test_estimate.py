@@ -43,6 +43,16 @@ def test_the_summary_says_when_and_how_hard(capsys: pytest.CaptureFixture[str]) 
     assert any('tensions are measured to' in line for line in lines)
 
 
+def test_what_is_not_known_is_null_in_json(
+    short_bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tips = '--midlines', '/measured/tip_pose', '--tip-pose', '-', '--align', 'none'
+    status, out, _ = run(capsys, 'estimate', str(short_bag), *tips, '--json')
+    result = json.loads(out, parse_constant=pytest.fail)
+    assert status == 0 and result['camera']['mean_error'] == [None, None]
+    assert all(0.0 < error < 1e-2 for error in result['camera']['tip_error'])
+
+
 def test_bag_tables_and_json_say_the_same(
     short_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

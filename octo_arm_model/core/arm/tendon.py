@@ -14,6 +14,7 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+_OF_QUARTERS = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])  # cosines and sines
 
 
 @dataclass(frozen=True)
@@ -30,46 +31,36 @@ class Tendon:
 
     def place(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Components (n, b) of the offset at ``s`` [m]."""
-        offset, angle = self.offset.value(s), self.angle.value(s)
-        return offset * _cos(angle), offset * _sin(angle)
+        offset, (cosine, sine) = self.offset.value(s), self.outward(s)
+        return offset * cosine, offset * sine
 
     def slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative of `place` with respect to s [-]."""
-        offset, angle = self.offset.value(s), self.angle.value(s)
+        offset, (cosine, sine) = self.offset.value(s), self.outward(s)
         out, turn = self.offset.slope(s), self.angle.slope(s)
-        sine, cosine = _sin(angle), _cos(angle)
         return out * cosine - offset * turn * sine, out * sine + offset * turn * cosine
 
     def outward(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Direction (n, b) away from the midline: derivative of `place` by the offset."""
         angle = self.angle.value(s)
-        return _cos(angle), _sin(angle)
+        # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
+        quarter = np.round(angle / QUARTERS[1])
+        is_quarter = angle == quarter * QUARTERS[1]
+        cosine, sine = _OF_QUARTERS[:, quarter.astype(int) % 4]
+        return (
+            np.where(is_quarter, cosine, np.cos(angle)),
+            np.where(is_quarter, sine, np.sin(angle)),
+        )
 
     def outward_slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative of `outward` with respect to s [1/m]."""
-        angle, turn = self.angle.value(s), self.angle.slope(s)
-        return -turn * _sin(angle), turn * _cos(angle)
+        turn, (cosine, sine) = self.angle.slope(s), self.outward(s)
+        return -turn * sine, turn * cosine
 
     @property
     def knots(self) -> tuple[float, ...]:
         """Arc coordinates at which the path is not smooth [m]."""
         return self.offset.knots + self.angle.knots
-
-
-def _sin(angle: FloatArray) -> FloatArray:
-    """Sine, exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons."""
-    quarter = np.round(angle / QUARTERS[1])
-    is_quarter = angle == quarter * QUARTERS[1]
-    return np.where(is_quarter, np.array([0.0, 1.0, 0.0, -1.0])[quarter.astype(int) % 4],
-                    np.sin(angle))  # fmt: skip
-
-
-def _cos(angle: FloatArray) -> FloatArray:
-    """Cosine, exact at multiples of pi / 2 likewise."""
-    quarter = np.round(angle / QUARTERS[1])
-    is_quarter = angle == quarter * QUARTERS[1]
-    return np.where(is_quarter, np.array([1.0, 0.0, -1.0, 0.0])[quarter.astype(int) % 4],
-                    np.cos(angle))  # fmt: skip
 
 
 @dataclass(frozen=True)

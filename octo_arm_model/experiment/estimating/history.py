@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.contact import Contact, contact_of
+from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate
-from octo_arm_model.experiment.estimating.touches import Touch, find_touches, is_touched
 
+SURE = 0.999  # probability of no false alarm at one time
+LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts
 _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 
 
@@ -51,12 +53,22 @@ def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
     )  # fmt: skip
 
 
-def touches_of(moments: Sequence[Moment]) -> list[Touch]:
-    """When the arm was touched, see `find_touches`."""
-    return find_touches(
-        np.array([one.time for one in moments]),
-        np.array([one.wrench[:3] for one in moments]),
-        np.array([one.wrench_stddev[:3] for one in moments]),
-        [one.is_significant for one in moments],
-        [one.hypothesis for one in moments],
-    )
+def is_touched(estimate: Estimate) -> bool:
+    """Whether the unknown force of a contact is not zero, as far as anything was learnt of it.
+
+    Along a straight arm, as an example, nothing is: a force that is found there is what the prior
+    makes of others that would have been seen.
+    """
+    state = estimate.state
+    parts = state.tip_force, state.point_forces, state.current
+    where = next((part for part in parts if part.stop > part.start), slice(0, 0))
+    where = slice(where.start, min(where.start + 3, where.stop))
+    if where.stop == where.start:
+        return False
+    variances, axes = np.linalg.eigh(estimate.covariance[where, where])
+    learnt = variances <= (LEARNT * estimate.prior_stddev[where].min()) ** 2
+    if not learnt.any():
+        return False
+    along = axes.T @ estimate.mean[where]
+    square = float((along[learnt] ** 2 / variances[learnt]).sum())
+    return square > chi_square_limit(SURE, int(learnt.sum()))

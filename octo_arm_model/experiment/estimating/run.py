@@ -15,9 +15,9 @@ from octo_arm_model.experiment.estimating.estimates import (
     filtered,
     smoothed,
 )
-from octo_arm_model.experiment.estimating.history import Moment, moment_of, touches_of
+from octo_arm_model.experiment.estimating.history import Moment, moment_of
 from octo_arm_model.experiment.estimating.recorded import Recorded
-from octo_arm_model.experiment.estimating.touches import Touch
+from octo_arm_model.experiment.estimating.touches import Touch, find_touches
 from octo_arm_model.wire.refusals import Refusals
 
 
@@ -82,7 +82,7 @@ def estimate(
     if not moments:
         raise SolveError(f'no estimate at any time{failures.in_short}')
     return Result(
-        recorded, moments, touches_of(moments), consistency, failures,
+        recorded, moments, find_touches(moments), consistency, failures,
         [direction.reason for direction in one.estimate.unlearnt],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},

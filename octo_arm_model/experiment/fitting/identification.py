@@ -23,10 +23,14 @@ class Identification:
         model: its name.
         loss: what was minimised, of `fit.LOSSES`.
         estimates: by name; those that the data leave open have no value.
-        correlations: of the estimates with a value, (n, n), in their order; None of none.
         undetermined: why each of the others was left as it was, in words.
-        notes: remarks, in words.
         before: misfit of the parameters the fit began with.
+        parameters: of the fitted arm; see `Config.from_parameters`.
+        alignment: transform camera to base.
+        tensions: those of each step by the fitted load cells or, without, by the lengths that
+            winches reeled in, (steps, tendons) [N].
+        correlations: of the estimates with a value, (n, n), in their order; None of none.
+        notes: remarks, in words.
         after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
         cross_validation: misfit of loads on which the model was not fitted; None of fewer than
             two loads.
@@ -35,27 +39,23 @@ class Identification:
             explains, in `Estimate.model_stddev` [m]; None without held-back loads.
         tip_stddev: standard deviation of each coordinate of the tip at held-back loads, without
             the camera's noise, in parts of the length [-]; None likewise.
-        parameters: of the fitted arm; see `Config.from_parameters`.
-        alignment: transform camera to base.
-        tensions: those of each step by the fitted load cells or, without, by the lengths that
-            winches reeled in, (steps, tendons) [N].
     """
 
     model: str
     loss: str
     estimates: Mapping[str, Estimate]
-    correlations: FloatArray | None
     undetermined: tuple[str, ...]
-    notes: tuple[str, ...]
     before: Misfit
-    after: Misfit | None
-    cross_validation: Misfit | None
-    step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...]
-    floor: float | None
-    tip_stddev: float | None
     parameters: Mapping[str, Any]
     alignment: Alignment
     tensions: FloatArray
+    correlations: FloatArray | None = None
+    notes: tuple[str, ...] = ()
+    after: Misfit | None = None
+    cross_validation: Misfit | None = None
+    step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...] = ()
+    floor: float | None = None
+    tip_stddev: float | None = None
 
     @property
     def is_trustworthy(self) -> bool:

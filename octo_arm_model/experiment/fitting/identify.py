@@ -6,7 +6,7 @@ their intervals and correlations.
 
 from __future__ import annotations
 
-import functools
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting import held_back, model_error
 from octo_arm_model.experiment.fitting.fit import Problem, fit_alignment
-from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, Misfit, misfit_of
+from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, misfit_of
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.loads import folds_of, loaded, steps_by_load
 from octo_arm_model.experiment.fitting.notes import notes_on
@@ -117,15 +117,20 @@ class _Fit:
         total = len(self._losses) * (len(self._folds) + 1)
         progress(0, total)
         problem, fitted = self._determined(left_out)
-        estimates = {u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns}
+        tensions = self._readings.tensions
+        nothing = Identification(
+            model=self._model,
+            loss=self._loss,
+            estimates={u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns},
+            undetermined=tuple(left_out.values()),
+            before=self._before,
+            parameters=self._parameters,
+            alignment=self._alignment,
+            tensions=tensions,
+        )
         if problem is None:
             progress(total, total)
-            return Identification(
-                self._model, self._loss, estimates, None, tuple(left_out.values()), (),
-                self._before, None, None, (), None, None, self._parameters, self._alignment,
-                self._readings.tensions,
-            )  # fmt: skip
-        tensions = self._readings.tensions
+            return nothing
         first = next(iter(fitted.values()))[0]
         loose = _needed(problem, first, self._folds, self._loads, tensions)
         used = [] if loose else self._folds
@@ -140,10 +145,9 @@ class _Fit:
             tried.append(held_back.fit_by(problem, x, scale, name, used, tick))
         best = held_back.better(tried)
         progress(total, total)
-        remarks = functools.partial(
-            notes_on, problem, best, loose=loose, fits=self._fits, tried=tried
-        )
-        return _identification(problem, best, used, left_out, remarks, estimates, self._before)
+        found = _with_fit(nothing, problem, best, used)
+        notes = notes_on(problem, best, found, loose=loose, fits=self._fits, tried=tried)
+        return dataclasses.replace(found, notes=tuple(notes))
 
     def _determined(
         self, left_out: dict[str, str]
@@ -168,43 +172,34 @@ class _Fit:
         return None, {}
 
 
-def _identification(
+def _with_fit(
+    nothing: Identification,
     problem: Problem,
     best: HeldBackFit,
     folds: Sequence[Sequence[int]],
-    left_out: Mapping[str, str],
-    remarks: Callable[[FloatArray, Misfit, float | None], list[str]],
-    estimates: Mapping[str, Estimate],
-    before: Misfit,
 ) -> Identification:
-    """Results of the ``best`` fit of a ``problem``; ``remarks`` is `notes_on` of these two."""
+    """What is known with ``nothing`` fitted, and the ``best`` fit of a ``problem``."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
-    after, cross_validation = misfit_of(problem.all_residuals(x), length), None
     floor, tip_stddev = None, None
     if folds:
-        cross_validation = misfit_of(best.away, length)
         columns = [n for n, name in enumerate(unknowns.names) if is_of_arm(name)]
         seen = [problem.change(x, step) for step in range(len(problem.shapes))]
         rest = model_error.unexplained(best.away, seen, columns)
         floor = float(np.sqrt(max(rest**2 - model_error.noise_of(problem.shapes) ** 2, 0.0)))
         tip_stddev = model_error.tip_error(best.away, problem.shapes, length)
-    correlations = correlations_of(np.concatenate(jacobian))
     found = estimates_of(
         unknowns, x, best.found,
         freedom_of(jacobian, folds) if folds else np.ones(x.size),
         model_error.floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
     )  # fmt: skip
-    return Identification(
-        model=unknowns.model,
+    return dataclasses.replace(
+        nothing,
         loss=best.loss,
-        estimates={**estimates, **found},
-        correlations=correlations,
-        undetermined=tuple(left_out.values()),
-        notes=tuple(remarks(correlations, after, floor)),
-        before=before,
-        after=after,
-        cross_validation=cross_validation,
+        estimates={**nothing.estimates, **found},
+        correlations=correlations_of(np.concatenate(jacobian)),
+        after=misfit_of(problem.all_residuals(x), length),
+        cross_validation=misfit_of(best.away, length) if folds else None,
         step_misfits=tuple(
             (tuple(step + 1 for step in fold), misfit_of([best.away[n] for n in fold], length))
             for fold in folds

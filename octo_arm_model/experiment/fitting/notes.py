@@ -10,6 +10,7 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.fit import Problem
 from octo_arm_model.experiment.fitting.held_back import HeldBackFit, Misfit
+from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.loads import MOST_FOLDS, steps_by_load
 from octo_arm_model.experiment.fitting.model_error import noise_of
 from octo_arm_model.experiment.fitting.unknowns import Unknowns
@@ -30,20 +31,20 @@ _BIASED = 2.0
 def notes_on(
     problem: Problem,
     best: HeldBackFit,
-    correlations: FloatArray,
-    after: Misfit,
-    floor: float | None,
+    found: Identification,
     *,
     loose: str,
     fits: Sequence[str],
     tried: Sequence[HeldBackFit],
 ) -> list[str]:
-    """All remarks on the ``best`` of the fits ``tried`` of ``fits``.
+    """All remarks on the ``best`` of the fits ``tried`` of ``fits``, which was ``found``.
 
     ``loose`` is the reason why no load can be left out; '' where each can.
     """
+    after, correlations = found.after, found.correlations
+    assert after is not None and correlations is not None
     notes = [
-        *_of_misfit(problem, after, floor),
+        *_of_misfit(problem, after, found.floor),
         *_of_branches(problem, best),
         *_of_loss(tried, best),
         *at_ends(problem.unknowns, best.x),

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.node.diagnostics import Diagnostics
@@ -81,8 +80,9 @@ class TensionInputs:
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
         made = TensionSubscription(
-            self._node, topic, self._arm, self._take, self._refuse, self._work,
-            self._diagnostics.skipped, names=self._names, message=message,
+            self._node, topic, lambda: self._current().arm, self._take, self._refuse, self._work,
+            self._diagnostics.skipped, names=lambda: self._current().load_cells.names,
+            message=message,
         )  # fmt: skip
         self._diagnostics.publishers[made.topic] = made.count_publishers
         return made
@@ -101,9 +101,3 @@ class TensionInputs:
             self._field_input.close()
             self._diagnostics.publishers.pop(self._field_input.topic, None)
         self._field_input = None
-
-    def _names(self) -> tuple[str, ...]:
-        return self._current().load_cells.names
-
-    def _arm(self) -> Arm:
-        return self._current().arm

@@ -9,17 +9,18 @@ from octo_arm_model import Solver
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
-from octo_arm_model.experiment.estimating.touches import GAP, find_touches, is_touched
+from octo_arm_model.experiment.estimating.history import Moment, is_touched
+from octo_arm_model.experiment.estimating.touches import GAP, find_touches
 
 UNKNOWNS = Unknowns(Walk(5.0), tip_force=LIKELY)
 
 
 def touches(flags: list[bool], step: float = 0.1) -> list[tuple[float, float]]:
-    count = len(flags)
-    force = np.tile([0.0, 0.0, 0.1], (count, 1))
-    found = find_touches(
-        step * np.arange(count), force, np.full((count, 3), 0.01), flags, count * ['tip']
-    )
+    tip, wrench, stddev = np.zeros(3), np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), np.full(6, 0.01)
+    found = find_touches([
+        Moment(step * number, tip, tip, 0.3, wrench, stddev, 'tip', flag)
+        for number, flag in enumerate(flags)
+    ])  # fmt: skip
     assert all(one.force[2] == 0.1 and one.hypothesis == 'tip' for one in found)
     return [(round(one.start, 9), round(one.stop, 9)) for one in found]
 

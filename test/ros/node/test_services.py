@@ -1,5 +1,7 @@
 """The services solve and find_tensions, over DDS."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,9 @@ def test_the_service_find_tensions_reaches_what_can_be_reached(loaded):
     refused = loaded.call(FindTensions, 'find_tensions', request)
     assert not refused.success
     assert 'highest has 2 values' in refused.message
+    # What no optimiser can begin with is refused, and the node goes on.
+    request.highest, request.stiffness = [], 5.0
+    request.stiffness_direction.x = math.inf
+    refused = loaded.call(FindTensions, 'find_tensions', request)
+    assert not refused.success
+    assert 'expected three finite numbers' in refused.message
