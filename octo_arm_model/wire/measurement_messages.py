@@ -5,6 +5,7 @@ A message is an object of whichever library decoded it, as in `tension_messages`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -33,6 +34,8 @@ from octo_arm_model.wire.displacement_messages import TYPE_NAME as JOINT_STATE
 from octo_arm_model.wire.displacement_messages import read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
+# Of a quaternion that `TipPose` may take for one.
+_SHORTEST, _LONGEST = 0.5, 2.0
 # Pose of a frame in base_frame by its name and a stamp [ns].
 PoseOf: TypeAlias = Callable[[str, int], Pose]
 
@@ -121,9 +124,9 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
         return TipPosition(position, covariance[:3, :3])
     covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
     quaternion: FloatArray = np.array([turned.x, turned.y, turned.z, turned.w])
-    if np.isfinite(quaternion).all() and quaternion.any():
+    length = math.hypot(*quaternion.tolist())
+    if _SHORTEST < length < _LONGEST:
         # `TipPose` checks the length, which a product with a rotation keeps.
-        length = float(np.linalg.norm(quaternion))
         quaternion = length * (rotation * Rotation.from_quat(quaternion)).as_quat()
     return TipPose(position, quaternion, covariance)
 

@@ -126,6 +126,7 @@ def test_metal_rods_wind_too(rod: Config) -> None:
             'tendon_1_1 has both a displacement',
         ),
         ({'tendon_1_1': math.nan}, {}, 'displacement of tendon_1_1 is nan m, expected a finite'),
+        ({'tendon_1_1': 5e305}, {}, r'displacement of tendon_1_1 is 5e\+305 m, .* at most 1e\+30'),
         ({'tendon_1_1': 0.01}, {'tendon_1_2': -1.0}, 'tension of tendon_1_2 is -1.0 N'),
     ],
 )

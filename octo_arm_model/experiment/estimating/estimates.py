@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
@@ -13,7 +13,7 @@ from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Step, next_step
 from octo_arm_model.estimation.gating.updated import Innovation
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.smoother import check_count, smooth_steps
+from octo_arm_model.estimation.smoother import smooth_steps
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Beginning, Tracked, Tracker
 
@@ -45,23 +45,9 @@ class TimedEstimate(NamedTuple):
     begins_anew: bool
 
 
-def filtered(
-    groups: Sequence[Sequence[StampedMeasurement]],
-    settings: EstimatorSettings,
-    models: Mapping[str, ArmModel],
-    failed: Failed,
-    progress: Progress = lambda done, total: None,
-) -> Iterator[TimedEstimate]:
-    """Estimates by the recursive filter, of what was measured up to each time.
-
-    Args:
-        groups: what was measured, by ascending time.
-        settings: of the estimator.
-        models: of its hypotheses.
-        failed: told why of times without an estimate, whose measurements are left out.
-        progress: called with how many of the times are done, and of how many.
-    """
-    for one in _tracked(groups, settings, models, failed, progress):
+def filtered(followed: Iterable[Followed]) -> Iterator[TimedEstimate]:
+    """Estimates by the recursive filter, of what was measured up to each time."""
+    for one in followed:
         if (found := one.found) is not None:
             yield TimedEstimate(
                 *_stamps_of(one.group), found.hypothesis, found.probabilities, found.innovations,
@@ -69,7 +55,7 @@ def filtered(
             )  # fmt: skip
 
 
-class _Followed(NamedTuple):
+class Followed(NamedTuple):
     """What was measured at one time [s], and what a filter made of it; None of no estimate."""
 
     group: Sequence[StampedMeasurement]
@@ -78,14 +64,22 @@ class _Followed(NamedTuple):
     step: Step | None
 
 
-def _tracked(
+def follow(
     groups: Sequence[Sequence[StampedMeasurement]],
     settings: EstimatorSettings,
     models: Mapping[str, ArmModel],
     failed: Failed,
-    progress: Progress,
-) -> Iterator[_Followed]:
-    """What a `Tracker` makes of each of ``groups``, from its first estimate on; see `filtered`."""
+    progress: Progress = lambda done, total: None,
+) -> Iterator[Followed]:
+    """What a `Tracker` makes of each of ``groups``, from its first estimate on.
+
+    Args:
+        groups: what was measured, by ascending time.
+        settings: of the estimator.
+        models: of its hypotheses.
+        failed: told why of times without an estimate, whose measurements are left out.
+        progress: called with how many of the times are done, and of how many.
+    """
     tracker = Tracker.from_settings(settings, models, 0.0)
     for number, group in enumerate(groups):
         progress(number, len(groups))
@@ -96,7 +90,7 @@ def _tracked(
             failed(str(error))
         if tracker.origin_ns is not None:
             time = 1e-9 * (group[0].stamp_ns - tracker.origin_ns)
-            yield _Followed(group, time, found, found and found.step)
+            yield Followed(group, time, found, found and found.step)
     progress(len(groups), len(groups))
 
 
@@ -106,36 +100,31 @@ def _stamps_of(group: Sequence[StampedMeasurement]) -> tuple[int, int]:
 
 
 def smoothed(
-    groups: Sequence[Sequence[StampedMeasurement]],
-    settings: EstimatorSettings,
-    models: Mapping[str, ArmModel],
-    failed: Failed,
-    progress: Progress = lambda done, total: None,
+    followed: Iterable[Followed], models: Mapping[str, ArmModel], gate: float
 ) -> Iterator[TimedEstimate]:
-    """Estimates by the smoother, each of all that the filter used; otherwise as `filtered`.
+    """Estimates by the smoother, each of all that the filter used.
 
     Where the filter begins anew so does the smoother, from the first measurement of that
     beginning on: what was measured before tells nothing of an arm that was lost.
 
     Raises:
-        MeasurementError: if the place of contact is unknown, or there are too many times.
+        MeasurementError: if the place of contact is unknown.
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
     if len(models) > 1:
         raise MeasurementError(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
-    check_count(len(groups))
     ((name, model),) = models.items()
-    parts: list[list[_Followed]] = [[]]
-    for one in _tracked(groups, settings, models, failed, progress):
+    parts: list[list[Followed]] = [[]]
+    for one in followed:
         if parts[-1] and (last := parts[-1][-1].step) is not None:
             last.updated.at.forget()
         if one.found is not None and (beginning := one.found.beginning) is not None:
             first = bisect.bisect_left(parts[-1], beginning.since, key=lambda one: one.time)
             lost = parts[-1][first:]
             del parts[-1][first:]
-            parts.append(_begun(model, beginning, lost, one, settings.gate))
+            parts.append(_begun(model, beginning, lost, one, gate))
         parts[-1].append(one)
     for number, part in enumerate(parts):
         known = [(one.group, one.step) for one in part if one.step is not None]
@@ -150,10 +139,10 @@ def smoothed(
 def _begun(
     model: ArmModel,
     beginning: Beginning,
-    lost: Sequence[_Followed],
-    now: _Followed,
+    lost: Sequence[Followed],
+    now: Followed,
     gate: float,
-) -> list[_Followed]:
+) -> list[Followed]:
     """What the new ``beginning`` makes of what was measured before it was found ``now``.
 
     The tracker takes the newest of that alone, and what was known then is ``lost``.

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
+from octo_arm_model.estimation.smoother import check_count
 from octo_arm_model.experiment.estimating.camera_check import CameraErrors
 from octo_arm_model.experiment.estimating.estimates import (
     Progress,
     TimedEstimate,
     filtered,
+    follow,
     smoothed,
 )
 from octo_arm_model.experiment.estimating.history import Moment, moment_of
@@ -58,13 +60,18 @@ def estimate(
 
     Raises:
         SolveError: if there is none; with ``is_smooth`` as `smoothed`.
+        MeasurementError: with ``is_smooth`` also if there are too many times.
         OctoArmError: as ``write``.
     """
     failures = Refusals()
-    found = (smoothed if is_smooth else filtered)(
+    followed = follow(
         recorded.groups, recorded.settings, recorded.models,
         lambda reason: failures.count('', reason), progress,
     )  # fmt: skip
+    found = filtered(followed)
+    if is_smooth:
+        check_count(len(recorded.groups))
+        found = smoothed(followed, recorded.models, recorded.settings.gate)
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []

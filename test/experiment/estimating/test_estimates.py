@@ -16,7 +16,12 @@ from octo_arm_model.estimation.measurements import Markers, Measurement, Tension
 from octo_arm_model.estimation.settings import EstimatorSettings, SensorNoise
 from octo_arm_model.estimation.state.prediction import Prediction
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
-from octo_arm_model.experiment.estimating.estimates import TimedEstimate, filtered, smoothed
+from octo_arm_model.experiment.estimating.estimates import (
+    TimedEstimate,
+    filtered,
+    follow,
+    smoothed,
+)
 
 pytestmark = pytest.mark.slow
 SECOND = 10**9
@@ -51,8 +56,8 @@ def both(groups: Groups) -> tuple[list[TimedEstimate], list[TimedEstimate], list
     failed: list[str] = []
     models = {'tip': rubber(UNKNOWNS)}
     return (
-        list(filtered(groups, SETTINGS, models, failed.append)),
-        list(smoothed(groups, SETTINGS, models, lambda reason: None)),
+        list(filtered(follow(groups, SETTINGS, models, failed.append))),
+        list(smoothed(follow(groups, SETTINGS, models, [].append), models, SETTINGS.gate)),
         failed,
     )
 
