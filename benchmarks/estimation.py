@@ -15,7 +15,7 @@ from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.state.prediction import Prediction
 
 STEPS = 3 if IS_BRIEF else 900
 SEED = 2026

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from octo_arm_model import Arm, Body, Material, Section
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
 PERIOD = 1.0 / 30.0
 CORRELATED = 1.0  # s

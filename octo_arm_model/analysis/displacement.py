@@ -15,7 +15,7 @@ stretch cannot tell.
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.analysis.sliding_winding import SlidingWinding
 from octo_arm_model.analysis.winding import Winding, Wound
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError
+from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError, shown
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
@@ -90,5 +90,8 @@ def check_displacements(
     for name, value in displacements.items():
         if name in tensions:
             raise TensionError(f'tendon {name} has both a displacement and a tension')
-        if not math.isfinite(value):
-            raise TensionError(f'displacement of {name} is {value!r} m, expected a finite number')
+        # Not by isfinite, to which an integer may be too large.
+        if not -sys.float_info.max <= value <= sys.float_info.max:
+            raise TensionError(
+                f'displacement of {name} is {shown(value)} m, expected a finite number'
+            )

@@ -19,7 +19,7 @@ from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.tendon_sums import check_highest
+from octo_arm_model.core.section.tendons.tendon_sums import check_highest
 from octo_arm_model.core.sensitivity.results import Sensitivity
 from octo_arm_model.core.solver import Solver
 
@@ -151,7 +151,7 @@ class _Search:
         if self._stiffness is None:
             return error
         # Logarithm of the ratio, times the length of the arm to be in metres like the others.
-        ratio = np.log(self._stiffness.of(sensitivity) / self._stiffness.value)
+        ratio = np.log(self._stiffness.of(sensitivity)) - np.log(self._stiffness.value)
         return np.append(error, ratio * self._solver.arm.length)
 
     def jacobian(self, part: FloatArray) -> FloatArray:

@@ -223,16 +223,21 @@ class Stiffness:
     def __post_init__(self) -> None:
         """Validate."""
         direction = real_numbers(self.direction)
-        if direction is None or direction.shape != (3,) or not np.linalg.norm(direction) > 0.0:
+        if (
+            direction is None
+            or direction.shape != (3,)
+            or not 0.0 < (size := np.abs(direction).max()) < np.inf
+        ):
             raise TargetError(
-                f'stiffness direction is {shown(self.direction)}, expected three numbers, not all '
-                'zero'
+                f'stiffness direction is {shown(self.direction)}, expected three finite numbers, '
+                'not all zero'
             )
         value = real_numbers(self.value)
         if value is None or value.shape or not 0.0 < value < np.inf:
             raise TargetError(
                 f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
             )
+        direction = direction / size  # whose squares are within the range of floats
         object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:

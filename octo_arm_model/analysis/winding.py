@@ -18,9 +18,9 @@ from octo_arm_model.analysis.tendon_displacement import (
     displacements_of,
     tendon_compliance,
 )
+from octo_arm_model.core.compiled.models.arm_tables import own
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import find_step
-from octo_arm_model.core.compiled.tables import own
-from octo_arm_model.core.compiled.winding_kernels import Reeled
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -102,7 +102,7 @@ class Winding:
         for iteration in range(MAX_ITERATIONS):
             before, left = left, self._left(tensions, displacement)
             if changes is None or (left > _SLOW * before and not fresh and left > self._met):
-                changes, fresh = self._changes(backbone, displacement), True
+                changes, fresh = self._changes(backbone), True
             else:
                 fresh = False
             step = self._step(tensions, displacement, changes)
@@ -114,7 +114,7 @@ class Winding:
             while True:
                 if part < 1.0 and not fresh:
                     # Derivatives of another solution may point the wrong way.
-                    changes, fresh, part = self._changes(backbone, displacement), True, 1.0
+                    changes, fresh, part = self._changes(backbone), True, 1.0
                     step = self._step(tensions, displacement, changes)
                 new = np.maximum(0.0, tensions + part * step)
                 moved = new - tensions
@@ -200,7 +200,7 @@ class Winding:
         driven = self._driven
         return float((displacement - self._wanted)[driven] @ moved[driven])
 
-    def _changes(self, backbone: Backbone, displacement: FloatArray) -> FloatArray:
+    def _changes(self, backbone: Backbone) -> FloatArray:
         """Derivative of all displacements by all tensions [m/N], (tendons, tendons)."""
         return displacements_by_tension(self._solver, self._solver.sensitivity(backbone))
 

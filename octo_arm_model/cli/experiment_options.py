@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from octo_arm_model.cli.options import (
     add_config_option,
@@ -12,6 +11,7 @@ from octo_arm_model.cli.options import (
     add_tendons,
     add_value,
     add_values,
+    path_of,
 )
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
@@ -43,7 +43,7 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
     """Add the bag and how it is read; without --model it is the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG', help=bag)
+    parser.add_argument('bag', nargs='?', type=path_of, metavar='BAG', help=bag)
     add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
         '--model',

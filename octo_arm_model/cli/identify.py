@@ -91,9 +91,10 @@ def add_command(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     refuse_inside(options.bag, options.out, options.pictures, options.csv)
-    check_out(options, '--out', folder=False)
+    # Folders first: what is to be both is refused then.
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)
+    check_out(options, '--out', folder=False)
     recording, observations, models, alignment, notes = read_options(options, [ALL])
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:

@@ -60,10 +60,24 @@ def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
 
 def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
     """Add the option, or the argument, ``name`` for a file or folder."""
-    add_value(parser, name, metavar, text, Path)
+    add_value(parser, name, metavar, text, path_of)
 
 
-def add_value(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
+def path_of(text: str) -> Path:
+    """The path ``text`` is.
+
+    Raises:
+        ArgumentTypeError: if it is empty, as of a variable of a shell that is not set: it would
+            stand for the folder one is in.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError('empty, expected a path')
+    return Path(text)
+
+
+def add_value(
+    parser: Any, name: str, metavar: str, text: str, kind: Callable[[str], Any] = str
+) -> None:
     """Add the option ``name`` for a value of a ``kind``; None where it is not given."""
     parser.add_argument(name, type=kind, metavar=metavar, help=text)
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import itertools
+import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,7 +22,7 @@ def check_out(
     It is added to ``options.made``, see `folders_made`.
 
     Raises:
-        ConfigError: if it is the other of the two, or the folder cannot be made.
+        ConfigError: if it is the other of the two, or cannot be made or written.
         ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib, which is
             said before the work.
     """
@@ -37,6 +40,14 @@ def check_out(
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
+    try:
+        if folder or not path.exists():
+            tempfile.TemporaryFile(dir=place).close()
+        elif not os.access(path, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        problem = f'cannot be written: {error.strerror}'
+        raise ConfigError(f'{name} is {str(path)!r}, {problem}') from error
 
 
 @contextlib.contextmanager

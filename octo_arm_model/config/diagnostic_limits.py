@@ -9,11 +9,7 @@ from octo_arm_model.config.parameter_group import ParameterGroup, stated
 
 @dataclass(frozen=True)
 class DiagnosticLimits(ParameterGroup):
-    """Thresholds of the node's diagnostics.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
+    """Thresholds of the node's diagnostics."""
 
     GROUP = 'diagnostics'
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
 
 _ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
 

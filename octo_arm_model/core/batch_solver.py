@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.compiled import Compiled
-from octo_arm_model.core.compiled.winding_kernels import Reeled
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.tendon_sums import transmission
+from octo_arm_model.core.section.tendons.tendon_sums import transmission
 
 
 class BatchSolver:

@@ -12,8 +12,8 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.batch_solver import BatchSolver
 from octo_arm_model.core.compiled.compiled import Compiled
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.compiled.winding_kernels import Reeled
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
@@ -21,7 +21,7 @@ from octo_arm_model.core.errors import (
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.loaded.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.core.loaded.loading.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -30,8 +30,8 @@ from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
-from octo_arm_model.core.section.tendon_sums import check_tensions
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import Belief, solve_lower
-from octo_arm_model.estimation.curvature import Curvature, renewed, stddev_of
+from octo_arm_model.estimation.beliefs.belief import Belief, solve_lower
+from octo_arm_model.estimation.beliefs.curvature import Curvature, renewed, stddev_of
+from octo_arm_model.estimation.beliefs.posterior_mean import gradient
 from octo_arm_model.estimation.filter import Step
+from octo_arm_model.estimation.gating.taken import kinds_of
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root
-from octo_arm_model.estimation.posterior_mean import gradient
-from octo_arm_model.estimation.prediction import Prediction
-from octo_arm_model.estimation.taken import kinds_of
+from octo_arm_model.estimation.state.prediction import Prediction
 
 _FAR = 0.5  # standard deviations from where second derivatives are known, to find them anew
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.estimation.gating.updated import Innovation, Updated
 from octo_arm_model.estimation.observability import Unlearnt, unlearnt
-from octo_arm_model.estimation.prediction import Prediction
-from octo_arm_model.estimation.unknowns import State
-from octo_arm_model.estimation.updated import Innovation, Updated
+from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.estimation.state.unknowns import State
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.estimation.belief import Belief
+from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
+from octo_arm_model.estimation.gating.update import update
+from octo_arm_model.estimation.gating.updated import Innovation, Updated
 from octo_arm_model.estimation.measurements import Measurement
-from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.update import update
-from octo_arm_model.estimation.updated import Innovation, Updated
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.window import Window
 
 GATE = 0.9999

@@ -16,9 +16,9 @@ from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE, Step, check_gate, next_step
+from octo_arm_model.estimation.gating.updated import Innovation
 from octo_arm_model.estimation.measurements import Measurement
-from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.updated import Innovation
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.window import Window
 
 

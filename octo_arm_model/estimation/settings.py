@@ -25,8 +25,8 @@ from octo_arm_model.estimation.parameters import (
     PREFIX,
     TURNED,
 )
-from octo_arm_model.estimation.prediction import ArmModel
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
 _RADII = 101  # that the mean is taken of

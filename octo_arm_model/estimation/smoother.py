@@ -16,13 +16,14 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.belief import (
+from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     gain,
     log_determinant,
     lower_root,
     normalised_square,
 )
+from octo_arm_model.estimation.beliefs.posterior import nearest_possible
 from octo_arm_model.estimation.course_curvature import Bent, bent_at, gradient_at, weight_of
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.filter import GATE, Step, next_step, predict, prior
@@ -32,8 +33,7 @@ from octo_arm_model.estimation.measurements import (
     noise_root,
     residuals,
 )
-from octo_arm_model.estimation.posterior import nearest_possible
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 
 MAX_RECORDED = 100_000  # times
 _MOST = 100  # passes

@@ -14,15 +14,15 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
-from octo_arm_model.estimation.consistency import Consistency, count_innovations
-from octo_arm_model.estimation.contradiction import Contradiction, Reading
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE, Step
+from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
+from octo_arm_model.estimation.gating.contradiction import Contradiction, Reading
+from octo_arm_model.estimation.gating.updated import Innovation
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Measurement
-from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.updated import Innovation
+from octo_arm_model.estimation.state.prediction import ArmModel
 
 ITERATIONS = (
     20_000  # of Newton's method for shapes, of each model in all trials of a new beginning

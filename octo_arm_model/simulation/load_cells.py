@@ -15,9 +15,6 @@ class LoadCells(ParameterGroup):
     """Parameters of the load cells of an arm, the same for all, applied in the order listed here.
 
     By default all are off.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
     """
 
     GROUP = 'load_cells'

@@ -10,10 +10,10 @@ from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import Markers, Measurement
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.simulation.sensors import Push, Sensors
 
 _ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used

@@ -25,11 +25,7 @@ from octo_arm_model.core.hints import FloatArray
 
 @dataclass(frozen=True)
 class Relaxation(ParameterGroup):
-    """Parameters of the relaxing modulus.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
+    """Parameters of the relaxing modulus."""
 
     GROUP = 'relaxation'
 

@@ -18,11 +18,7 @@ _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
 
 @dataclass(frozen=True)
 class Push(ParameterGroup):
-    """A force on one cross section, again and again.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
+    """A force on one cross section, again and again."""
 
     GROUP = 'push'
 
@@ -56,11 +52,7 @@ class Push(ParameterGroup):
 
 @dataclass(frozen=True)
 class Sensors(ParameterGroup):
-    """The sensors, of rate 0 where there is none, and their noise.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
-    """
+    """The sensors, of rate 0 where there is none, and their noise."""
 
     GROUP = 'sensors'
 

@@ -18,9 +18,6 @@ class Winches(ParameterGroup):
     """Parameters of the winches of an arm, the same for all, applied in the order listed here.
 
     By default all are off.
-
-    Raises:
-        ArmDefinitionError: if a value is outside its range.
     """
 
     GROUP = 'winches'

@@ -8,7 +8,7 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.wire.cdr_backbone import (
     BACKBONE_TOPICS,
     TENSION_ESTIMATES,

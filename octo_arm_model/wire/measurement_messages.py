@@ -18,7 +18,6 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.core.numerics.vectors import skew
 from octo_arm_model.core.rod.kinematics import Pose
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
     Markers,
     Measurement,
@@ -27,6 +26,7 @@ from octo_arm_model.estimation.measurements import (
     TipPose,
     TipPosition,
 )
+from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as JOINT_STATE

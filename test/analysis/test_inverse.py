@@ -122,6 +122,12 @@ def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver: Solver
     assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)
 
 
+def test_a_stiffness_that_no_arm_has_is_not_reached(solver: Solver) -> None:
+    target = TipPosition(solver.solve(TENSIONS).tip)
+    stiffness = Stiffness([0.0, 1.0, 0.0], 1e-320)  # by which to divide is beyond the floats
+    assert not find_tensions(solver, target, HIGHEST, stiffness=stiffness).reached
+
+
 def test_loads_are_taken_into_account(table4: Config) -> None:
     loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
     loaded = Solver(table4.arm.with_density(1080), 'exact', 61, table4.base, loads=loads)

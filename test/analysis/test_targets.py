@@ -56,9 +56,18 @@ def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -
         (lambda: Bending(np.inf, 1.0), 'bending plane is inf'),
         (lambda: BackboneShape([0.1], [[0.0] * 3] * 2), 'backbone position has 2 points'),
         (lambda: Stiffness([0.0, 0.0, 0.0], 1.0), 'stiffness direction is .*, expected'),
+        (lambda: Stiffness([np.inf, 0.0, 0.0], 1.0), 'direction is .*, expected three finite'),
+        (lambda: Stiffness([np.nan, 1.0, 0.0], 1.0), 'direction is .*, expected three finite'),
         (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
     ],
 )  # fmt: skip
 def test_what_is_no_target_is_refused(build: object, message: str) -> None:
     with pytest.raises(TargetError, match=message):
         build()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e200])
+def test_the_size_of_a_direction_does_not_matter(size: float) -> None:
+    direction = np.array([1.0, 2.0, -2.0])
+    found = Stiffness(size * direction, 5.0).direction
+    np.testing.assert_allclose(found, direction / 3.0, rtol=1e-12)

@@ -75,6 +75,9 @@ from octo_arm_model.cli.main import main
         (('solve', 'nowhere.yaml', '--tensions', '[]'), 'nowhere.yaml: No such file or directory'),
         (('solve', '.', '--tensions', '[]'), '.: Is a directory'),
         (('reproduce', __file__), '[Errno 17] File exists:'),
+        (('play', 'rotating', '--csv', '/proc/x.csv'), "--csv is '/proc/x.csv', cannot be writt"),
+        (('compare', 'bag', '--out', '/proc'), "--out is '/proc', cannot be written: "),
+        (('identify', 'bag', '--out', '/tmp', '--csv', '/tmp'), "--out is '/tmp', a folder, exp"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line_on_stderr_and_status_2(
@@ -91,6 +94,7 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
     [
         (), ('draw',), ('solve',), ('reproduce',),
         (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
+        ('compare', ''), ('compare', 'bag', '--out', ''), ('replay', 'bag', ''),
     ],
 )  # fmt: skip
 def test_wrong_usage_is_status_2(

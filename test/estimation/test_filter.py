@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from octo_arm_model import Solver, Uncertainty
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import (
@@ -21,8 +20,9 @@ from octo_arm_model.estimation.measurements import (
     TipPose,
     TipPosition,
 )
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
 FORCE_AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY)

@@ -11,8 +11,8 @@ from estimation_arms import TENSIONS, rubber
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Markers, Tensions
-from octo_arm_model.estimation.prediction import Prediction
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0))
 PLACES = (0.07, 0.13, 0.19)

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import DistributedLoad, Loads, Material, PointLoad, Solver, displacements_of
 from octo_arm_model.core.arm.loads import ScaledLoads
 from octo_arm_model.core.errors import ConfigError, MeasurementError
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
     Curvatures,
     Markers,
@@ -24,8 +23,9 @@ from octo_arm_model.estimation.measurements import (
     TipPose,
     TipPosition,
 )
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 
 SOME_PLACE = np.array([0.03, 0.11, 0.2])
 TURNED = Rotation.from_rotvec([0.3, -0.2, 0.5])

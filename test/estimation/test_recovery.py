@@ -12,9 +12,9 @@ from octo_arm_model import Backbone, Solver
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation import tracker as tracker_module
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.estimation.tracker import Tracked, Tracker
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 pytestmark = pytest.mark.slow
 SECOND = 10**9

@@ -14,9 +14,9 @@ from scipy.stats import chi2
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.smoother import smooth
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 

@@ -12,9 +12,9 @@ from octo_arm_model import Solver
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.estimation.tracker import Tracker
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 SECOND = 10**9
 ORIGIN = 1_700_000_000 * SECOND

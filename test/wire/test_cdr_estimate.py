@@ -12,7 +12,7 @@ from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.wire.cdr_covariance import read_covariance
 from octo_arm_model.wire.cdr_estimate import (
     BIAS,

@@ -51,8 +51,8 @@ class Arm:
             the next three, is one number for all or one per tendon; kept as the latter, or empty
             where all are zero.
         free_length: length of each tendon between the base and its winch [m].
-        sheath_stiffness: k of `core.section.sheath` [Pa], 0 for a tendon that keeps its place in
-            the cross section.
+        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that keeps its
+            place in the cross section.
         friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
             `MAX_FRICTION`.
 

@@ -13,6 +13,14 @@ from numpy.typing import NDArray
 from octo_arm_model.core.compiled.compiled_lengths import CompiledLengths
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.compiled_sliding import CompiledSliding
+from octo_arm_model.core.compiled.models.arm_tables import (
+    GridTables,
+    PapersTables,
+    grid_tables,
+    own,
+    papers_tables,
+)
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import (
     balance,
     differentiate,
@@ -27,21 +35,13 @@ from octo_arm_model.core.compiled.numba_build import (
     slide,
     slide_rod,
 )
-from octo_arm_model.core.compiled.section_tables import (
+from octo_arm_model.core.compiled.section.section_tables import (
     ExactTables,
     SectionTables,
     exact_tables,
     section_tables,
 )
 from octo_arm_model.core.compiled.sliding_rod import SlidingRod
-from octo_arm_model.core.compiled.tables import (
-    GridTables,
-    PapersTables,
-    grid_tables,
-    own,
-    papers_tables,
-)
-from octo_arm_model.core.compiled.winding_kernels import Reeled
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Evaluate
@@ -58,8 +58,8 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.section.elastic_laws import LinearElastic, NeoHookean
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import SheathedSections
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class Compiled:

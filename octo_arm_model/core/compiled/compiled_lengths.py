@@ -7,10 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.compiled.numba_build import find_lengths, first_step, next_step, wind
-from octo_arm_model.core.compiled.section_tables import ExactTables
-from octo_arm_model.core.compiled.tables import GridTables, own
-from octo_arm_model.core.compiled.winding_kernels import (
+from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
+from octo_arm_model.core.compiled.models.winding_kernels import (
     FOUND,
     MOST_STEPS,
     ON_THE_WAY,
@@ -18,13 +16,15 @@ from octo_arm_model.core.compiled.winding_kernels import (
     Reeled,
     Winches,
 )
+from octo_arm_model.core.compiled.numba_build import find_lengths, first_step, next_step, wind
+from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.solution import Shape, Solution
-from octo_arm_model.core.section.tendon_lengths import TendonLengths
+from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class CompiledLengths:

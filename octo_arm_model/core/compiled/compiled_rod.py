@@ -7,6 +7,18 @@ import functools
 import numpy as np
 
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
+from octo_arm_model.core.compiled.loaded.orientation_kernels import DEFECTS
+from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
+from octo_arm_model.core.compiled.loaded.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
+from octo_arm_model.core.compiled.loaded.rod_tables import (
+    ParameterTables,
+    RodTables,
+    parameter_tables,
+    rod_tables,
+)
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState, empty_state
+from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system
+from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import (
     balance,
     differentiate,
@@ -14,18 +26,6 @@ from octo_arm_model.core.compiled.numba_build import (
     find_minima,
     find_turn,
 )
-from octo_arm_model.core.compiled.orientation_kernels import DEFECTS
-from octo_arm_model.core.compiled.readout_kernels import Readings, empty_readings
-from octo_arm_model.core.compiled.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
-from octo_arm_model.core.compiled.rod_tables import (
-    ParameterTables,
-    RodTables,
-    parameter_tables,
-    rod_tables,
-)
-from octo_arm_model.core.compiled.state_kernels import RodState, empty_state
-from octo_arm_model.core.compiled.system_kernels import System, empty_system
-from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
@@ -38,7 +38,7 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
-from octo_arm_model.core.section.sheath import SheathedSections
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))

@@ -6,11 +6,11 @@ import functools
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.friction.sliding_kernels import UNRESOLVED, remembered
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
+from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
 from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
-from octo_arm_model.core.compiled.sliding_kernels import UNRESOLVED, remembered
-from octo_arm_model.core.compiled.tables import GridTables, own
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.models.exact import Exact

@@ -17,34 +17,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.core.compiled import (
-    coupling_kernels,
-    dense_kernels,
-    exact_kernels,
-    frame_kernels,
-    friction_kernels,
-    kernels,
-    length_kernels,
-    minimum_kernels,
-    orientation_kernels,
-    products,
-    readout_kernels,
-    resolution_kernels,
-    response_kernels,
-    rod_kernels,
-    section_kernels,
-    section_rows,
-    sensitivity_kernels,
-    sheath_kernels,
-    sliding_kernels,
-    sliding_rod_kernels,
-    stability_kernels,
-    start_kernels,
-    state_kernels,
-    step_kernels,
-    system_kernels,
-    winding_kernels,
-)
 from octo_arm_model.core.compiled.kernel_cache import (
     forget,
     is_whole,
@@ -57,15 +29,6 @@ from octo_arm_model.core.compiled.kernel_cache import (
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
-_OWN = 'octo_arm_model.'
-# Modules of functions that are compiled, and of what they are made from.
-_KERNELS = (
-    kernels, frame_kernels, exact_kernels, section_rows, section_kernels, sheath_kernels,
-    start_kernels, minimum_kernels, rod_kernels, system_kernels, state_kernels,
-    orientation_kernels, response_kernels, dense_kernels, readout_kernels, products,
-    friction_kernels, sliding_kernels, length_kernels, sliding_rod_kernels, winding_kernels,
-    sensitivity_kernels, step_kernels, stability_kernels, resolution_kernels, coupling_kernels,
-)  # fmt: skip
 
 
 def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
@@ -110,48 +73,50 @@ def entry_point(machine: Any) -> Callable[..., Any]:
 
 def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
     """A ``function`` with all it calls compiled, named after everything it is made from."""
-    scopes: dict[str, dict[str, Any]] = {}
+    # What functions of each module see: each other and what is imported, compiled.
+    scopes = {name: dict(vars(sys.modules[name])) for name in modules_of(function)}
     made: dict[types.FunctionType, Any] = {}
-
-    def scope_of(name: str) -> dict[str, Any]:
-        """What functions of the module ``name`` see: each other and what is imported, compiled."""
-        if name not in scopes:
-            scope = scopes[name] = dict(vars(sys.modules[name]))
-            for key, value in list(scope.items()):
-                if isinstance(value, types.FunctionType) and value.__module__.startswith(_OWN):
-                    scope[key] = made_of(value)
-        return scopes[name]
-
-    def made_of(function: types.FunctionType) -> Any:
-        if function not in made:
-            scope = scope_of(function.__module__)
-            plain = types.FunctionType(function.__code__, scope, function.__name__)
-            made.setdefault(function, numba.njit(plain, **_OPTIONS))
-        return made[function]
-
-    scope = scope_of(function.__module__)
-    entry = types.FunctionType(function.__code__, scope, function.__name__)
+    for scope in scopes.values():
+        for key, value in scope.items():
+            if not _is_own(value, types.FunctionType):
+                continue
+            if value not in made:
+                plain = types.FunctionType(
+                    value.__code__, scopes[value.__module__], value.__name__
+                )
+                made[value] = numba.njit(plain, **_OPTIONS)
+            scope[key] = made[value]
+    entry = types.FunctionType(function.__code__, scopes[function.__module__], function.__name__)
     # Numba would look for changes in one file alone.
     digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
-    for file in sources():
+    for file in sources(function):
         digest.update(Path(file).read_bytes())
-    for module in _KERNELS:
-        constants = {name: x for name, x in vars(module).items() if isinstance(x, int | float)}
+    for scope in scopes.values():
+        constants = {name: x for name, x in scope.items() if isinstance(x, int | float)}
         digest.update(repr(sorted(constants.items())).encode())
     entry.__qualname__ = f'{function.__name__}_{digest.hexdigest()[:16]}'
     return entry
 
 
-def sources() -> list[str]:
-    """Files of all functions and classes that the machine code is made from."""
-    parts = [
-        value
-        for module in _KERNELS
-        for value in vars(module).values()
-        if isinstance(value, types.FunctionType | type)
-    ]
-    own = [part for part in parts if part.__module__.startswith(_OWN)]
-    return sorted({__file__, *map(inspect.getfile, own)})
+def modules_of(function: Callable[..., Any]) -> list[str]:
+    """Names of the modules of ``function`` and of all functions that these import, in order."""
+    found, new = set(), {function.__module__}
+    while new:
+        found |= new
+        imported = (value for name in new for value in vars(sys.modules[name]).values())
+        new = {x.__module__ for x in imported if _is_own(x, types.FunctionType)} - found
+    return sorted(found)
+
+
+def sources(function: Callable[..., Any]) -> list[str]:
+    """Files of all functions and classes that the machine code of ``function`` is made from."""
+    modules = [sys.modules[name] for name in modules_of(function)]
+    classes = {x for module in modules for x in vars(module).values() if _is_own(x, type)}
+    return sorted({__file__, *map(inspect.getfile, [*modules, *classes])})
+
+
+def _is_own(value: object, kind: type) -> bool:
+    return isinstance(value, kind) and value.__module__.startswith('octo_arm_model.')
 
 
 def _processor() -> str:

@@ -13,28 +13,27 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from octo_arm_model.core.compiled import (
-    exact_kernels,
-    frame_kernels,
-    kernels,
-    length_kernels,
-    minimum_kernels,
+from octo_arm_model.core.compiled.friction import sliding_kernels, sliding_rod_kernels
+from octo_arm_model.core.compiled.friction.friction_tables import no_friction
+from octo_arm_model.core.compiled.kernel_compiler import compiled
+from octo_arm_model.core.compiled.loaded import (
     orientation_kernels,
     readout_kernels,
     rod_kernels,
-    section_kernels,
     sensitivity_kernels,
-    sliding_kernels,
-    sliding_rod_kernels,
     state_kernels,
     system_kernels,
+)
+from octo_arm_model.core.compiled.loaded.rod_tables import no_parameters, no_rod
+from octo_arm_model.core.compiled.models import (
+    exact_kernels,
+    frame_kernels,
+    paper_kernels,
     winding_kernels,
 )
-from octo_arm_model.core.compiled.friction_tables import no_friction
-from octo_arm_model.core.compiled.kernel_compiler import compiled
-from octo_arm_model.core.compiled.rod_tables import no_parameters, no_rod
-from octo_arm_model.core.compiled.section_tables import no_exact
-from octo_arm_model.core.compiled.tables import no_arm, no_grid
+from octo_arm_model.core.compiled.models.arm_tables import no_arm, no_grid
+from octo_arm_model.core.compiled.section import length_kernels, minimum_kernels, section_kernels
+from octo_arm_model.core.compiled.section.section_tables import no_exact
 
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
@@ -64,7 +63,7 @@ _SHAPES = (
     np.zeros(0, np.int64),
 )  # fmt: skip
 
-find_shapes = _made(kernels.find_shapes, no_arm(), no_grid(), _TABLE, *_SHAPES)
+find_shapes = _made(paper_kernels.find_shapes, no_arm(), no_grid(), _TABLE, *_SHAPES)
 find_exact_shapes = _made(exact_kernels.find_exact_shapes, no_exact(), no_grid(), _TABLE, *_SHAPES)
 find_sliding_shapes = _made(
     sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod, state_of
-from octo_arm_model.core.compiled.friction_tables import FrictionTables, friction_tables
+from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
+from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
+from octo_arm_model.core.compiled.loaded.rod_kernels import Outcome
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState
+from octo_arm_model.core.compiled.loaded.system_kernels import empty_system
+from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
-from octo_arm_model.core.compiled.readout_kernels import Readings
-from octo_arm_model.core.compiled.rod_kernels import Outcome
-from octo_arm_model.core.compiled.state_kernels import RodState
-from octo_arm_model.core.compiled.system_kernels import empty_system
-from octo_arm_model.core.compiled.tables import own
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions

@@ -8,7 +8,7 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.newton import Newton
-from octo_arm_model.core.loaded.sliding_response import newton_step
+from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 

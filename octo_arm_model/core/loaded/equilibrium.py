@@ -17,12 +17,12 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.friction import Friction
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
-from octo_arm_model.core.loaded.load_resultants import LoadTable
-from octo_arm_model.core.loaded.load_tangents import RodPoints, WithTangents
+from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
+from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.loaded.second_variation import are_least
+from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew

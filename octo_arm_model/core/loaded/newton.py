@@ -10,7 +10,7 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import IntArray, Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import Linearised, System, TipAnswer
-from octo_arm_model.core.loaded.sliding_response import newton_step
+from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.rod.solution import Shape
 

@@ -16,13 +16,13 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.collocation import Collocation, Readout
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.loaded.friction import Friction, Sliding
-from octo_arm_model.core.loaded.load_limits import LoadLimits
-from octo_arm_model.core.loaded.load_resultants import LoadTable, dead_resultants
+from octo_arm_model.core.loaded.loading.load_limits import LoadLimits
+from octo_arm_model.core.loaded.loading.load_resultants import LoadTable, dead_resultants
 from octo_arm_model.core.loaded.newton import Newton, newton
 from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.settle import Settling
-from octo_arm_model.core.loaded.sliding_balance import ExactSections, balance
+from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding
+from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections, balance
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -32,7 +32,7 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
-from octo_arm_model.core.section.sheath import sections_of
+from octo_arm_model.core.section.sheaths.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import (
     check_fibres,
     to_twist,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
-from octo_arm_model.core.loaded.friction import Sliding
 from octo_arm_model.core.loaded.linearised import Response
+from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape
 

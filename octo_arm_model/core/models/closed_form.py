@@ -18,7 +18,7 @@ from octo_arm_model.core.section.paper_balance import (
     routed_torsion,
     twist_of,
 )
-from octo_arm_model.core.section.tendon_sums import TendonSums, TendonWeights
+from octo_arm_model.core.section.tendons.tendon_sums import TendonSums, TendonWeights
 
 
 class ClosedForm:

@@ -19,7 +19,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.settle import Settling
-from octo_arm_model.core.loaded.sliding_balance import ExactSections
+from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
@@ -27,7 +27,7 @@ from octo_arm_model.core.models.unloaded_exact import UnloadedExact
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import sections_of
+from octo_arm_model.core.section.sheaths.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.by_loads import by_loads

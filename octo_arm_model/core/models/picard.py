@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendon_sums import TendonSums
+from octo_arm_model.core.section.tendons.tendon_sums import TendonSums
 
 COLLOCATION_POINTS = 20
 # Sweeps stop when p changes by less than this part of the largest moment in the arm, which

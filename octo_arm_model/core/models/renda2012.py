@@ -45,7 +45,7 @@ from octo_arm_model.core.section.paper_balance import (
     imbalance_of,
     twist_of,
 )
-from octo_arm_model.core.section.tendon_sums import TendonWeights, transmission
+from octo_arm_model.core.section.tendons.tendon_sums import TendonWeights, transmission
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
 # How tendons 1 to 4 of a section bend it about n and about b.

@@ -10,7 +10,7 @@ from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.sliding_balance import Sections, Slid, balance
+from octo_arm_model.core.loaded.sliding.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import to_scaled

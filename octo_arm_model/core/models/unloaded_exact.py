@@ -22,7 +22,7 @@ from octo_arm_model.core.rod.grid import Panel, panels_of
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import can_be, initial_strain, minimise
-from octo_arm_model.core.section.sheath import sections_of
+from octo_arm_model.core.section.sheaths.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 
 # Points in each panel; where sheaths give way, whose softening strains are less smooth.

@@ -27,10 +27,10 @@ from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.formulas import bending_terms, tendon_direction
 from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.planar_tendons import PlanarTendons
 from octo_arm_model.core.section.quasi_newton import Tendons
-from octo_arm_model.core.section.tendon_sums import transmission
-from octo_arm_model.core.section.tendon_tables import TendonTables, by_strain
+from octo_arm_model.core.section.tendons.planar_tendons import PlanarTendons
+from octo_arm_model.core.section.tendons.tendon_sums import transmission
+from octo_arm_model.core.section.tendons.tendon_tables import TendonTables, by_strain
 
 if TYPE_CHECKING:
     from octo_arm_model.core.section.condensed import Condensed

@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, Number
-from octo_arm_model.core.section.tendon_sums import TendonSums
+from octo_arm_model.core.section.tendons.tendon_sums import TendonSums
 
 
 class SectionStiffness(NamedTuple):

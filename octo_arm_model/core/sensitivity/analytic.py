@@ -13,11 +13,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.friction import Sliding
-from octo_arm_model.core.loaded.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.sliding_response import respond
+from octo_arm_model.core.loaded.sliding.friction import Sliding
+from octo_arm_model.core.loaded.sliding.friction_changes import FrictionChanges
+from octo_arm_model.core.loaded.sliding.sliding_response import respond
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross

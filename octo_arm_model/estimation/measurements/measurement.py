@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from octo_arm_model.core.arm.validation import LARGEST, SMALLEST, real_numbers
 from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.state.prediction import Prediction
 
 _LARGEST = 1000  # numbers in one measurement
 

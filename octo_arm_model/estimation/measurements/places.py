@@ -14,7 +14,7 @@ from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
-from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.state.prediction import Prediction
 
 
 class _AtPlaces(Measurement):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurements.measurement import Measurement
-from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.state.prediction import Prediction
 
 
 class _OfTendons(Measurement):

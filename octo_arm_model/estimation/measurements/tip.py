@@ -10,7 +10,7 @@ from octo_arm_model.core.errors import MeasurementError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.vectors import left_jacobian
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
-from octo_arm_model.estimation.prediction import Prediction
+from octo_arm_model.estimation.state.prediction import Prediction
 
 
 class TipPosition(Measurement):

@@ -11,11 +11,11 @@ from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.core.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Step, next_step
-from octo_arm_model.estimation.prediction import ArmModel
+from octo_arm_model.estimation.gating.updated import Innovation
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Beginning, Tracked, Tracker
-from octo_arm_model.estimation.updated import Innovation
 
 # Called with how many of the times are done, and of how many.
 Progress = Callable[[int, int], None]

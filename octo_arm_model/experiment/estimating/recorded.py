@@ -22,8 +22,8 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.parameters import PREFIX
-from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.experiment.estimating.camera_check import CameraCheck
 from octo_arm_model.experiment.estimating.read_camera import camera_topic, read_camera
 from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics

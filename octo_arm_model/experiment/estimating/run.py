@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.estimation.consistency import Consistency, count_innovations
+from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
 from octo_arm_model.experiment.estimating.camera_check import CameraErrors
 from octo_arm_model.experiment.estimating.estimates import (
     Progress,

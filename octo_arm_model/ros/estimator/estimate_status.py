@@ -10,8 +10,8 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.estimation.consistency import Consistency
 from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.gating.consistency import Consistency
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.node.diagnostics import make_status
 

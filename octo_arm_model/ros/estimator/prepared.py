@@ -12,8 +12,8 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
-from octo_arm_model.estimation.prediction import ArmModel
 from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.tension_subscription import message_class

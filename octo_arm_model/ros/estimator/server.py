@@ -12,13 +12,19 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.estimator.estimate_status import EstimateStatus
-from octo_arm_model.ros.estimator.measurement_inputs import MeasurementInputs
 from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
 from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.server import Server
-from octo_arm_model.wire.measurement_messages import MeasuredArm, tensions_of
+from octo_arm_model.ros.node.tension_subscription import LatestSubscription, message_class
+from octo_arm_model.wire.measurement_messages import (
+    MEASUREMENT_TOPICS,
+    MeasuredArm,
+    MeasurementMessage,
+    tensions_of,
+)
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -38,17 +44,35 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._status = EstimateStatus(node)
         self._diagnostics.parts.append(self._status.report)
         self._stamps = Stamps(node)
-        self._others = MeasurementInputs(
-            node, self._work, self._diagnostics, self._measured_arm, self._take, self._refuse
-        )
+        self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
 
     def _open(self) -> None:
         self._begin_anew()
-        self._others.open()
+        for topic, message in MEASUREMENT_TOPICS.items():
+            # One by one: where the next cannot be, `_close` ends those before it.
+            self._others.append(self._subscribe(topic, message))
+        publishers = {one.topic: one.count_publishers for one in self._others}
+        self._diagnostics.publishers |= publishers
+        self._diagnostics.apart = frozenset(publishers)
+
+    def _subscribe(self, topic: str, message: MeasurementMessage) -> LatestSubscription:
+        kind = message_class(message.type_name)
+
+        def read(data: bytes) -> None:
+            given = decoded(data, kind)
+            measurement = message.read(given, self._measured_arm())
+            self._take(made.topic, Stamp.of(given.header.stamp), measurement)
+
+        made = LatestSubscription(
+            self._node, kind, topic, read, self._refuse, self._work, self._diagnostics.skipped
+        )
+        return made
 
     def _close(self) -> None:
-        self._others.close()
+        for subscription in self._others:
+            subscription.close()
+        self._others = []
         self._frames.close()
         self._tracker = None
         self._status.follow(None, None)
@@ -96,7 +120,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         arm, tracker, outbox = self._arm, self._tracker, self._publishers
         assert tracker is not None and outbox is not None
         self._diagnostics.received(topic, stamp)
-        at = self._stamps.resolve(topic, stamp)
+        at = self._stamps.resolve(stamp)
         if back := self._stamps.runs_back(topic, at, arm.settings.window):
             self._node.get_logger().warning(
                 f'{topic}: stamps run back by {back:.3g} s; the estimate begins anew'

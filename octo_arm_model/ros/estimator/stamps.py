@@ -27,8 +27,8 @@ class Stamps:
         """Begin anew."""
         self._newest.clear()
 
-    def resolve(self, topic: str, stamp: Stamp | None) -> Stamp:
-        """The ``stamp`` of a message on ``topic``; the time of receipt where it has none.
+    def resolve(self, stamp: Stamp | None) -> Stamp:
+        """The ``stamp`` of a message; the time of receipt where it has none.
 
         Raises:
             MeasurementError: if it is ahead of the clock: all that is measured until then would be

@@ -37,15 +37,10 @@ from octo_arm_model.analysis.displacement import solve_displacements
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
-from octo_arm_model.core.compiled import (
-    frame_kernels,
-    kernel_cache,
-    kernel_compiler,
-    kernels,
-    numba_build,
-)
-from octo_arm_model.core.compiled.section_tables import section_tables
-from octo_arm_model.core.compiled.tables import own
+from octo_arm_model.core.compiled import kernel_cache, kernel_compiler, numba_build
+from octo_arm_model.core.compiled.models import frame_kernels, paper_kernels
+from octo_arm_model.core.compiled.models.arm_tables import own
+from octo_arm_model.core.compiled.section.section_tables import section_tables
 from octo_arm_model.core.loaded.budget import Budget, Spending
 from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.linearised import TipAnswer
@@ -320,7 +315,7 @@ def test_as_plain_python_the_loops_do_the_same() -> None:
     found = solver.solve(FETCHING_IN_SPACE)
     assert solver._compiled is not None and found.twist is not None
     twist = np.empty_like(found.twist)
-    residual, sweeps = kernels.find_twist(
+    residual, sweeps = paper_kernels.find_twist(
         solver._compiled._tables, np.ravel(FETCHING_IN_SPACE), twist
     )
     np.testing.assert_allclose(twist, found.twist, atol=1e-12 * np.abs(twist).max())
@@ -350,7 +345,7 @@ def test_a_stretch_that_is_not_a_number_is_no_answer() -> None:
     solver = TABLE_4.solver('closed_form', compiled=True)
     assert solver._compiled is not None
     twist = np.empty((4, solver.grid.nodes.size))
-    _, sweeps = kernels.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
+    _, sweeps = paper_kernels.find_twist(solver._compiled._tables, np.full(12, np.nan), twist)
     assert sweeps < 0
 
 
@@ -444,15 +439,16 @@ def test_one_version_of_every_kernel_serves_all_work(loaded_anew: dict[str, Any]
 
 
 def test_what_it_is_made_from_decides_whether_it_is_made_anew() -> None:
-    files = {Path(file).name for file in kernel_compiler.sources()}
-    assert files >= {'kernels.py', 'tables.py', 'picard.py', 'kinematics.py', 'quaternion.py'}
-    assert files >= {'paper_balance.py', 'kernel_compiler.py'}
+    files = {Path(file).name for file in kernel_compiler.sources(paper_kernels.find_shapes)}
+    assert files >= {'paper_kernels.py', 'arm_tables.py', 'picard.py', 'kinematics.py'}
+    assert files >= {'quaternion.py', 'paper_balance.py', 'kernel_compiler.py'}
+    assert 'rod_kernels.py' not in files
 
 
 def test_nothing_that_is_compiled_is_left_out_of_that() -> None:
-    sources, known = set(kernel_compiler.sources()), set()
+    known = set()
 
-    def check(function: types.FunctionType) -> None:
+    def check(function: types.FunctionType, sources: set[str]) -> None:
         code = function.__code__
         if code in known:
             return
@@ -461,10 +457,10 @@ def test_nothing_that_is_compiled_is_left_out_of_that() -> None:
         for name in code.co_names:
             called = getattr(function.__globals__.get(name), 'py_func', None)
             if called is not None:
-                check(called)
+                check(called, sources)
 
     for machine in numba_build.make_all().values():
-        check(machine.py_func)
+        check(machine.py_func, set(kernel_compiler.sources(machine.py_func)))
     assert len(known) > 100
 
 

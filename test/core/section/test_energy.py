@@ -13,7 +13,7 @@ from octo_arm_model import Arm
 from octo_arm_model.core.section import energy as energy_module
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheath import sections_of
+from octo_arm_model.core.section.sheaths.sheath import sections_of
 
 IN_SHEATHS = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5))
 STRAIN = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03])

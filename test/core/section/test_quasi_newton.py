@@ -18,9 +18,9 @@ from octo_arm_model.core.section import newton, quasi_newton
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import TOLERANCE, force_scale, initial_strain, minimise
-from octo_arm_model.core.section.planar_tendons import PlanarTendons
-from octo_arm_model.core.section.sheath import SheathedSections, sections_of
-from octo_arm_model.core.section.sheathed_tendons import SheathedTendons
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of
+from octo_arm_model.core.section.sheaths.sheathed_tendons import SheathedTendons
+from octo_arm_model.core.section.tendons.planar_tendons import PlanarTendons
 
 FETCHING = 0.8 * np.array([[0.0, 0.0, 0.5, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 13.0, 0.0, 0.0]])
 

@@ -13,9 +13,9 @@ from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.prediction import Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings, SensorNoise
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate, filtered, smoothed
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,158 @@
+"""Loaded rods whose tendons have friction: what `numba_build` compiles.
+
+Steps of Newton's method at tensions that stay, each followed by those tensions along the tendons
+that the new shape leaves. How far tendons turn depends most on the tensions at the same place,
+which `coupling_kernels.improve` takes into account, so that few steps more are enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.friction.coupling_kernels import find_couplings, improve
+from octo_arm_model.core.compiled.friction.friction_kernels import (
+    empty_turning,
+    find_tensions,
+    find_turnings,
+    resolves_tensions,
+)
+from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.loaded.orientation_kernels import (
+    DEFECTS,
+    find_turn,
+    normalise,
+    turn_by,
+)
+from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
+from octo_arm_model.core.compiled.loaded.rod_kernels import (
+    ANY_READINGS,
+    READINGS,
+    leave,
+    search,
+    turn_of,
+)
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import (
+    RodState,
+    copy_state,
+    empty_state,
+    find_state,
+)
+from octo_arm_model.core.compiled.loaded.step_kernels import find_step
+from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
+from octo_arm_model.core.compiled.numerics.products import add_runs
+from octo_arm_model.core.hints import ComplexArray, FloatArray
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
+from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
+
+MOST_STEPS = 30
+SETTLED = 1e-9  # change of the angles by which tendons turn, with which tensions stay [rad]
+SLOW = 0.2  # part of the residual that a step must leave less than, else the system is found anew
+STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
+
+
+def slide_rod(
+    tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
+    tip_wrench: FloatArray, factor: float, tolerance: float, has_energy: bool, wanted: int,
+    is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
+    system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
+) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
+    """`find_sliding_balance`, and what `rod_kernels.search` finds with tensions that stay.
+
+    Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
+    elements do not resolve tensions along tendons.
+
+    Returns:
+        As `rod_kernels.balance`; an infinite residual where tensions are not found.
+    """
+    residual, systems, sign, corrected, sticks, is_resolved = find_sliding_balance(
+        tables, friction, tensions, before, tip_wrench, factor, tolerance, is_known, known, state,
+        slip, system,
+    )  # fmt: skip
+    if systems < 0:
+        return np.inf, 0, corrected, 0, False, False, False
+    normalise(state.turn)
+    # Where a tendon begins to stick strains have a kink, which no elements resolve.
+    kind = ANY_READINGS if sticks and wanted == READINGS else wanted
+    found = search(
+        tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
+        residual, sign, state, system, compliance, change, readings,
+    )  # fmt: skip
+    leave(state.turn, orientation)
+    corrected += found.corrected
+    is_read = found.is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
+    return (
+        found.residual, systems + found.iterations, corrected, found.sign, found.is_least,
+        found.is_definite, is_read,
+    )  # fmt: skip
+
+
+def find_sliding_balance(
+    tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
+    tip_wrench: FloatArray, factor: float, tolerance: float, is_known: bool, known: System,
+    state: RodState, slip: FloatArray, system: System,
+) -> tuple[float, int, int, float, bool, bool]:  # fmt: skip
+    """Balance the ``state``, of which twist and orientations are given, and its tendons.
+
+    These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
+    they end as the ``transmission`` of the sections, which both tables have in common, and of
+    those at the stations, with their ``slip`` (tendons, points). If ``is_known``, the ``known``
+    system of a balance nearby makes steps for as long as these leave little; then one that is
+    linearised anew, which ``system`` ends as.
+
+    Returns:
+        The residual; how many systems it took, as iterations of Newton's method count, -1 where
+        there is no balance; the sign of the determinant of ``system``, 0 where it is not that of
+        nearly the balance; how far all steps but the first have turned the arm [rad]; whether any
+        tendon sticks; and whether elements are fine enough for the tensions.
+    """
+    count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
+    turned, sign = 0.0, 0
+    pulled = np.flatnonzero(tensions)
+    turning = empty_turning(pulled.size, count)
+    new, current = empty_state(count), known
+    step, turn = np.empty((4, count)), np.empty((3, count))
+    held = np.zeros(tensions.size)
+    held[pulled] = 1.0
+    along, changed = tables.sections.transmission, np.inf
+    along[:] = 0.0
+    find_turnings(friction, state.twist, pulled, turning)
+    turning.angle[:] = turning.turned
+    sticks = find_tensions(friction, tensions, before, pulled, turning)
+    residual = find_state(tables, held, tip_wrench, factor, state)
+    find_couplings(friction, state.twist, state.hessian, pulled, turning)
+    is_slow = not is_known
+    for number in range(MOST_STEPS):
+        if residual <= tolerance and changed <= SETTLED:
+            slip[:] = -1.0
+            for place in range(pulled.size):
+                slip[pulled[place]] = turning.slip[place]
+            at_stations = tables.station_sections.transmission
+            at_stations[:] = 0.0
+            each = tables.weights.size
+            add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
+            is_fine = resolves_tensions(friction, tensions)
+            sign = sign if turned <= SAME else 0
+            return residual, systems, sign, corrected, sticks, is_fine
+        if is_slow:
+            systems, turned, current = systems + 1, 0.0, system
+            sign = find_system(tables, state, system)
+            if sign == 0:
+                break
+        find_step(tables, current, state.imbalance, step, turn)
+        new.twist[:] = state.twist + step
+        turn_by(turn, state.turn, new.turn)
+        find_turn(tables, new.twist, DEFECTS, new.turn)
+        find_turnings(friction, new.twist, pulled, turning)
+        changed = improve(friction, pulled, turning)
+        sticks = find_tensions(friction, tensions, before, pulled, turning)
+        found = find_state(tables, held, tip_wrench, factor, new)
+        if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
+            break
+        is_slow, residual = found > SLOW * residual, found
+        copy_state(new, state)
+        angle = turn_of(tables, step)
+        turned += angle
+        if number:
+            corrected += angle
+    return residual, -1, 0, corrected, False, False

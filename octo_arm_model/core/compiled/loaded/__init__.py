@@ -1,0 +1,1 @@
+"""Rods under loads in machine code. Imports section and numerics."""

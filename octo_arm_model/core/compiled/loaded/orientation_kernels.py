@@ -1,0 +1,219 @@
+"""Orientations along a loaded rod: what `numba_build` compiles, as `kinematics` has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.hints import FloatArray
+
+MOST_SWEEPS = 60
+# Sum of squares of the defects that the last sweep takes out, which leaves a millionth of them.
+DEFECTS = 1e-17
+MOST_DEFECTS = 1e-6  # likewise on the way to a balance, at most
+
+
+def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray) -> None:
+    """Fill in the ``rate`` (4, n) of ``turn`` under a ``twist``, times 2 ``half`` (n,)."""
+    a, b, c, d = turn[0], turn[1], turn[2], turn[3]
+    kappa_t, kappa_n, kappa_b = twist[0], twist[1], twist[2]
+    w, x, y, z = rate[0], rate[1], rate[2], rate[3]
+    for j in range(half.size):
+        t, n, m = half[j] * kappa_t[j], half[j] * kappa_n[j], half[j] * kappa_b[j]
+        w[j] = -b[j] * t - c[j] * n - d[j] * m
+        x[j] = a[j] * t + c[j] * m - d[j] * n
+        y[j] = a[j] * n + d[j] * t - b[j] * m
+        z[j] = a[j] * m + b[j] * n - c[j] * t
+
+
+def solve_turn(
+    tables: RodTables, twist: FloatArray, half: FloatArray, first: int, turn: FloatArray
+) -> None:
+    """Fill in ``turn`` (4, points) within the element from ``first`` on, from its start."""
+    s = tables.weights.size
+    last = first + s
+    system, right = np.eye(4 * s), np.zeros(4 * s)
+    right[:s] = 1.0
+    unit, rate = np.zeros((4, s)), np.empty((4, s))
+    for k in range(4):
+        unit[:] = 0.0
+        unit[k] = 1.0
+        find_rate(twist[:, first:last], half[first:last], unit, rate)
+        for m in range(4):
+            for i in range(s):
+                for j in range(s):
+                    system[m * s + i, k * s + j] -= tables.from_start[i, j] * rate[m, j]
+    if not np.isfinite(system.sum()):
+        turn[:, first:last] = np.nan
+        return
+    found = np.linalg.solve(system, right)
+    for k in range(4):
+        turn[k, first:last] = found[k * s : k * s + s]
+
+
+def find_turn(tables: RodTables, twist: FloatArray, settled: float, turn: FloatArray) -> float:
+    """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
+
+    Within each element from its start, with the collocated equations
+
+        Q = 1 + (integral of Q w / 2)
+
+    swept from what is given. A defect D of theirs is taken out together with what it does further
+    on in the element,
+
+        e = D + g Q    g' = (D w / 2) Q^-1,
+
+    exact but for the error of Q and of quadrature: few sweeps are enough. Where the twist is so
+    large that they are not, the equations are solved. Then one element is put after another.
+
+    What is found solves the equations, and is of norm 1 at the ends of elements alone: by that it
+    is known again where it is given.
+
+    Returns:
+        Sum of squares of the defects that the last sweep has taken out, at most ``settled``.
+    """
+    s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
+    half, size = 0.5 * tables.lengths, np.inf
+    rate, defect = np.empty((4, count)), np.empty((4, count))
+    more, raw = np.empty((4, count)), np.empty((4, count))
+    from_starts(tables, twist, half, turn, rate, raw)
+    each = 4 * elements, s
+    rates, integrals = rate.reshape(each), tables.from_start_columns
+    for _ in range(MOST_SWEEPS):
+        find_rate(twist, half, raw, rate)
+        np.dot(rates, integrals, defect.reshape(each))
+        for k in range(4):
+            out, found, start = defect[k], raw[k], 0.0 if k else 1.0
+            for j in range(count):
+                out[j] += start - found[j]
+        size = sum_of_squares(defect)
+        find_rate(twist, half, defect, rate)
+        times_inverse(rate, raw, rate)
+        np.dot(rates, integrals, more.reshape(each))
+        add_product(more, raw, defect)
+        raw += defect
+        if size <= settled:
+            break
+    if not size <= settled:
+        for element in range(elements):
+            solve_turn(tables, twist, half, element * s, raw)
+        size = 0.0
+    find_rate(twist, half, raw, rate)
+    chain(tables, raw, rate, turn)
+    return size
+
+
+def sum_of_squares(rows: FloatArray) -> float:
+    """Of all elements of ``rows`` (4, n)."""
+    # Row by row side by side, since each addition waits for the one before.
+    a, b, c, d = rows[0], rows[1], rows[2], rows[3]
+    e, f, g, h = 0.0, 0.0, 0.0, 0.0
+    for j in range(a.size):
+        e, f, g, h = e + a[j] * a[j], f + b[j] * b[j], g + c[j] * c[j], h + d[j] * d[j]
+    return (e + f) + (g + h)
+
+
+def from_starts(
+    tables: RodTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
+    raw: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in ``raw`` (4, points), what is given of ``turn`` nearly from each element's start."""
+    s = tables.weights.size
+    find_rate(twist, half, turn, rate)
+    for element in range(tables.step.size):
+        first = element * s
+        w, x, y, z = turn[0, first], turn[1, first], turn[2, first], turn[3, first]
+        for j in range(s):
+            part = tables.from_start_columns[j, 0]
+            w -= part * rate[0, first + j]
+            x -= part * rate[1, first + j]
+            y -= part * rate[2, first + j]
+            z -= part * rate[3, first + j]
+        turn_all(w, -x, -y, -z, turn[:, first : first + s], raw[:, first : first + s])
+
+
+def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: FloatArray) -> None:
+    """Fill in products of one quaternion w, x, y, z with each ``turn`` (4, n)."""
+    for j in range(turn.shape[1]):
+        a, b, c, d = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
+        out[0, j] = w * a - x * b - y * c - z * d
+        out[1, j] = w * b + x * a + y * d - z * c
+        out[2, j] = w * c - x * d + y * a + z * b
+        out[3, j] = w * d + x * c - y * b + z * a
+
+
+def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
+    """Fill in orientations ``turn`` (4, points) from ``raw`` ones, each from its element's start.
+
+    Their ``rate`` gives what they are at the end of the element, which becomes of norm 1.
+    """
+    s = tables.weights.size
+    start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
+    for element in range(tables.step.size):
+        first = element * s
+        w, x, y, z = start[0, 0], start[1, 0], start[2, 0], start[3, 0]
+        turn_all(w, x, y, z, raw[:, first : first + s], turn[:, first : first + s])
+        for k in range(4):
+            end[k, 0] = 0.0 if k else 1.0
+            for j in range(s):
+                end[k, 0] += tables.weights[j] * rate[k, first + j]
+        turn_all(w, x, y, z, end, start)
+        normalise(start)
+
+
+def normalise(turn: FloatArray) -> None:
+    """Divide quaternions (4, n) by their norm."""
+    a, b, c, d = turn[0], turn[1], turn[2], turn[3]
+    for j in range(a.size):
+        over = 1.0 / np.sqrt(a[j] * a[j] + b[j] * b[j] + c[j] * c[j] + d[j] * d[j])
+        a[j], b[j], c[j], d[j] = over * a[j], over * b[j], over * c[j], over * d[j]
+
+
+def times_inverse(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
+    """Fill in products of quaternions, one times the conjugate of the other, (4, n) each."""
+    a, b, c, d = one[0], one[1], one[2], one[3]
+    w, x, y, z = other[0], other[1], other[2], other[3]
+    o_0, o_1, o_2, o_3 = out[0], out[1], out[2], out[3]
+    for j in range(a.size):
+        e, f, g, h = a[j], b[j], c[j], d[j]
+        o_0[j] = e * w[j] + f * x[j] + g * y[j] + h * z[j]
+        o_1[j] = f * w[j] - e * x[j] - g * z[j] + h * y[j]
+        o_2[j] = g * w[j] - e * y[j] + f * z[j] - h * x[j]
+        o_3[j] = h * w[j] - e * z[j] - f * y[j] + g * x[j]
+
+
+def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
+    """Add products of quaternions, (4, n) each."""
+    a, b, c, d = one[0], one[1], one[2], one[3]
+    w, x, y, z = other[0], other[1], other[2], other[3]
+    o_0, o_1, o_2, o_3 = out[0], out[1], out[2], out[3]
+    for j in range(a.size):
+        o_0[j] += a[j] * w[j] - b[j] * x[j] - c[j] * y[j] - d[j] * z[j]
+        o_1[j] += a[j] * x[j] + b[j] * w[j] + c[j] * z[j] - d[j] * y[j]
+        o_2[j] += a[j] * y[j] - b[j] * z[j] + c[j] * w[j] + d[j] * x[j]
+        o_3[j] += a[j] * z[j] + b[j] * y[j] - c[j] * x[j] + d[j] * w[j]
+
+
+def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
+    """Fill in orientations ``turn`` (4, n) turned by small angles (3, n) in base_frame [rad]."""
+    for j in range(turn.shape[1]):
+        b, c, d = 0.5 * angle[0, j], 0.5 * angle[1, j], 0.5 * angle[2, j]
+        w, x, y, z = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
+        over = 1.0 / np.sqrt(1.0 + (b * b + c * c + d * d))
+        out[0, j] = over * (w - b * x - c * y - d * z)
+        out[1, j] = over * (x + b * w + c * z - d * y)
+        out[2, j] = over * (y - b * z + c * w + d * x)
+        out[3, j] = over * (z + b * y - c * x + d * w)
+
+
+def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
+    """Fill in the matrices (3, 3, points) of orientations, of any norm."""
+    for i in range(turn.shape[1]):
+        w, x, y, z = turn[0, i], turn[1, i], turn[2, i], turn[3, i]
+        f = 2.0 / ((w * w + x * x) + (y * y + z * z))
+        rotation[0, 0, i] = 1.0 - f * (y * y + z * z)
+        rotation[0, 1, i], rotation[1, 0, i] = f * (x * y - z * w), f * (x * y + z * w)
+        rotation[0, 2, i], rotation[2, 0, i] = f * (x * z + y * w), f * (x * z - y * w)
+        rotation[1, 1, i] = 1.0 - f * (x * x + z * z)
+        rotation[1, 2, i], rotation[2, 1, i] = f * (y * z - x * w), f * (y * z + x * w)
+        rotation[2, 2, i] = 1.0 - f * (x * x + y * y)

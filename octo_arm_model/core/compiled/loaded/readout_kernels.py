@@ -1,0 +1,204 @@
+"""From the points of a loaded rod to nodes and stations: what `numba_build` compiles."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.compiled.loaded.orientation_kernels import (
+    find_rate,
+    find_rotation,
+    normalise,
+)
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState, into_axes
+from octo_arm_model.core.compiled.numerics.dense_kernels import solve_definite
+from octo_arm_model.core.compiled.numerics.products import add_products, add_runs
+from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
+from octo_arm_model.core.hints import FloatArray
+
+
+class Readings(NamedTuple):
+    """What is read out of a loaded rod.
+
+    Attributes:
+        twist: at the nodes, (4, nodes).
+        strains: at the stations, (4, stations), as `Results` has them.
+        position: of the stations [m], (stations, 3).
+        quaternion: their orientation x, y, z, w, (stations, 4).
+    """
+
+    twist: FloatArray
+    strains: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+
+
+def empty_readings(nodes: int, stations: int) -> Readings:
+    """Room for readings."""
+    return Readings(
+        np.empty((4, nodes)), np.empty((4, stations)), np.empty((stations, 3)),
+        np.empty((stations, 4)),
+    )  # fmt: skip
+
+
+def read_rod(
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
+    readings: Readings,
+) -> None:  # fmt: skip
+    """Fill in ``readings`` of a balanced ``state`` under all loads, as `LoadedRod`."""
+    s, count = tables.weights.size, tables.station_node.size
+    readings.twist[:] = 0.0
+    add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
+    # Position, orientation and the moment of the forces.
+    rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
+    set_rates(tables.lengths, state, rate)
+    total[:3], total[3:7], total[7:] = tables.position, tables.base, 0.0
+    found, force, moment = np.empty((10, count)), np.zeros((3, count)), np.zeros((3, count))
+    done, run = 0, 0
+    for element in range(tables.step.size):
+        first = element * s
+        while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
+            start, stop = tables.station_runs[run, 1], tables.station_runs[run, 1]
+            stop += tables.station_runs[run, 2]
+            size = s * (stop - start)
+            within = tables.to_stations[done : done + size].reshape(s, stop - start)
+            values = tables.at_stations[done : done + size].reshape(s, stop - start)
+            for k in range(10):
+                found[k, start:stop] = total[k]
+                add_products(rate[k, first : first + s], within, found[k, start:stop])
+            for k in range(3):
+                # What of the moment is no integral of the force, such as moments of point loads.
+                others, forces = tables.moment[k, first : first + s], state.force[k]
+                add_products(others, values, moment[k, start:stop])
+                add_products(forces[first : first + s], values, force[k, start:stop])
+            run, done = run + 1, done + size
+        for k in range(10):
+            for i in range(s):
+                total[k] += tables.weights[i] * rate[k, first + i]
+    normalise(found[3:7])
+    for k in range(3):
+        beyond, out, lever = tip_wrench[3 + k] + total[7 + k], moment[k], found[7 + k]
+        for i in range(count):
+            out[i] += beyond - lever[i]
+    for i in range(count):
+        for k in range(3):
+            readings.position[i, k] = found[k, i]
+            readings.quaternion[i, k] = found[4 + k, i]
+        readings.quaternion[i, 3] = found[3, i]
+    balance_stations(tables, tensions, force, moment, found[3:7], readings)
+
+
+def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
+    """Fill in what position, orientation w, x, y, z and moment change by along an element.
+
+    (10, points), over the ``lengths`` of the elements that the points lie in, (points,).
+    """
+    twist, force, stretch = state.twist, state.force, state.twist[3]
+    for k in range(3):
+        tangent, moved = state.rotation[k, 0], rate[k]
+        for i in range(moved.size):
+            moved[i] = lengths[i] * tangent[i] * stretch[i]
+    find_rate(twist, 0.5 * lengths, state.turn, rate[3:7])
+    for k in range(3):
+        n, m = (k + 1) % 3, (k + 2) % 3
+        x_n, x_m, f_n, f_m, out = rate[n], rate[m], force[n], force[m], rate[7 + k]
+        for i in range(out.size):
+            out[i] = x_n[i] * f_m[i] - x_m[i] * f_n[i]
+
+
+def balance_stations(
+    tables: RodTables, tensions: FloatArray, force: FloatArray, moment: FloatArray,
+    turn: FloatArray, readings: Readings,
+) -> None:  # fmt: skip
+    """Balance the twist at the stations, of orientations ``turn`` (4, stations).
+
+    With a ``force`` and a ``moment`` (3, stations) in base_frame. As `LoadedRod` does, by one step
+    of Newton's method from what is interpolated.
+    """
+    count, nodes = tables.station_node.size, tables.station_node
+    twist, left, gradient = np.empty((4, count)), np.empty((4, count)), np.empty((4, count))
+    scale, hessian = np.empty((4, count)), np.empty((4, 4, count))
+    rotation = np.empty((3, 3, count))
+    for k in range(4):
+        out, at_nodes = twist[k], readings.twist[k]
+        for i in range(count):
+            out[i] = at_nodes[nodes[i]]
+    find_rotation(turn, rotation)
+    evaluate_sections(tables.station_sections, tensions, twist, gradient, hessian, scale)
+    into_axes(rotation, force, moment, left)
+    left -= gradient
+    solve_definite(hessian, left)
+    twist += left
+    for k in range(4):
+        found, at_nodes, strain, stretch = (
+            twist[k],
+            readings.twist[k],
+            readings.strains[k],
+            twist[3],
+        )
+        for i in range(count):
+            at_nodes[nodes[i]] = found[i]
+        for i in range(count):
+            strain[i] = found[i] / stretch[i] if k < 3 else found[i] - 1.0
+
+
+def read_changes(
+    tables: RodTables, state: RodState, change: FloatArray, turn: FloatArray, pose: FloatArray,
+    strain: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in changes of ``pose`` (stations, 6, columns) and of ``strain`` (stations, 4, columns).
+
+    From a ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross sections
+    (3, points, columns) near a ``state``.
+    """
+    s, columns, rotation = tables.weights.size, change.shape[2], state.rotation
+    rate, total = np.empty((s, 6, columns)), np.zeros(6 * columns)
+    flat = rate.reshape(s, 6 * columns)
+    found, at_station = np.empty((4, tables.most, columns)), np.empty((4, tables.most))
+    done, run = 0, 0
+    for element in range(tables.step.size):
+        first, h = element * s, tables.step[element]
+        for i in range(s):
+            at = first + i
+            k_0, k_1, k_2, v = change[0, at], change[1, at], change[2, at], change[3, at]
+            for p in range(3):
+                n, m = (p + 1) % 3, (p + 2) % 3
+                a, b, c = h * rotation[p, 0, at], h * rotation[p, 1, at], h * rotation[p, 2, at]
+                d = h * state.twist[3, at] * rotation[m, 0, at]
+                e = h * state.twist[3, at] * rotation[n, 0, at]
+                t_n, t_m = turn[n, at], turn[m, at]
+                moved, angular = rate[i, p], rate[i, 3 + p]
+                for j in range(columns):
+                    angular[j] = a * k_0[j] + b * k_1[j] + c * k_2[j]
+                for j in range(columns):
+                    moved[j] = a * v[j] + d * t_n[j] - e * t_m[j]
+        while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
+            start, count = tables.station_runs[run, 1], tables.station_runs[run, 2]
+            within = tables.to_stations[done : done + s * count].reshape(s, count)
+            values = tables.at_stations[done : done + s * count].reshape(s, count)
+            poses = pose[start : start + count].reshape(count, 6 * columns)
+            np.dot(within.T, flat, poses)
+            for i in range(count):
+                out = poses[i]
+                for j in range(out.size):
+                    out[j] += total[j]
+            for k in range(4):
+                np.dot(values.T, change[k, first : first + s], found[k, :count])
+                row = at_station[k, :count]
+                row[:] = 0.0
+                add_products(state.twist[k, first : first + s], values, row)
+            for i in range(count):
+                over, more = 1.0 / at_station[3, i], found[3, i]
+                strain[start + i, 3] = more
+                for k in range(3):
+                    omega = over * at_station[k, i]
+                    out, here = strain[start + i, k], found[k, i]
+                    for j in range(columns):
+                        out[j] = over * (here[j] - omega * more[j])
+            run, done = run + 1, done + s * count
+        for i in range(s):
+            weight, rates = tables.weights[i], flat[i]
+            for j in range(total.size):
+                total[j] += weight * rates[j]

@@ -1,0 +1,163 @@
+"""How a loaded rod responds to small wrenches: what `numba_build` compiles.
+
+Columns, one for each wrench, come last: what belongs to a point is a few numbers for all of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState
+from octo_arm_model.core.compiled.loaded.system_kernels import System
+from octo_arm_model.core.compiled.numerics.dense_kernels import solve_columns
+from octo_arm_model.core.compiled.numerics.products import add_products, multiply
+from octo_arm_model.core.hints import FloatArray
+
+
+def respond(
+    tables: RodTables, system: System, imbalance: FloatArray, change: FloatArray, turn: FloatArray
+) -> None:
+    """Fill in the ``change`` of twist (4, points, columns) under an ``imbalance`` likewise.
+
+    And the rotation ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
+    """
+    s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
+    own, ends = np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns))
+    carried, moved = np.empty((s, 3 * columns)), np.empty((s, 3 * columns))
+    before, more = np.empty((3, columns)), np.empty((3 * s, columns))
+    at_points, rotation = system.at_points, system.rotation
+    for element in range(elements):
+        first, h, sides = element * s, tables.step[element], own[element]
+        for j in range(s):
+            for p in range(3):
+                factor, start = -h * at_points[3 + p, first + j], p * columns
+                for i in range(columns):
+                    carried[j, start + i] = factor * imbalance[3, first + j, i]
+        np.dot(tables.to_end_columns.T, carried, moved)
+        for j in range(s):
+            at = first + j
+            over = 1.0 / at_points[9, at]
+            for p in range(3):
+                a, b, c = rotation[p, 0, at], rotation[p, 1, at], rotation[p, 2, at]
+                d, row, start = over * at_points[6 + p, at], p * s + j, p * columns
+                for i in range(columns):
+                    sides[row, i] = (
+                        moved[j, start + i] + a * imbalance[0, at, i] + b * imbalance[1, at, i]
+                        + c * imbalance[2, at, i] - d * imbalance[3, at, i]
+                    )  # fmt: skip
+        solve_columns(system.factors[element], system.pivots[element], sides)
+        np.dot(system.to_moment[element], sides, before)
+        for p in range(3):
+            start = p * columns
+            for i in range(columns):
+                ends[element, p, i], ends[element, 3 + p, i] = 0.0, -before[p, i]
+            for j in range(s):
+                weight, row = tables.weights[j], p * s + j
+                for i in range(columns):
+                    ends[element, 3 + p, i] += weight * carried[j, start + i]
+                for i in range(columns):
+                    ends[element, p, i] += h * weight * sides[row, i]
+    link_changes(system, ends)
+    for element in range(elements):
+        first, h, bends = element * s, tables.step[element], own[element]
+        multiply(system.bends[element], ends[element], more)
+        bends += more
+        for p in range(3):
+            angles = turn[p, first : first + s]
+            multiply(tables.from_start_columns, bends[p * s : p * s + s], angles)
+            for j in range(s):
+                for i in range(columns):
+                    angles[j, i] = ends[element, p, i] + h * angles[j, i]
+        for j in range(s):
+            at = first + j
+            for p in range(3):
+                a, b, c = rotation[0, p, at], rotation[1, p, at], rotation[2, p, at]
+                for i in range(columns):
+                    change[p, at, i] = (
+                        a * bends[j, i] + b * bends[s + j, i] + c * bends[2 * s + j, i]
+                    )
+            over = 1.0 / at_points[9, at]
+            a, b, c = over * at_points[0, at], over * at_points[1, at], over * at_points[2, at]
+            d, e, f = over * at_points[6, at], over * at_points[7, at], over * at_points[8, at]
+            for i in range(columns):
+                change[3, at, i] = (
+                    over * imbalance[3, at, i] + a * turn[0, at, i] + b * turn[1, at, i]
+                    + c * turn[2, at, i] - d * bends[j, i] - e * bends[s + j, i]
+                    - f * bends[2 * s + j, i]
+                )  # fmt: skip
+
+
+def link_changes(system: System, ends: FloatArray) -> None:
+    """From what each element does alone to what all do together, at the ``ends`` of each.
+
+    (elements, 6, columns): first changes of Phi at the last and of d m at the first end; what
+    comes out is Phi at the first and d m at the last end.
+    """
+    elements, _, columns = ends.shape
+    rest, known = np.zeros((elements + 1, 3)), np.empty((elements, 3))
+    start, following = np.empty(3), np.empty(3)
+    for c in range(columns):
+        for element in range(elements - 1, -1, -1):
+            both, here, beyond = (
+                system.ends[element],
+                system.by_turn[element + 1],
+                rest[element + 1],
+            )
+            for i in range(3):
+                following[i] = ends[element, i, c]
+                for k in range(3):
+                    following[i] += both[i, 3 + k] * beyond[k]
+            for i in range(3):
+                known[element, i] = 0.0
+                for k in range(3):
+                    known[element, i] += system.inverse[element, i, k] * following[k]
+            for i in range(3):
+                following[i] = beyond[i]
+                for k in range(3):
+                    following[i] += here[i, k] * known[element, k]
+            for i in range(3):
+                rest[element, i] = ends[element, 3 + i, c]
+                for k in range(3):
+                    rest[element, i] += both[3 + i, 3 + k] * following[k]
+        start[:] = 0.0
+        for element in range(elements):
+            for i in range(3):
+                following[i] = known[element, i]
+                for m in range(3):
+                    following[i] += system.on[element, i, m] * start[m]
+            for i in range(3):
+                value = rest[element + 1, i]
+                for m in range(3):
+                    value += system.by_turn[element + 1, i, m] * following[m]
+                ends[element, i, c], ends[element, 3 + i, c] = start[i], value
+            start[:] = following
+
+
+def tip_wrenches(tables: RodTables, state: RodState) -> FloatArray:
+    """What unit wrenches on the tip do to all sections, (4, points, 6); moments over a length."""
+    twist, rotation = state.twist, state.rotation
+    points, count = tables.weights.size, twist.shape[1]
+    wrench = np.zeros((4, count, 6))
+    beyond, to_tip, carried = np.zeros(3), np.empty((3, points)), np.empty(points)
+    for element in range(tables.step.size - 1, -1, -1):
+        first, h = element * points, tables.step[element]
+        for k in range(3):
+            for j in range(points):
+                carried[j] = h * rotation[k, 0, first + j] * twist[3, first + j]
+            to_tip[k] = beyond[k]
+            add_products(carried, tables.to_end_columns, to_tip[k])
+            for j in range(points):
+                beyond[k] += tables.weights[j] * carried[j]
+        for column in range(3):
+            n, m = (column + 1) % 3, (column + 2) % 3
+            for i in range(points):
+                at = first + i
+                wrench[3, at, column] = rotation[column, 0, at]
+                for k in range(3):
+                    # The lever times the unit vector.
+                    wrench[k, at, column] = (
+                        rotation[n, k, at] * to_tip[m, i] - rotation[m, k, at] * to_tip[n, i]
+                    )
+                    wrench[k, at, 3 + column] = rotation[column, k, at] * tables.length
+    return wrench

@@ -1,0 +1,160 @@
+"""A loaded rod, tabulated for the compiled kernels."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.compiled.section.section_tables import (
+    SectionTables,
+    no_exact,
+    section_tables,
+)
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.rod import LoadedRod
+
+
+class RodTables(NamedTuple):
+    """A loaded rod, as `Equilibrium` has it.
+
+    Attributes:
+        sections: at the points of all elements.
+        from_start: matrix of the integrals within an element from its start, (each, each).
+        from_start_columns: its columns as rows.
+        to_end_columns: likewise of the integrals to its end.
+        twice: integrals to the end, of values at each point times the integral to that point of
+            others: (each, others x ends).
+        tail: from values at the points to the last two Legendre coefficients, (2, each).
+        weights: of the integral over an element of length one, (each,).
+        step: lengths of the elements [m], (elements,).
+        lengths: of the element that each point lies in [m], (points,).
+        quadrature: weights of the integral over the arm [m], (points,).
+        force: resultant of the loads beyond each point [N], (3, points).
+        moment: of the moments of point loads [N m], likewise.
+        base: orientation of the base w, x, y, z, (4,).
+        length: of the arm [m].
+        position: of the base [m], (3,).
+        node_runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
+        to_nodes: matrices (each, nodes) from values at points to these, one after another.
+        station_runs: likewise of the stations.
+        to_stations: to integrals over the element from its start, for a length of one.
+        at_stations: likewise to values.
+        most: the most stations in one of the runs.
+        station_sections: cross sections at the stations.
+        station_node: node of each station, (stations,).
+    """
+
+    sections: SectionTables
+    from_start: FloatArray
+    from_start_columns: FloatArray
+    to_end_columns: FloatArray
+    twice: FloatArray
+    tail: FloatArray
+    weights: FloatArray
+    step: FloatArray
+    lengths: FloatArray
+    quadrature: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    base: FloatArray
+    length: float
+    position: FloatArray
+    node_runs: IntArray
+    to_nodes: FloatArray
+    station_runs: IntArray
+    to_stations: FloatArray
+    at_stations: FloatArray
+    most: int
+    station_sections: SectionTables
+    station_node: IntArray
+
+
+class ParameterTables(NamedTuple):
+    """What parameters of an arm change at the points of a rod, as `ParameterDerivatives` has it.
+
+    Attributes:
+        x: along n where each tendon moves to with its distance, (tendons, points).
+        y: along b.
+        dx: slope of ``x``.
+        dy: slope of ``y``.
+        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (points,).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    torsion_by_poisson: FloatArray
+
+
+def rod_tables(rod: LoadedRod) -> RodTables:
+    """The ``rod``."""
+    problem = rod.equilibrium
+    own, rule = problem.collocation, problem.collocation.rule
+    a, b = problem.base.a.item(), problem.base.b.item()
+    nodes, stations = rod.nodes, rod.stations
+    node_runs, to_nodes = runs_by_element(nodes.element, nodes.values)
+    within = stations.within / own.step[stations.element, np.newaxis]
+    lengths = np.repeat(own.step, rule.points.size)
+    station_runs, to_stations = runs_by_element(stations.element, within)
+    _, at_stations = runs_by_element(stations.element, stations.values)
+    return RodTables(
+        sections=section_tables(problem.energy),
+        from_start=rule.from_start,
+        from_start_columns=rule.from_start.T,
+        to_end_columns=rule.to_end.T,
+        twice=own.twice.reshape(3 * (rule.points.size,)).swapaxes(1, 2).reshape(own.twice.shape),
+        tail=rule.tail,
+        weights=rule.weights,
+        step=own.step,
+        lengths=lengths,
+        quadrature=lengths * np.tile(rule.weights, own.step.size),
+        force=problem.loads.dead.force,
+        moment=problem.loads.dead.moment,
+        base=np.array([a.real, a.imag, b.real, b.imag]),
+        length=own.length,
+        position=rod.base.position,
+        node_runs=node_runs,
+        to_nodes=to_nodes,
+        station_runs=station_runs,
+        to_stations=to_stations,
+        at_stations=at_stations,
+        most=int(station_runs[:, 2].max()),
+        station_sections=section_tables(rod.station_sections),
+        station_node=rod.station_node,
+    )
+
+
+def parameter_tables(rod: LoadedRod) -> ParameterTables:
+    """Of the ``rod``."""
+    x, y, dx, dy = (table[:, 0] for table in rod.parameters.outwards)
+    return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson)
+
+
+def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Ranges of places in one ``element`` (n,) each, and their columns of ``values`` (n, each)."""
+    edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
+    runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]
+    matrices = [values[i:j].T.ravel() for i, j in itertools.pairwise(edges)]
+    return np.array(runs, np.int64), np.concatenate(matrices)
+
+
+def no_rod() -> RodTables:
+    """Of no arm."""
+    none, table = np.zeros(0), np.zeros((0, 0))
+    nothing = np.zeros((3, 0))
+    runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
+    return RodTables(
+        sections, table, table, table, table, np.zeros((2, 0)), none, none, none, none, nothing,
+        nothing,
+        np.zeros(4), 1.0, np.zeros(3), runs, none, runs, none, none, 0, sections,
+        np.zeros(0, np.int64),
+    )  # fmt: skip
+
+
+def no_parameters() -> ParameterTables:
+    """Of no arm."""
+    table = np.zeros((0, 0))
+    return ParameterTables(table, table, table, table, np.zeros(0))

@@ -1,0 +1,218 @@
+"""First derivatives of a loaded rod: what `numba_build` compiles, as `sensitivity` has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.compiled.loaded.readout_kernels import read_changes
+from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
+from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState, find_state, find_wrench
+from octo_arm_model.core.compiled.loaded.system_kernels import empty_system, find_system
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.elastic_laws import (
+    incompressible_widening,
+    linear_density,
+    neo_hookean_density,
+)
+from octo_arm_model.core.section.formulas import (
+    bending_terms,
+    offset_direction,
+    offset_gradient,
+    tendon_direction,
+    tendon_gradient,
+    unit_change,
+    unscaled_gradient,
+)
+
+
+def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
+    """Widening of a section and its derivatives."""
+    return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
+
+
+def find_stretch(tables: RodTables, twist: FloatArray, stretch: FloatArray) -> None:
+    """Fill in the gradient of every tendon's ``stretch`` by the twist, (tendons, 4, points)."""
+    sections = tables.sections
+    for i in range(twist.shape[1]):
+        width, slope, _ = widening(sections.widens, twist[3, i])
+        t, n, b = width * twist[0, i], width * twist[1, i], width * twist[2, i]
+        for tendon in range(len(stretch)):
+            # One that ends before has no transmission, and nothing to shorten.
+            if sections.transmission[tendon, i] == 0.0:
+                stretch[tendon, :, i] = 0.0
+                continue
+            x, y = sections.x[tendon, i], sections.y[tendon, i]
+            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
+            u_t, u_n, u_b, length = tendon_direction(t, n, b, twist[3, i], width, x, y, dx, dy)
+            over = 1.0 / length
+            g = tendon_gradient(u_t * over, u_n * over, u_b * over, slope, x, y, dx, dy)
+            by_twist = unscaled_gradient(
+                twist[0, i], twist[1, i], twist[2, i], width, slope, g[0], g[1], g[2], g[3]
+            )
+            for k in range(4):
+                stretch[tendon, k, i] = by_twist[k]
+
+
+def find_imbalance(
+    tables: RodTables, parameters: ParameterTables, tensions: FloatArray, twist: FloatArray,
+    stretch: FloatArray, left: FloatArray, first: int, own: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in what is ``left`` unbalanced per unit of each parameter, (4, points, columns).
+
+    From the column ``first`` on these are the tensions, E (relative), nu, and the offsets of the
+    tendons; ``own`` (tendons,) is what each offset changes of its tendon's length while the twist
+    stays.
+    """
+    sections, tendons = tables.sections, tensions.size
+    own[:] = 0.0
+    for i in range(twist.shape[1]):
+        weight = tables.quadrature[i]
+        kappa_t, kappa_n, kappa_b, stretched = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
+        width, slope, _ = widening(sections.widens, stretched)
+        t, n, b = width * kappa_t, width * kappa_n, width * kappa_b
+        squared = sections.squared[i]
+        bend = (n * n + b * b) * squared
+        if sections.widens:
+            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(stretched, bend)
+        else:
+            f_s, f_z, f_ss, f_sz, f_zz = linear_density(stretched, bend)
+        terms = bending_terms(n, b, f_s, f_z, f_ss, f_sz, f_zz, sections.axial[i], squared)
+        young = unscaled_gradient(
+            kappa_t, kappa_n, kappa_b, width, slope,
+            sections.torsion[i] * t, terms[0], terms[1], terms[2],
+        )  # fmt: skip
+        poisson = unscaled_gradient(
+            kappa_t, kappa_n, kappa_b, width, slope, parameters.torsion_by_poisson[i] * t,
+            0.0, 0.0, 0.0,
+        )  # fmt: skip
+        for k in range(4):
+            left[k, i, first + tendons] = -young[k]
+            left[k, i, first + tendons + 1] = -poisson[k]
+        for tendon in range(tendons):
+            part = sections.transmission[tendon, i]
+            for k in range(4):
+                left[k, i, first + tendon] = -part * stretch[tendon, k, i]
+            column = first + tendons + 2 + tendon
+            if part == 0.0:
+                left[:, i, column] = 0.0
+                continue
+            x, y = sections.x[tendon, i], sections.y[tendon, i]
+            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
+            out_x, out_y = parameters.x[tendon, i], parameters.y[tendon, i]
+            out_dx, out_dy = parameters.dx[tendon, i], parameters.dy[tendon, i]
+            u_t, u_n, u_b, length = tendon_direction(t, n, b, stretched, width, x, y, dx, dy)
+            over = 1.0 / length
+            c_t, c_n, c_b = offset_direction(t, n, b, width, out_x, out_y, out_dx, out_dy)
+            u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+            along, c_t, c_n, c_b = unit_change(u_t, u_n, u_b, over, c_t, c_n, c_b)
+            g_t, g_n, g_b, g_s = offset_gradient(
+                u_t, u_n, u_b, c_t, c_n, c_b, slope, x, y, dx, dy, out_x, out_y, out_dx, out_dy
+            )
+            own[tendon] += weight * along
+            pull = -part * tensions[tendon]
+            by_twist = unscaled_gradient(
+                kappa_t, kappa_n, kappa_b, width, slope, pull * g_t, pull * g_n, pull * g_b,
+                pull * g_s,
+            )  # fmt: skip
+            for k in range(4):
+                left[k, i, column] = by_twist[k]
+
+
+def dead_wrenches(
+    tables: RodTables, state: RodState, force: FloatArray, moment: FloatArray, wrench: FloatArray
+) -> None:
+    """Fill in the ``wrench`` (4, points, loads) of dead loads, in the axes of all sections.
+
+    ``force`` and ``moment`` (loads, 3, points) are the resultants of what lies beyond each point,
+    the latter without the levers of the former, in base_frame.
+    """
+    found, tip = np.empty_like(state.twist), np.zeros(3)
+    for load in range(len(force)):
+        find_wrench(tables, state, force[load], moment[load].copy(), tip, found)
+        wrench[:, :, load] = found
+
+
+def differentiate(
+    tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
+    state: RodState, force: FloatArray, moment: FloatArray, pose: FloatArray, strain: FloatArray,
+    length: FloatArray,
+) -> int:  # fmt: skip
+    """Fill in the changes of a balanced ``state`` of twist and orientations, as `derivatives`.
+
+    ``pose`` (stations, 6, columns), ``strain`` (stations, 4, columns) and ``length`` (tendons,
+    columns). Columns are those of dead loads, see `dead_wrenches`; without these, the wrench on
+    the tip and then those of `find_imbalance`.
+
+    Returns:
+        The sign of the determinant of the system; 0 where it is singular.
+    """
+    count, columns, tendons = state.twist.shape[1], pose.shape[2], tensions.size
+    find_state(tables, tensions, tip_wrench, 1.0, state)
+    system = empty_system(tables)
+    sign = find_system(tables, state, system)
+    if sign == 0:
+        return 0
+    imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
+    find_stretch(tables, state.twist, stretch)
+    own = np.empty(tendons)
+    if len(force):
+        dead_wrenches(tables, state, force, moment, imbalance)
+    else:
+        wrench = tip_wrenches(tables, state)
+        wrench[:, :, 3:] /= tables.length
+        imbalance[:, :, :6] = wrench
+        find_imbalance(tables, parameters, tensions, state.twist, stretch, imbalance, 6, own)
+    change, turn = np.empty((4, count, columns)), np.empty((3, count, columns))
+    respond(tables, system, imbalance, change, turn)
+    read_changes(tables, state, change, turn, pose, strain)
+    weigh(tables, stretch)
+    np.dot(stretch.reshape(tendons, 4 * count), change.reshape(4 * count, columns), length)
+    if not len(force):
+        for tendon in range(tendons):
+            length[tendon, tendons + 8 + tendon] += own[tendon]
+    return sign
+
+
+def weigh(tables: RodTables, values: FloatArray) -> None:
+    """Multiply ``values`` (rows, 4, points) by the weights of the integral along the arm."""
+    weights = tables.quadrature
+    for row in range(len(values)):
+        for k in range(4):
+            out = values[row, k]
+            for i in range(out.size):
+                out[i] *= weights[i]
+
+
+def differentiate_tip(
+    tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
+    state: RodState, tip: FloatArray,
+) -> int:  # fmt: skip
+    """Fill in the change of the ``tip`` (6, columns) by reciprocity, as `tip_derivatives`.
+
+    Columns are those of `find_imbalance`; ``state`` is a balanced one of twist and orientations.
+
+    Returns:
+        The sign of the determinant of the system; 0 where it is singular.
+    """
+    count, tendons = state.twist.shape[1], tensions.size
+    find_state(tables, tensions, tip_wrench, 1.0, state)
+    system = empty_system(tables)
+    sign = find_system(tables, state, system)
+    if sign == 0:
+        return 0
+    wrench = tip_wrenches(tables, state)
+    change = np.empty_like(wrench)
+    respond(tables, system, wrench, change, np.empty((3, count, 6)))
+    for i in range(count):
+        weight = tables.quadrature[i]
+        for k in range(4):
+            for column in range(6):
+                unit = tables.length if column >= 3 else 1.0
+                change[k, i, column] *= weight / unit
+    stretch, left = np.empty((tendons, 4, count)), np.empty((4, count, tip.shape[1]))
+    find_stretch(tables, state.twist, stretch)
+    own = np.empty(tendons)
+    find_imbalance(tables, parameters, tensions, state.twist, stretch, left, 0, own)
+    np.dot(change.reshape(4 * count, 6).T, left.reshape(4 * count, tip.shape[1]), tip)
+    return sign

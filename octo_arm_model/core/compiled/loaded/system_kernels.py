@@ -1,0 +1,257 @@
+"""The linearised equilibrium of a loaded rod: what `numba_build` compiles.
+
+As `loaded.linearised`, element by element and without shear. Elements are linked from the tip to
+the base by d m = P Phi + p. Unknowns of an element are component by component, points in order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState
+from octo_arm_model.core.compiled.numerics.dense_kernels import (
+    factorise,
+    invert_three,
+    solve_transposed,
+)
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+
+class System(NamedTuple):
+    """The linearised equilibrium of elements with s points each.
+
+    Attributes:
+        factors: of the transposed matrices of all elements, (elements, 3 s, 3 s).
+        pivots: exchanges of their rows, (elements, 3 s).
+        bends: k by Phi at the first and d m at the last end of each, (elements, 6, 3 s).
+        ends: from these to Phi at the last and d m at the first end, (elements, 6, 6).
+        to_moment: from k to the change of moment along each, negative, (elements, 3, 3 s).
+        inverse: of what links Phi at the last end to that at the first, (elements, 3, 3).
+        on: from Phi at the first to that at the last end, (elements, 3, 3).
+        by_turn: P at the ends of all elements, (elements + 1, 3, 3).
+        at_points: t x n, n x t over the axial stiffness, what couples it to curvatures in
+            base_frame, and the axial stiffness, (10, points).
+        rotation: orientations that it is linearised about, (3, 3, points).
+    """
+
+    factors: FloatArray
+    pivots: IntArray
+    bends: FloatArray
+    ends: FloatArray
+    to_moment: FloatArray
+    inverse: FloatArray
+    on: FloatArray
+    by_turn: FloatArray
+    at_points: FloatArray
+    rotation: FloatArray
+
+
+def empty_system(tables: RodTables) -> System:
+    """Room for a system."""
+    return system_of(tables.step.size, tables.weights.size)
+
+
+def system_of(elements: int, s: int) -> System:
+    """Room for a system of so many elements with s points each."""
+    return System(
+        np.empty((elements, 3 * s, 3 * s)), np.empty((elements, 3 * s), np.int64),
+        np.empty((elements, 6, 3 * s)), np.empty((elements, 6, 6)),
+        np.empty((elements, 3, 3 * s)), np.empty((elements, 3, 3)), np.empty((elements, 3, 3)),
+        np.zeros((elements + 1, 3, 3)), np.empty((10, elements * s)),
+        np.empty((3, 3, elements * s)),
+    )  # fmt: skip
+
+
+def find_terms(
+    state: RodState, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
+    follow: FloatArray, bending: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in what Phi and k do at all points, each (3, 3, points)."""
+    rotation, force, moment, hessian = state.rotation, state.force, state.moment, state.hessian
+    stretch, count = state.twist[3], state.twist.shape[1]
+    over, along = np.empty(count), np.empty(count)
+    condensed, half = np.empty((3, 3, count)), np.empty((3, count))
+    stiffness, along[:] = at_points[9], 0.0
+    for i in range(count):
+        stiffness[i] = hessian[3, 3, i]
+        over[i] = 1.0 / stiffness[i]
+    for p in range(3):
+        n, m = (p + 1) % 3, (p + 2) % 3
+        across, carried = at_points[p], at_points[3 + p]
+        t_p, t_n, t_m = rotation[p, 0], rotation[n, 0], rotation[m, 0]
+        f_p, f_n, f_m = force[p], force[n], force[m]
+        for i in range(count):
+            across[i] = t_n[i] * f_m[i] - t_m[i] * f_n[i]
+            carried[i] = -across[i] * over[i]
+            along[i] += stretch[i] * (f_p[i] * t_p[i])
+        mixed, a, b, c = at_points[6 + p], rotation[p, 0], rotation[p, 1], rotation[p, 2]
+        h_0, h_1, h_2 = hessian[0, 3], hessian[1, 3], hessian[2, 3]
+        for i in range(count):
+            mixed[i] = a[i] * h_0[i] + b[i] * h_1[i] + c[i] * h_2[i]
+        for k in range(3):
+            out, own, one, other = condensed[p, k], hessian[p, k], hessian[p, 3], hessian[k, 3]
+            for i in range(count):
+                out[i] = own[i] - one[i] * other[i] * over[i]
+    for p in range(3):
+        a, b, c = rotation[p, 0], rotation[p, 1], rotation[p, 2]
+        for k in range(3):
+            row, c_0, c_1, c_2 = half[k], condensed[0, k], condensed[1, k], condensed[2, k]
+            for i in range(count):
+                row[i] = a[i] * c_0[i] + b[i] * c_1[i] + c[i] * c_2[i]
+        h_0, h_1, h_2 = half[0], half[1], half[2]
+        carried, mixed = at_points[3 + p], at_points[6 + p]
+        for q in range(3):
+            across, with_bend, f_q = at_points[q], at_points[6 + q], force[q]
+            d, e, f = rotation[q, 0], rotation[q, 1], rotation[q, 2]
+            turns, bends = by_turn[p, q], by_bend[p, q]
+            for i in range(count):
+                # n x (u' x Phi) = u' (n . Phi) - Phi (n . u'); u' is along the tangent a.
+                turns[i] = carried[i] * across[i] - stretch[i] * a[i] * f_q[i]
+                bends[i] = carried[i] * with_bend[i]
+            follows, local = follow[p, q], bending[p, q]
+            for i in range(count):
+                follows[i] = -over[i] * mixed[i] * across[i]
+                local[i] = h_0[i] * d[i] + h_1[i] * e[i] + h_2[i] * f[i]
+        by_turn[p, p] += along
+    for p in range(3):
+        n, m = (p + 1) % 3, (p + 2) % 3
+        follow[m, n] += moment[p]
+        follow[n, m] -= moment[p]
+
+
+def find_system(tables: RodTables, state: RodState, system: System) -> int:
+    """Fill in the linearised ``system`` about a ``state``.
+
+    Returns:
+        The sign of its determinant, 1 or -1; 0 where it is singular.
+    """
+    s, elements, count = tables.weights.size, tables.step.size, state.twist.shape[1]
+    by_turn, follow = np.empty((3, 3, count)), np.empty((3, 3, count))
+    by_bend, bending = np.empty((3, 3, count)), np.empty((3, 3, count))
+    find_terms(state, system.at_points, by_turn, by_bend, follow, bending)
+    system.rotation[:] = state.rotation
+    # From here on by p, q, element, and point of it.
+    turns, bends = by_turn.reshape(3, 3, elements, s), by_bend.reshape(3, 3, elements, s)
+    follows, local = follow.reshape(3, 3, elements, s), bending.reshape(3, 3, elements, s)
+    for p in range(3):
+        for q in range(3):
+            for element in range(elements):
+                for j in range(s):
+                    turns[p, q, element, j] *= -tables.step[element]
+    rows = by_turn.reshape(9 * elements, s)
+    side = np.dot(rows, tables.to_end_columns).reshape(3, 3, elements, s)
+    twice = np.dot(rows, tables.twice).reshape(3, 3, elements, s, s)
+    out = np.dot(rows * tables.weights, tables.from_start).reshape(3, 3, elements, s)
+    matrices = system.factors.reshape(elements, 3, s, 3, s)
+    right = system.bends.reshape(elements, 6, 3, s)
+    to_moment = system.to_moment.reshape(elements, 3, 3, s)
+    ahead, behind = tables.to_end_columns, tables.from_start_columns
+    sign = 1
+    for element in range(elements):
+        h = tables.step[element]
+        for p in range(3):
+            for q in range(3):
+                for j in range(s):
+                    bend = bends[p, q, element, j]
+                    right[element, q, p, j] = side[p, q, element, j] + follows[p, q, element, j]
+                    right[element, 3 + q, p, j] = 1.0 if p == q else 0.0
+                    to_moment[element, p, q, j] = -h * (
+                        out[p, q, element, j] + bend * tables.weights[j]
+                    )
+                for j in range(s):
+                    bend = bends[p, q, element, j]
+                    for i in range(s):
+                        matrices[element, q, j, p, i] = -h * (
+                            twice[p, q, element, j, i] + ahead[j, i] * bend
+                            + behind[j, i] * follows[p, q, element, i]
+                        )  # fmt: skip
+                    matrices[element, q, j, p, j] += local[p, q, element, j]
+        own = condense(tables, system, turns[:, :, element], element)
+        if own == 0:
+            return 0
+        sign *= own
+    return sign * link(system)
+
+
+def condense(tables: RodTables, system: System, turns: FloatArray, element: int) -> int:
+    """Factorise the matrix of an ``element`` and eliminate its bends.
+
+    ``turns`` (3, 3, s) is what Phi does at its points, times its length and negative.
+
+    Returns:
+        The sign of the determinant, 0 where it is singular.
+    """
+    s, h, weights = tables.weights.size, tables.step[element], tables.weights
+    matrix, sides = system.factors[element], system.bends[element]
+    sign = factorise(matrix, system.pivots[element])
+    if sign == 0:
+        return 0
+    solve_transposed(matrix, system.pivots[element], sides)
+    ends, to_moment = system.ends[element], system.to_moment[element]
+    for column in range(6):
+        # Sums side by side, since each waits for the one before.
+        side, last_0, last_1, last_2 = sides[column], 0.0, 0.0, 0.0
+        before_0, before_1, before_2 = 0.0, 0.0, 0.0
+        for j in range(s):
+            weight = h * weights[j]
+            last_0 += weight * side[j]
+            last_1 += weight * side[s + j]
+            last_2 += weight * side[2 * s + j]
+            if column < 3:
+                before_0 += weights[j] * turns[0, column, j]
+                before_1 += weights[j] * turns[1, column, j]
+                before_2 += weights[j] * turns[2, column, j]
+        for row in range(3 * s):
+            before_0 -= to_moment[0, row] * side[row]
+            before_1 -= to_moment[1, row] * side[row]
+            before_2 -= to_moment[2, row] * side[row]
+        ends[0, column], ends[1, column], ends[2, column] = last_0, last_1, last_2
+        ends[3, column], ends[4, column], ends[5, column] = before_0, before_1, before_2
+        ends[column, column] += 1.0
+    return sign
+
+
+def link(system: System) -> int:
+    """Link the elements, from the tip: d m = P Phi + p at the last end of each.
+
+    Returns:
+        The sign of the determinant, 0 where it is singular.
+    """
+    sign, linked, beyond = 1, np.empty((3, 3)), np.empty((3, 3))
+    system.by_turn[-1] = 0.0
+    for element in range(len(system.ends) - 1, -1, -1):
+        ends, here = system.ends[element], system.by_turn[element + 1]
+        inverse, on = system.inverse[element], system.on[element]
+        for i in range(3):
+            for j in range(3):
+                value = 0.0
+                for k in range(3):
+                    value += ends[i, 3 + k] * here[k, j]
+                linked[i, j] = (1.0 if i == j else 0.0) - value
+        determinant = invert_three(linked, inverse)
+        if not abs(determinant) > 0.0:
+            return 0
+        if determinant < 0.0:
+            sign = -sign
+        for i in range(3):
+            for j in range(3):
+                value = 0.0
+                for k in range(3):
+                    value += inverse[i, k] * ends[k, j]
+                on[i, j] = value
+        for i in range(3):
+            for j in range(3):
+                value = 0.0
+                for k in range(3):
+                    value += here[i, k] * on[k, j]
+                beyond[i, j] = value
+        for i in range(3):
+            for j in range(3):
+                value = ends[3 + i, j]
+                for k in range(3):
+                    value += ends[3 + i, 3 + k] * beyond[k, j]
+                system.by_turn[element, i, j] = value
+    return sign

@@ -1,0 +1,1 @@
+"""Unloaded arms in machine code, by every model. Imports section and numerics."""

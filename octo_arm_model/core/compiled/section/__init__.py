@@ -1,0 +1,1 @@
+"""Cross sections in machine code: balance, least energy, sheaths. Imports numerics."""

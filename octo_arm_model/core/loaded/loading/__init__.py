@@ -1,0 +1,1 @@
+"""What loads put on a rod: limits, resultants, tangents. Imports section and what is below."""

@@ -1,0 +1,1 @@
+"""Tendons that slide with friction. Imports section and what is below."""

@@ -1,0 +1,179 @@
+"""Capstan friction: the tension of a tendon at every cross section.
+
+A tendon that slides loses tension with the angle by which it turns, dT = -mu T dtheta, where it
+is drawn in, and gains it where it is let out; in between it sticks (Euler and Eytelwein). theta
+is the angle that its unit tangent e has turned in space since the base,
+
+    theta(s) = int_0^s |e' + kappa x e| ds + kinks    (in the axes of the cross section),
+
+and a kink is where e jumps, at an anchorage say. With the tension T_0 at the base and the tension
+``before`` at each place, the tension is the nearest to ``before`` that friction holds,
+
+    T = clip(before, T_0 exp(-mu theta), T_0 exp(mu theta)).
+
+It is the play operator of hysteresis, and from slack, before = 0, the monotone pull.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.strain_measures import to_scaled
+from octo_arm_model.core.section.tendons.tendon_tangents import (
+    Tangents,
+    curvature,
+    kink_angle,
+    tangents,
+)
+
+NO_FRICTION = 1e-30  # coefficient of friction that is none
+# Angles by which tendons in sheaths turn are right to this [rad], after at most so many steps.
+_PLACED, _MOST_PLACED = 1e-13, 50
+SAME = 1e-8  # part by which tensions of one tendon may differ by rounding
+
+
+class Turning(NamedTuple):
+    """How tendons turn in space; arrays over tendons are (tendons, batch, points).
+
+    Attributes:
+        angle: by which each has turned since the base [rad].
+        rate: derivative of ``angle`` [rad/m], without kinks.
+        curvature: derivative of its unit tangent in the axes of the cross section [1/m], (3, ...).
+        kinks: jumps of the unit tangent between elements, (3, tendons, batch, elements - 1).
+        tangents: the unit tangents.
+    """
+
+    angle: FloatArray
+    rate: FloatArray
+    curvature: FloatArray
+    kinks: FloatArray
+    tangents: Tangents
+
+
+class Sliding(NamedTuple):
+    """Tendons under friction; arrays are (tendons, batch, points).
+
+    Attributes:
+        tensions: of every tendon [N].
+        slip: -1 where it is drawn in, 1 where it is let out and 0 where it sticks.
+        turning: how it turns; None where machine code has found the others.
+    """
+
+    tensions: FloatArray
+    slip: FloatArray
+    turning: Turning | None = None
+
+    @property
+    def sticks(self) -> bool:
+        """Whether any tendon sticks anywhere."""
+        return bool((self.slip == 0.0).any())
+
+
+class Friction:
+    """Friction of the tendons of one arm at collocation points.
+
+    Attributes:
+        coefficient: mu of every tendon [-], (tendons,).
+        mu: likewise, but none is zero, (tendons, 1, 1).
+        points: how many points there are.
+        energy: of the cross sections at the points.
+        collocation: the points.
+        names: of the tendons.
+    """
+
+    def __init__(self, arm: Arm, energy: SectionEnergy, collocation: Collocation) -> None:
+        """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``."""
+        self.coefficient, self.points = np.array(arm.friction), collocation.s.size
+        self.names, self._gives_way = arm.tendon_names, bool(arm.sheath_stiffness)
+        # That of the smallest number is as none, and can be divided by.
+        self.mu = np.maximum(self.coefficient, NO_FRICTION)[:, np.newaxis, np.newaxis]
+        self.energy, self.collocation = energy, collocation
+        rule = collocation.rule
+        self._ends = rule.interpolate(np.array([0.0, 1.0]))
+        self._differentiate = rule.differentiation
+
+    def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
+        """How tendons turn under ``twist`` (4 or 6, batch, points).
+
+        Their ``local_tensions`` (tendons, batch, points) [N] count where sheaths give way.
+        """
+        placed = self.energy
+        if self._gives_way:
+            placed = placed.placed(to_scaled(placed.law, twist), local_tensions)
+        found = tangents(placed, twist)
+        slope, kinks = self.slope(found.unit)
+        bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
+        rate = length_of(bent)
+        angle = self.integrate(rate, kink_angle(*kinks))
+        return Turning(angle, rate, bent, kinks, found)
+
+    def slide(self, tensions: FloatArray, before: FloatArray | None, turning: Turning) -> Sliding:
+        """Tendons of ``tensions`` (batch, tendons) [N] at the base.
+
+        ``before`` are their tensions at the points, (tendons, points) [N]; None for slack ones.
+        """
+        return Sliding(*self.tensions(tensions, before, turning.angle), turning)
+
+    def slide_along(
+        self, twist: FloatArray, tensions: FloatArray, before: FloatArray | None
+    ) -> Sliding:
+        """As `slide`, of arms of ``twist`` (4 or 6, batch, points).
+
+        Where sheaths give way tendons turn as their tensions have it, which is iterated.
+
+        Raises:
+            ConvergenceError: if that finds no end.
+        """
+        local_tensions, left = self.energy.local_tensions(tensions), 0.0
+        turning = self.turning(twist, local_tensions)
+        for _ in range(_MOST_PLACED):
+            sliding = self.slide(tensions, before, turning)
+            if not self._gives_way:
+                return sliding
+            angle, turning = turning.angle, self.turning(twist, sliding.tensions)
+            left = float(np.abs(turning.angle - angle).max(initial=0.0))
+            if not left > _PLACED:  # nor NaN, where a section cannot be
+                return sliding._replace(turning=turning)
+        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
+
+    def tensions(
+        self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tensions at the points, and which way tendons slip, for angles they turn by."""
+        at_base = self.energy.local_tensions(tensions)
+        kept = np.exp(-self.mu * angle)
+        low = at_base * kept
+        if before is None:
+            return low, np.full(low.shape, -1.0)
+        high = at_base / kept
+        held = before[:, np.newaxis]
+        slip = np.where(held >= high * (1.0 - SAME), 1.0, 0.0)
+        slip[held <= low * (1.0 + SAME)] = -1.0
+        return np.clip(held, low, high), slip
+
+    def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative by s of vectors in the axes of cross sections, and jumps between elements."""
+        own = self.collocation
+        by_element = own.by_element(unit)
+        slope = (by_element @ self._differentiate.T) / own.step[:, np.newaxis]
+        ends = by_element @ self._ends.T
+        return slope.reshape(unit.shape), ends[..., 1:, 0] - ends[..., :-1, 1]
+
+    def integrate(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
+        """Integral from the base of ``rate`` (..., points), and all ``kinks`` passed."""
+        own = self.collocation
+        angle = own.integrate_from_base(rate)
+        own.by_element(angle)[..., 1:, :] += np.add.accumulate(kinks, axis=-1)[..., np.newaxis]
+        return angle
+
+
+def length_of(vectors: FloatArray) -> FloatArray:
+    """Lengths (...) of ``vectors`` (3, ...)."""
+    return np.asarray(np.sqrt(np.einsum('i...,i...->...', vectors, vectors)))

@@ -1,0 +1,139 @@
+"""Small changes of the tensions along the tendons of one arm with friction.
+
+A tension that slips is T = T_0 exp(-+ mu theta), so that dT / T = dT_0 / T_0 -+ d(mu theta), and
+one that sticks stays. theta changes with the directions u of a tendon, which follow from the twist
+of the cross sections and, in a sheath that gives way, from where the tendon stands in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding, length_of
+from octo_arm_model.core.numerics.vectors import cross
+from octo_arm_model.core.section.condensed import Condensed
+from octo_arm_model.core.section.formulas import offset_direction
+from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
+from octo_arm_model.core.section.strain_measures import scaled_change, to_scaled
+from octo_arm_model.core.section.tendons.tendon_tangents import curvature, direction_by_twist
+
+_STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
+
+
+class FrictionChanges:
+    """Changes of the tensions at the points [N], (tendons, columns, points).
+
+    None of them changes where tendons slip and where they stick.
+
+    Attributes:
+        tensions: what changes, (tendons, 1, points).
+    """
+
+    def __init__(self, friction: Friction, sliding: Sliding, twist: FloatArray) -> None:
+        """Of tendons that are ``sliding`` along one arm of ``twist`` (n, points)."""
+        self._friction, self._slip = friction, sliding.slip
+        self.tensions = sliding.tensions
+        self._twist, energy = twist[:, np.newaxis], friction.energy
+        self._turning = sliding.turning or friction.turning(self._twist, sliding.tensions)
+        self._strain = to_scaled(energy.law, self._twist)
+        self._condensed: Condensed | None = energy.condensed(self._strain, sliding.tensions)
+        self._sections = energy if self._condensed is None else self._condensed.sections
+
+    def by_twist(self, change: FloatArray) -> FloatArray:
+        """With a ``change`` (n, columns, points) of the twist."""
+        direction = direction_by_twist(self._sections, self._twist, change)
+        found = self._condensed
+        if found is not None:
+            scaled = scaled_change(self._friction.energy, self._twist, change)
+            direction += self._by_pull(
+                found, np.einsum('aijn,icn->ajcn', found.mixed[..., 0, :], scaled)
+            )
+        turned = cross(change[:3, np.newaxis], self._turning.tangents.unit)
+        return self._by_direction(direction, turned)
+
+    def by_tension(self, change: FloatArray) -> FloatArray | float:
+        """With one of the tensions, as it moves tendons in sheaths that give way."""
+        found = self._condensed
+        if found is None:
+            return 0.0
+        return self._by_direction(self._by_pull(found, found.pull * change))
+
+    def by_base_tension(self) -> FloatArray:
+        """Per newton of each tendon's tension at the base, (tendons, points)."""
+        count = self._friction.coefficient.size
+        slips = self._friction.energy.local_tensions(np.ones((1, count))) * (self._slip != 0.0)
+        angle = self._turning.angle
+        return np.asarray((slips * np.exp(self._slip * self._friction.mu * angle))[:, 0])
+
+    def by_coefficient(self) -> FloatArray:
+        """Per unit of each tendon's mu, (tendons, points)."""
+        return np.asarray((self._slip * self._turning.angle * self.tensions)[:, 0])
+
+    def by_offset(self, parameters: ParameterDerivatives) -> FloatArray:
+        """Per metre of each tendon's distance from the midline, (tendons, points)."""
+        direction, found = parameters.direction_by_offset(self._strain), self._condensed
+        if found is not None:
+            direction = direction + self._by_pull(found, found.by_path(direction))
+        return self._by_direction(direction)[:, 0]
+
+    def by_sheath_stiffness(self) -> FloatArray:
+        """Per pascal of each tendon's sheath, (tendons, points); of no tendon if all are rigid."""
+        found = self._condensed
+        if found is None:
+            return np.zeros((0, self._twist.shape[2]))
+        return self._by_direction(self._by_pull(found, found.offset))[:, 0]
+
+    def require_derivatives(self, tensions: FloatArray) -> None:
+        """Refuse derivatives where there are none, of ``tensions`` (tendons,) at the base.
+
+        Raises:
+            SolveError: if a tendon under tension sticks anywhere, or is so straight that turning
+                it either way makes it lose tension.
+        """
+        friction, own = self._friction, self._friction.collocation
+        pulled = (self.tensions[:, 0] > 0.0) & (friction.coefficient[:, np.newaxis] > 0.0)
+        slip = np.where(pulled, self._slip[:, 0], -1.0)
+        straight = _STRAIGHT / own.length
+        for what, bad in (
+            ('sticks', slip == 0.0),
+            ('slips both ways', pulled & (slip != slip[:, :1])),
+            ('is straight', pulled & (self._turning.rate[:, 0] <= straight)),
+        ):
+            if bad.any():
+                tendon, point = np.unravel_index(int(np.argmax(bad)), bad.shape)
+                raise SolveError(
+                    f'no derivatives: with friction, {friction.names[tendon]} of '
+                    f'{tensions[tendon]:.4g} N {what} at s = {own.s[point]:.4g} m, '
+                    'expected one that slides and turns all along'
+                )
+
+    def _by_pull(self, found: Condensed, by_offset: FloatArray) -> FloatArray:
+        """Change of u where the pull on tendons in their sheaths changes by ``by_offset``.
+
+        Both along (tendons, columns, points).
+        """
+        x, y = -found.moved(by_offset)
+        t, n, b, stretch = self._strain[:4]
+        width = self._sections.widening(stretch)[0]
+        return np.stack(offset_direction(t, n, b, width, x, y, 0.0, 0.0))
+
+    def _by_direction(self, change: FloatArray, turned: FloatArray | float = 0.0) -> FloatArray:
+        """With a ``change`` (3, tendons, columns, points) of u.
+
+        And of how cross sections turn along it, ``turned`` (likewise) [1/m].
+        """
+        friction, turning = self._friction, self._turning
+        moved = turning.tangents.turned(change)
+        slope, kinks = friction.slope(moved)
+        bends = np.stack(curvature(*self._twist[:3], *moved, *slope)) + turned
+        along = np.einsum('i...,i...->...', turning.curvature, bends)
+        size = np.broadcast_to(turning.rate, along.shape)
+        rate = np.divide(along, size, out=np.zeros_like(along), where=size > 0.0)
+        half = np.minimum(0.5 * length_of(turning.kinks), 1.0)
+        jump = np.einsum('i...,i...->...', turning.kinks, kinks)
+        scale = 2.0 * half * np.sqrt(1.0 - half * half)
+        jump = np.divide(jump, scale, out=np.zeros_like(jump), where=scale > 0.0)
+        angle = friction.integrate(rate, jump)
+        return np.asarray(self._slip * friction.mu * self.tensions * angle)

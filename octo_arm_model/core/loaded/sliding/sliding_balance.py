@@ -1,0 +1,207 @@
+"""Balance of an arm that tendons with friction alone load.
+
+The unknowns are the angles theta_j that the tendons turn by since the base. The rate c_j of each
+follows from the tensions T_k of all at the same place, and these from the angles, dT_k = sigma_k
+mu_k T_k dtheta_k, for sigma_k of -1 or 1 where a tendon slips and 0 where it sticks. So the change
+of angles that leaves nothing of left_j = int_0^s c_j ds - theta_j solves
+
+    dtheta_j(s) = left_j(s) + int_0^s sum_k (dc_j / dT_k) sigma_k mu_k T_k dtheta_k ds
+
+(Volterra's equation), and Newton's method takes few steps.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding, Turning
+from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
+from octo_arm_model.core.numerics.vectors import cross
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.newton import initial_strain, minimise
+from octo_arm_model.core.section.strain_measures import (
+    check_fibres,
+    derivatives_by_twist,
+    to_scaled,
+    to_twist,
+    unscale_gradient,
+)
+
+TOLERANCE = 1e-9  # of the angles by which tendons turn [rad]
+MOST = 100  # steps
+# A change of the angles is found to this part of it, in so many iterations at most.
+EXACT, MOST_INNER = 1e-2, 20
+_SLOW = 3  # steps from a known balance at which its coupling is found anew
+CHANGED = 0.2  # part by which tensions may change for what follows to be foretold
+
+
+class Sections(Protocol):
+    """Twist of cross sections under given tensions along the tendons.
+
+    Attributes:
+        residual: what is left of their equations after the last call, relative, (batch,).
+    """
+
+    residual: FloatArray
+
+    def begin(self, twist: FloatArray) -> None:
+        """Have the next call begin with a ``twist`` nearby, not with that of the call before."""
+
+    def __call__(self, local_tensions: FloatArray) -> FloatArray:
+        """Twist (n, batch, points) under ``local_tensions`` (tendons, batch, points) [N].
+
+        Raises:
+            SolveError: if there is no balance.
+        """
+
+
+class Coupling(NamedTuple):
+    """What sections in balance change by with each tension at the same place.
+
+    Attributes:
+        by_pull: change of the twist [1/N], (n, tendons, batch, points).
+        rates: change of the rate that each tendon turns by [rad / (N m)], (tendons, tendons,
+            batch, points).
+    """
+
+    by_pull: FloatArray
+    rates: FloatArray
+
+
+class Slid(NamedTuple):
+    """A balance.
+
+    Attributes:
+        twist: (n, batch, points).
+        sliding: the tendons along it.
+        angle: that they have turned by since the base, (tendons, batch, points) [rad].
+        coupling: nearly that of its sections.
+        steps: how many it took.
+    """
+
+    twist: FloatArray
+    sliding: Sliding
+    angle: FloatArray
+    coupling: Coupling
+    steps: int
+
+    def is_near(self, tensions: FloatArray) -> bool:
+        """Whether it, of one arm, is one of nearly these ``tensions`` (tendons,) at the base."""
+        at_base = self.sliding.tensions[:, 0, 0]
+        return bool((np.abs(tensions - at_base) <= CHANGED * at_base).all())
+
+
+def balance(
+    friction: Friction, sections: Sections, tensions: FloatArray, before: FloatArray | None,
+    known: Slid | None = None,
+) -> Slid:  # fmt: skip
+    """The balance of the arms that tendons of ``tensions`` (batch, tendons) [N] at the base load.
+
+    ``before`` is as in `Friction.slide`; what follows is foretold from a ``known`` balance with
+    these tensions, if there is. How far a tendon has turned at a place depends on the arm up to
+    there alone, so that the iteration converges (it is one of Volterra's equations).
+
+    Raises:
+        ConvergenceError: if it does not.
+    """
+    now, last, left = known, 0.0, 0.0
+    angle = np.zeros((friction.coefficient.size, len(tensions), friction.points))
+    if known is not None:
+        sliding = Sliding(*friction.tensions(tensions, before, known.angle))
+        change = sliding.tensions - known.sliding.tensions
+        rate = np.einsum('jkbn,kbn->jbn', known.coupling.rates, change)
+        turned = known.angle + friction.collocation.integrate_from_base(rate)
+        angle = next_angle(friction, known.angle, turned, known.coupling, sliding)
+        left = float(np.abs(angle - known.angle).max(initial=0.0))
+    for steps in range(1, MOST + 1):
+        sliding = Sliding(*friction.tensions(tensions, before, angle))
+        if now is not None:
+            change = sliding.tensions - now.sliding.tensions
+            sections.begin(now.twist + np.einsum('ikbn,kbn->ibn', now.coupling.by_pull, change))
+        twist = sections(sliding.tensions)
+        if now is not None and has_converged(left, last):
+            return Slid(twist, sliding, angle, now.coupling, steps - 1)
+        turning = friction.turning(twist, sliding.tensions)
+        if now is None and steps == 1:
+            # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+            angle = np.log1p(friction.mu * turning.angle) / friction.mu
+            continue
+        if now is None or (known is not None and steps == _SLOW):
+            coupling = couplings(friction.energy, twist, sliding.tensions, turning)
+        else:
+            coupling = now.coupling  # which hardly changes
+        now = Slid(twist, sliding, angle, coupling, steps)
+        angle = next_angle(friction, now.angle, turning.angle, coupling, sliding)
+        last, left = left, float(np.abs(angle - now.angle).max(initial=0.0))
+    raise ConvergenceError('the tension along the tendons', left, MOST)
+
+
+def couplings(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray, turning: Turning
+) -> Coupling:
+    """`Coupling` of cross sections in balance, ``twist`` (n, batch, points).
+
+    Of those in which the directions of tendons hardly change.
+    """
+    strain = to_scaled(energy.law, twist)
+    towards = energy.lengthening(strain, local_tensions)[1]
+    _, hessian = derivatives_by_twist(energy, twist, local_tensions)
+    by_pull = -substitute(factorise(hessian), unscale_gradient(energy, twist, towards))
+    # |kappa x e| changes by this times a change of kappa.
+    rate = np.where(turning.rate > 0.0, turning.rate, np.inf)
+    across = cross(turning.tangents.unit, turning.curvature / rate)
+    return Coupling(by_pull, np.einsum('ijbn,ikbn->jkbn', across, by_pull[:3]))
+
+
+def next_angle(
+    friction: Friction, angle: FloatArray, turned: FloatArray, coupling: Coupling, sliding: Sliding
+) -> FloatArray:
+    """Nearer angles than ``angle``, at whose tensions tendons have ``turned`` otherwise.
+
+    ``sliding`` are the tendons at ``angle``. Angles that stay are right whatever the coupling is.
+    """
+    by_angle = sliding.slip * friction.mu * sliding.tensions
+    left = turned - angle
+    moved, small = left, EXACT * np.abs(left).max(initial=0.0)
+    for _ in range(MOST_INNER):
+        rate = np.einsum('jkbn,kbn->jbn', coupling.rates, by_angle * moved)
+        last, moved = moved, left + friction.collocation.integrate_from_base(rate)
+        if np.abs(moved - last).max(initial=0.0) <= small:
+            break
+    return np.asarray(np.maximum(angle + moved, 0.0))
+
+
+def has_converged(left: float, last: float) -> bool:
+    """Whether a next step would leave nothing, which makes this part of the one before, or less.
+
+    False for NaN.
+    """
+    return left <= TOLERANCE or (left * left <= TOLERANCE * last and left < last)
+
+
+class ExactSections:
+    """`Sections` of least energy, found from those of the call before."""
+
+    def __init__(self, energy: SectionEnergy) -> None:
+        """Begin without a call before."""
+        self._energy = energy
+        self._strain: FloatArray | None = None
+        self.residual: FloatArray = np.zeros(0)
+
+    def begin(self, twist: FloatArray) -> None:
+        """See `Sections`."""
+        self._strain = to_scaled(self._energy.law, twist)
+
+    def __call__(self, local_tensions: FloatArray) -> FloatArray:
+        """See `Sections`."""
+        start = self._strain
+        if start is None:
+            start = initial_strain(self._energy, local_tensions)
+        found = minimise(self._energy, local_tensions, start)
+        check_fibres(self._energy, found.strain)
+        self._strain, self.residual = found.strain, found.residual
+        return to_twist(self._energy.law, found.strain)

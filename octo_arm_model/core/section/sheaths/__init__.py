@@ -1,0 +1,1 @@
+"""Tendons that dig into the body around them. Imports section."""

@@ -1,0 +1,260 @@
+"""Tendons in compliant sheaths, whose offsets are condensed out of every cross section.
+
+A thread under tension presses towards the inside of the bend. Its offset from its path is
+d = (d_n, d_b) in the undeformed cross section, for which the rubber around it takes k |d|^2 / 2
+per reference length, and psi of `energy` becomes
+
+    min over d of  psi_material + sum T |u(r + d)| + k |d|^2 / 2 .
+
+As the section widens by w it carries tendon and rubber along, to w (r + d); of a volume that is
+kept, a length l w^2 = 1 of plane strain stores the same energy, so that k is a constant. d has two
+unknowns for each tendon, whose energy is convex as u is linear in them. With C the mixed second
+derivatives by strain and d, and D those by d, gradient and Hessian by the strain are
+
+    dpsi/de at d    and    d2psi/de2 - C D^-1 C^T .
+
+u counts the slope r' of the path but not d'. A tendon is held in its place at the base and its
+anchorage, from where d rises over a length of about (T / k)^1/2 as that of a string on an elastic
+foundation does. That end effect is left out, as is that d varies between them; the manual's page
+of effects has its size.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConvergenceError, SolveError
+from octo_arm_model.core.hints import FloatArray, IntArray, Number
+from octo_arm_model.core.numerics.batched_ldlt import factorise
+from octo_arm_model.core.section.condensed import Condensed, Parts
+from octo_arm_model.core.section.elastic_laws import Law
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.formulas import (
+    sheath_inverse,
+    sheath_mixed,
+    sheath_pull,
+    tendon_gradient,
+)
+from octo_arm_model.core.section.quasi_newton import Tendons
+from octo_arm_model.core.section.sheaths.sheathed_tendons import SheathedTendons
+
+# Of 1/8, which is all the stiffness of a straight section: a start for the search of a balance.
+MOST_SOFTENED = 0.1
+_MOST_STEPS = 30  # of Newton's method for the offsets of tendons
+_TOLERANCE = 1e-14  # of their balance, over the lever arm
+# Sections are stable, as long as tendons run within this of the midline (sine squared) and their
+# sheaths take no more than this part from the bending stiffness: the rest is of that order.
+_SURELY_ALONG, _SURELY_STIFF = 0.1, 0.25
+
+
+def sections_of(
+    arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
+) -> SectionEnergy:
+    """The cross sections of ``arm`` at ``nodes`` (n,), with tendons as they are held."""
+    kind = SheathedSections if arm.sheath_stiffness else SectionEnergy
+    return kind(arm, nodes, section, law, shear)
+
+
+class _Placed(NamedTuple):
+    """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
+
+    sections: SectionEnergy
+    offset: FloatArray
+    unit: Parts
+    over: FloatArray
+    pull: tuple[FloatArray, FloatArray]
+    inverse: Parts
+
+
+class SheathedSections(SectionEnergy):
+    """Cross sections whose tendons have offsets from their paths.
+
+    Attributes:
+        sheath_compliance: 1 / k of each tendon, zero of a rigid one [1/Pa],
+            (tendons, 1, nodes).
+        farthest: largest distance from the midline that a tendon may have [m], likewise.
+    """
+
+    _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_borne')
+
+    def __init__(
+        self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
+    ) -> None:
+        """As `SectionEnergy`."""
+        super().__init__(arm, nodes, section, law, shear)
+        stiffness = np.array(arm.sheath_stiffness)
+        compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
+        self.sheath_compliance = compliance[:, np.newaxis, np.newaxis] * self.active
+        off_midline = np.hypot(self.x, self.y)
+        self.farthest = np.maximum(self.radius, off_midline)
+        # Forces per length [N/m] that surely press no tendon beyond that.
+        room, gives_way = self.farthest - off_midline, self.sheath_compliance > 0.0
+        self._borne = np.full_like(room, np.inf)
+        np.divide(room, self.sheath_compliance, out=self._borne, where=gives_way)
+        # A tendon off its path twists the arm where that has a slope.
+        self._in_planes, self.planar = self.planar, False
+
+    def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed:
+        """Offsets of the tendons under scaled ``strain``, and what follows from them.
+
+        Raises:
+            ConvergenceError: if they have no balance.
+        """
+        t, n, b = strain[:3]
+        slope = self.widening(strain[3])[1]
+        moved, offset, unit, over, pull, inverse = self._placed(strain, local_tensions)
+        g = tendon_gradient(*unit, slope, moved.x, moved.y, self.dx, self.dy)
+        weight = local_tensions * over
+        mixed = np.empty((2, len(strain), *weight.shape))
+        terms = sheath_mixed(
+            t, n, b, slope, moved.x, moved.y, self.dx, self.dy, *unit, *pull, *g, local_tensions,
+            weight,
+        )  # fmt: skip
+        for place, term in enumerate(terms):
+            mixed[divmod(place, 4)] = term
+        if len(strain) == 6:
+            (_, e_n, e_b), (p_n, p_b) = unit, pull
+            mixed[0, 4], mixed[0, 5] = -weight * p_n * e_n, weight * (t - p_n * e_b)
+            mixed[1, 4], mixed[1, 5] = -weight * (t + p_b * e_n), -weight * p_b * e_b
+        compliance = self.sheath_compliance * np.stack(inverse)
+        return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
+
+    def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
+        """As `SectionEnergy.placed`; raises as `condensed`."""
+        return self._placed(strain, local_tensions).sections
+
+    def _placed(self, strain: FloatArray, local_tensions: FloatArray) -> _Placed:
+        """Offsets of the tendons by Newton's method; raises as `condensed`."""
+        t, n, b, stretch = strain[:4]
+        yielding = self.sheath_compliance * local_tensions
+        # Nearly: for tendons along the midline, where that leaves them most of their length.
+        near = yielding * np.where(yielding * (n * n + b * b) < 0.25 * stretch, 1.0, 0.0)
+        offset = np.stack([near * b, -near * n])
+        moved = copy.copy(self)
+        width, worst = self.widening(stretch)[0], np.inf
+        for _ in range(_MOST_STEPS):
+            moved.x, moved.y = self.x + offset[0], self.y + offset[1]
+            u_t, u_n, u_b, length = SectionEnergy.stretching(moved, strain, width)
+            over = 1.0 / length
+            unit = u_t * over, u_n * over, u_b * over
+            pull = sheath_pull(t, n, b, *unit)
+            inverse = sheath_inverse(t, n, b, *pull, yielding * over)
+            left_n, left_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
+            worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
+            if not worst > _TOLERANCE:  # NaN where a section cannot be
+                return _Placed(moved, offset, unit, over, pull, inverse)
+            nn, nb, bb = inverse
+            offset[0] -= nn * left_n + nb * left_b
+            offset[1] -= nb * left_n + bb * left_b
+        raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
+
+    def softening(self, local_tensions: FloatArray) -> FloatArray:
+        """As `SectionEnergy.softening`, for tendons along the midline; at most `MOST_SOFTENED`."""
+        return np.minimum(self._softening(local_tensions), MOST_SOFTENED)
+
+    def _softening(self, local_tensions: FloatArray) -> FloatArray:
+        taken: FloatArray = np.einsum(
+            'jbn,jbn,jbn->bn', self.sheath_compliance, local_tensions, local_tensions
+        )
+        return taken / (2.0 * self.stiffness.axial * self.squared_radius)
+
+    def tendons(self, local_tensions: FloatArray) -> Tendons | None:
+        """As `SectionEnergy.tendons`."""
+        return SheathedTendons(self, local_tensions) if self._in_planes else None
+
+    def tendon_gradient(
+        self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
+    ) -> FloatArray:
+        """Gradient (n, batch, nodes) of that energy: at the offsets, which are in balance."""
+        moved = self.placed(strain, local_tensions)
+        return SectionEnergy.tendon_gradient(moved, strain, local_tensions, width, slope)
+
+    def tendon_derivatives(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of that energy."""
+        found = self.condensed(strain, local_tensions)
+        gradient, hessian = SectionEnergy.tendon_derivatives(
+            found.sections, strain, local_tensions
+        )
+        hessian -= np.einsum('aijbn,akjbn->ikbn', found.mixed, found.moved(found.mixed))
+        return gradient, hessian
+
+    def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
+        moved = self.placed(strain, local_tensions)
+        return SectionEnergy.stretches(moved, strain, local_tensions)
+
+    def lengthening(
+        self, strain: FloatArray, local_tensions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Stretch |u| of every tendon and its gradient, (n, tendons, batch, nodes)."""
+        found = self.condensed(strain, local_tensions)
+        length, gradient = SectionEnergy.lengthening(found.sections, strain, local_tensions)
+        return length, gradient - found.answer(found.pull)
+
+    def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
+        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        found = self.condensed(strain, local_tensions)
+        return -found.shortening(found.pull)
+
+    def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse tendons that are pressed out of the body.
+
+        Raises:
+            SolveError: if one is; the message says where.
+        """
+        # Derivatives of |u| by the offset are no larger than the curvature.
+        curvature = np.sqrt(np.add.reduce(strain[:3] ** 2))
+        if not (local_tensions * curvature > self._borne).any():
+            return
+        moved = self.placed(strain, local_tensions)
+        outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)
+        self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
+
+    def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
+        """Refuse a balance without loads that is no minimum of the energy.
+
+        Raises:
+            SolveError: if one is; the message says where.
+        """
+        if self._is_surely_stable(strain, local_tensions):
+            return
+        _, hessian = self.material(strain)
+        hessian += self.tendon_derivatives(strain, local_tensions)[1]
+        factors = factorise(hessian)
+        unstable = np.zeros(strain.shape[1:], dtype=bool)
+        for row in range(len(strain)):
+            unstable |= ~(factors[row, row] > 0.0)
+        self._refuse(unstable, 'bend the arm without end', 'sheaths are')
+
+    def _is_surely_stable(self, strain: FloatArray, local_tensions: FloatArray) -> bool:
+        """Whether sheaths take little from the stiffness of the sections, without a Hessian.
+
+        C has entries up to T, and beside those only smaller ones in the sine between tendon and
+        midline; a straight rod is stiffer in torsion than 2/3 of what it is in bending.
+        """
+        z = (strain[1] * strain[1] + strain[2] * strain[2]) * self.squared_radius
+        f = self.law.density(strain[3], z)
+        # In the plane in which the section bends, and across it; all over 2 E A R^2.
+        along = f.by_bend + 2.0 * z * (
+            f.by_bend_bend - f.by_stretch_bend * f.by_stretch_bend / f.by_stretch_stretch
+        )
+        taken = self._softening(local_tensions)
+        _, u_n, u_b, length = self.stretching(strain, self.widening(strain[3])[0])
+        return not (
+            np.any(taken > _SURELY_STIFF * np.minimum(f.by_bend, along))
+            or np.any(u_n * u_n + u_b * u_b > _SURELY_ALONG * length * length)
+        )
+
+    def _refuse(self, where: NDArray[np.bool_], effect: str, soft: str) -> None:
+        """Raise a `SolveError` at the first of the places ``where`` (batch, nodes), if any."""
+        if where.any():
+            number, node = np.argwhere(where)[0]
+            at = f's = {self.s[node]:.4g} m'
+            raise SolveError(f'tensions {effect} at {at}: {soft} too soft', int(number))

@@ -1,0 +1,1 @@
+"""Tendons in cross sections: sums over them, tables, tangents and lengths. Imports section."""

@@ -1,0 +1,103 @@
+"""How what measurements predict bends: second derivatives, learnt while a filter runs.
+
+They change slowly: every two Jacobians tell the second derivatives along the way from one to the
+other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly all are found
+anew by differences, for which the arm is solved once for each component of the state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.beliefs.belief import Belief
+from octo_arm_model.estimation.beliefs.posterior_mean import Agreement
+from octo_arm_model.estimation.measurements import Measurement, jacobians
+from octo_arm_model.estimation.state.prediction import Prediction
+
+_STEP = 0.1  # standard deviations, of differences of the Jacobian
+_FAR = 0.3  # change of the Jacobian, in parts of it, after which nothing learnt is kept
+_OFF = 0.5  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
+_SMALL = 0.01  # likewise of the Jacobian, that need not be foretold
+
+
+class Curvature(NamedTuple):
+    """Second derivatives of what some measurements predict.
+
+    Attributes:
+        second: by the state, (m, n, n), symmetric.
+        jacobian: of what is predicted, where they were learnt last, (m, n).
+        agreed: how innovations drew the mode so far.
+        share: part of the whole shift to the mean, see `share_of`.
+    """
+
+    second: FloatArray
+    jacobian: FloatArray
+    agreed: Agreement = Agreement()
+    share: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """Of the whole shift to the mean."""
+        return self.agreed.weight * self.share
+
+    @classmethod
+    def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
+        """None, of what is predicted with a ``jacobian``."""
+        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed)
+
+    def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
+        """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""
+        away = np.linalg.norm((jacobian - self.jacobian) * stddev)
+        return bool(away <= _FAR * np.linalg.norm(jacobian * stddev))
+
+    def foretells(self, change: FloatArray, jacobian: FloatArray, stddev: FloatArray) -> bool:
+        """Whether a ``change`` (n,) of the state leads to this ``jacobian``, nearly."""
+        moved = (jacobian - self.jacobian) * stddev
+        off = float(np.linalg.norm(moved - (self.second @ change) * stddev))
+        least = _SMALL * float(np.linalg.norm(jacobian * stddev))
+        return off <= max(_OFF * float(np.linalg.norm(moved)), least)
+
+    def after(self, change: FloatArray, jacobian: FloatArray, scale: FloatArray) -> Curvature:
+        """The nearest ones that make the last Jacobian this one, with a ``change`` of the state.
+
+        Nearest in the Frobenius norm with each component of the state in units of ``scale``.
+        """
+        along = change / scale**2
+        size = float(along @ change)
+        if not size:
+            return self
+        along /= size
+        left = jacobian - self.jacobian - self.second @ change
+        across = left[:, :, np.newaxis] * along
+        both = (left @ change)[:, np.newaxis, np.newaxis] * (along[:, np.newaxis] * along)
+        second = self.second + across + across.transpose(0, 2, 1) - both
+        return self._replace(second=second, jacobian=jacobian)
+
+
+def stddev_of(belief: Belief) -> FloatArray:
+    """Standard deviation of every component, (n,)."""
+    found: FloatArray = np.sqrt((belief.root * belief.root).sum(axis=1))
+    return found
+
+
+def renewed(
+    known: Curvature, measurements: Sequence[Measurement], at: Prediction, stddev: FloatArray
+) -> Curvature:
+    """All second derivatives anew, ``at`` a state of the Jacobian that is ``known``.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape nearby.
+    """
+    second = known.second.copy()
+    for component in at.model.state.shaping:
+        moved = at.x.copy()
+        # Upwards, as a slack tendon cannot pull less.
+        moved[component] += _STEP * stddev[component]
+        jacobian = jacobians(measurements, Prediction(at.model, moved, at.shape))
+        by_component = (jacobian - known.jacobian) / (moved[component] - at.x[component])
+        second[:, component] = second[:, :, component] = by_component
+    return known._replace(second=second)

@@ -1,0 +1,188 @@
+"""The state that measurements and a belief before them agree on, by iteration.
+
+What measurements predict is taken to second order about the last state that was evaluated. The
+mean of the posterior by this local model costs no shape, and is where it is evaluated next
+(iterated extended Kalman filter, Bell and Cathey 1993, with Newton's steps).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.beliefs.belief import Belief, Gain, gain, normalised_square
+from octo_arm_model.estimation.beliefs.curvature import Curvature, renewed, stddev_of
+from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
+from octo_arm_model.estimation.beliefs.posterior_mean import (
+    Agreement,
+    agreement,
+    gain_of_part,
+    gradient,
+    share_of,
+)
+from octo_arm_model.estimation.measurements import (
+    Measurement,
+    jacobians,
+    noise_root,
+    residuals,
+)
+from octo_arm_model.estimation.state.prediction import Prediction
+
+_TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
+_MOST = 12  # evaluations
+_RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
+_NEAR = 0.3  # step within which derivatives are still good enough
+_PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
+_GROWTH = 3.0  # likewise one with derivatives
+_WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
+# By how much what should be least may be more at the end than at the start: by more where the
+# posterior is flat along a curve, off which the mean by a local model lies.
+_RISE = 1.0
+
+
+class Fit(NamedTuple):
+    """A belief after measurements.
+
+    Attributes:
+        belief: after them.
+        at: a prediction nearly of its mean, about which they were linearised: a tenth of a
+            standard deviation off at most.
+        innovation: measured less predicted before, by that linearisation, (m,).
+        innovation_root: of its covariance, (m, m).
+        square: least sum of squares of noise and change of the state that explains them.
+        curvature: of what they predict, if that was asked for.
+    """
+
+    belief: Belief
+    at: Prediction
+    innovation: FloatArray
+    innovation_root: FloatArray
+    square: float
+    curvature: Curvature | None
+
+
+def fit(
+    prior: Belief,
+    measurements: Sequence[Measurement],
+    last: Prediction,
+    known: Curvature | None,
+    *,
+    is_new: bool = False,
+) -> Fit:
+    """The mean of the posterior of ``prior``, from the ``last`` prediction on.
+
+    Second derivatives are those ``known`` if they are of states nearby, and found anew if
+    ``is_new``.
+
+    Raises:
+        SolveError: if there is no trustworthy shape on the way, or no convergence.
+    """
+    at, shape, noise = last.linearised, last.shape, noise_root(measurements)
+    stddev = stddev_of(prior)
+    scale = np.where(at.model.state.shapes, stddev, np.inf)
+    left, jacobian = residuals(measurements, at), jacobians(measurements, at)
+    by = gain(prior.root, jacobian, noise)
+    if known is not None and not is_new and known.is_near(jacobian, stddev):
+        known = known._replace(jacobian=jacobian)
+    else:
+        agreed = Agreement() if known is None else known.agreed
+        flat = Curvature.flat(jacobian, agreed)
+        known = renewed(flat, measurements, at, stddev_of(Belief(at.x, by.root)))
+    posterior = Posterior(prior, noise, at.model, known.agreed.weight)
+    local = posterior.local(at.x, left, jacobian, known.second, by)
+    step = posterior.step(local, local.x)
+    size, is_near, first = math.inf, False, step.cost
+    evaluations = renewals = 0
+    while evaluations < _MOST:
+        evaluations += 1
+        wanted = posterior.mean(local, step)
+        most = _WORSE * posterior.square(local.x, left) + wanted.size
+        for halved in range(_HALVED):
+            # Farther from the last state than its local model is good for it may get worse.
+            x = local.x + 0.5**halved * (wanted - local.x)
+            new = Prediction(at.model, x, shape, at if is_near else None)
+            try:
+                left = residuals(measurements, new)
+            except ContinuationError:
+                continue
+            if posterior.square(x, left) <= most:
+                break
+        shape = new.solved
+        if is_near:
+            # The derivatives are known well enough: what is predicted is all that is new.
+            jacobian = jacobian + known.second @ (x - local.x)
+            moved = posterior.moved(local, x, left)
+            step = posterior.step(moved, x)
+            if step.size <= _TOLERANCE and step.cost <= first + _RISE:
+                by = gain(prior.root, jacobian, noise)
+                return _fit(prior, step, new, left, jacobian, by, known)
+            if step.size <= _PROGRESS * size:
+                local, size = moved, step.size
+                continue
+        before, at = at, new.differentiated()
+        jacobian = jacobians(measurements, at)
+        by = gain(prior.root, jacobian, noise)
+        is_right = known.foretells(x - before.x, jacobian, stddev)
+        known = known.after(x - before.x, jacobian, scale)
+        if not is_right:
+            if renewals == _RENEWALS:
+                break
+            renewals += 1
+            known = renewed(known, measurements, at, stddev_of(Belief(x, by.root)))
+        local = posterior.local(x, left, jacobian, known.second, by)
+        step = posterior.step(local, x)
+        if step.size <= _TOLERANCE and step.cost <= first + _RISE:
+            return _fit(prior, step, at, left, jacobian, by, known)
+        if step.size > _GROWTH * size:
+            break
+        size, is_near = step.size, step.size <= _NEAR
+    raise ConvergenceError('the estimate', step.size, evaluations)
+
+
+def _fit(
+    prior: Belief,
+    step: Step,
+    at: Prediction,
+    left: FloatArray,
+    jacobian: FloatArray,
+    by: Gain,
+    known: Curvature,
+) -> Fit:
+    """The `Fit` that a last ``step`` from the state ``at`` leads to."""
+    found = _linearised(prior, step.x, at, left, jacobian, by)
+    whole = gradient(by.gain, known.second)
+    part = gradient(gain_of_part(prior.scattered, jacobian, by), known.second)
+    agreed = known.agreed.after(agreement(by, part, found.innovation, known.second))
+    known = known._replace(agreed=agreed, share=share_of(part, whole, by))
+    return found._replace(square=found.square + step.beyond, curvature=known)
+
+
+def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
+    """The `Fit` ``at`` the most probable state, which is near the mean or all that is known of it.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape there.
+    """
+    left, jacobian = residuals(measurements, at), jacobians(measurements, at)
+    by = gain(prior.root, jacobian, noise_root(measurements))
+    return _linearised(prior, at.x, at, left, jacobian, by)
+
+
+def _linearised(
+    prior: Belief,
+    mean: FloatArray,
+    at: Prediction,
+    left: FloatArray,
+    jacobian: FloatArray,
+    by: Gain,
+) -> Fit:
+    """The `Fit` of this ``mean`` by measurements linearised ``at`` a state nearly the same."""
+    innovation = left + jacobian @ (at.x - prior.mean)
+    square = normalised_square(innovation, by.innovation_root)
+    belief = prior.corrected(mean, by, jacobian)
+    return Fit(belief, at, innovation, by.innovation_root, square, None)

@@ -1,0 +1,209 @@
+"""A posterior where what measurements predict is known to second order, and its mean by that.
+
+States, residuals and derivatives are in standard deviations: of the belief before the
+measurements, and of their noise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgeqrf, dpotrf
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.estimation.beliefs.belief import (
+    Belief,
+    Gain,
+    normalised_square,
+    solve_lower,
+)
+from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradient
+from octo_arm_model.estimation.state.prediction import ArmModel
+
+_MOST_OF_MODEL = 8  # steps within a local model
+_LAST = 0.3  # step within it that is the last
+_HALVED = 5  # times that such a step is halved
+_BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
+_MOST_BENT = 50  # halvings of what it loses
+
+
+class Local(NamedTuple):
+    """What measurements predict about one state, to second order, in standard deviations.
+
+    Attributes:
+        x: the state, in its own units.
+        z: its distance from the mean before, (n,).
+        left: measured less predicted there, (m,).
+        jacobian: of what is predicted, (m, n).
+        second: its second derivatives, (m, n, n).
+        slope: gradient of what is least, by which the mean is not the most probable state, (n,).
+    """
+
+    x: FloatArray
+    z: FloatArray
+    left: FloatArray
+    jacobian: FloatArray
+    second: FloatArray
+    slope: FloatArray
+
+    def about(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Measured less predicted in ``z``, and the Jacobian there."""
+        change = z - self.z
+        bent = self.second @ change
+        return self.left - (self.jacobian + 0.5 * bent) @ change, self.jacobian + bent
+
+
+class Step(NamedTuple):
+    """A step of the iteration from ``start`` to ``x``.
+
+    Attributes:
+        size: in standard deviations a component.
+        beyond: square of how far the mean is beyond the possible states.
+        cost: what is least at the end, in squares of standard deviations, but for a constant.
+    """
+
+    start: FloatArray
+    x: FloatArray
+    size: float
+    beyond: float
+    cost: float
+
+
+class Posterior:
+    """What is known of a state after measurements."""
+
+    def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, weight: float) -> None:
+        """Of a ``prior`` and measurements of the root ``noise`` of their covariance.
+
+        ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
+        """
+        self._prior, self._noise, self._model, self._weight = prior, noise, model, weight
+        self._per_noise = solve_lower(noise, np.eye(len(noise)))
+
+    def square(self, x: FloatArray, left: FloatArray) -> float:
+        """Sum of squares of the change of the state and of the noise, in standard deviations."""
+        change = normalised_square(x - self._prior.mean, self._prior.root)
+        return change + normalised_square(left, self._noise)
+
+    def local(
+        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
+    ) -> Local:
+        """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves."""
+        root, (m, n) = self._prior.root, jacobian.shape
+        # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
+        bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
+        slope = np.zeros(n)
+        if self._weight:
+            part = gain_of_part(self._prior.scattered, jacobian, by)
+            slope = self._weight * (gradient(part, second) @ root)
+        return Local(
+            x,
+            self._away(x),
+            self._per_noise @ left,
+            self._per_noise @ jacobian @ root,
+            root.T @ bent @ root,
+            slope,
+        )
+
+    def moved(self, local: Local, x: FloatArray, left: FloatArray) -> Local:
+        """A ``local`` model with what was found to be ``left`` in another state ``x``."""
+        z = self._away(x)
+        return Local(x, z, self._per_noise @ left, local.about(z)[1], local.second, local.slope)
+
+    def _away(self, x: FloatArray) -> FloatArray:
+        return solve_lower(self._prior.root, x - self._prior.mean)
+
+    def mean(self, local: Local, step: Step) -> FloatArray:
+        """The mean by a ``local`` model, from a ``step`` on."""
+        for _ in range(_MOST_OF_MODEL):
+            if step.size <= _LAST:
+                break
+            for halved in range(_HALVED):
+                new = self.step(local, step.start + 0.5**halved * (step.x - step.start))
+                if new.cost <= step.cost:
+                    break
+            else:
+                return new.start
+            step = new
+        return step.x
+
+    def step(self, local: Local, x: FloatArray) -> Step:
+        """Newton's step from ``x`` to the mean by a ``local`` model."""
+        z, (m, n) = self._away(x), local.jacobian.shape
+        left, jacobian = local.about(z)
+        by = _least_squares(jacobian, left, z)
+        # What Gauss and Newton leave out: how measurements bend.
+        bent = (by.multiplier @ local.second.reshape(m, n * n)).reshape(n, n)
+        bent, change = solve_lower(by.root, solve_lower(by.root, bent).T), by.change
+        if self._weight:
+            change = change - solve_lower(by.root, local.slope)
+        change = _stiffened(bent, change)
+        wanted = x + self._prior.root @ solve_lower(by.root, change, is_transposed=True)
+        new, beyond = wanted, 0.0
+        if (wanted[self._model.state.tension] < 0.0).any():
+            after = solve_lower(by.root, self._prior.root.T).T
+            new = nearest_possible(self._model, Belief(x, after), wanted)
+            to_white = np.tril(by.root).T
+            change, off = (to_white @ (self._away(new) - self._away(one)) for one in (x, wanted))
+            beyond = float(off @ off)
+        size = math.sqrt(float(change @ change) / n)
+        cost = float(z @ z) + float(left @ left) + 2.0 * float(local.slope @ (z - local.z))
+        return Step(x, new, size, beyond, cost)
+
+
+class _LeastSquares(NamedTuple):
+    """The step d of Gauss and Newton that makes |left - jacobian d|^2 + |z + d|^2 least.
+
+    Attributes:
+        root: of the inverse of the covariance, 1 + J' J: its triangle on and below the diagonal.
+        change: the step times the transpose of that root, (n,).
+        multiplier: what is left after the step, (m,).
+    """
+
+    root: FloatArray
+    change: FloatArray
+    multiplier: FloatArray
+
+
+def _least_squares(jacobian: FloatArray, left: FloatArray, z: FloatArray) -> _LeastSquares:
+    """By orthogonal factors, exact where measurements are a million times better known."""
+    m, n = jacobian.shape
+    array = np.zeros((m + n, n + m + 1), order='F')
+    array[:m, :n], array[:m, -1] = jacobian, left
+    array[m:, -1] = -z
+    ones = np.arange(m + n)
+    array[ones, (ones - m) % (m + n)] = 1.0
+    array = dgeqrf(array, overwrite_a=1)[0]
+    multiplier = np.triu(array[n:, n:-1]).T @ array[n:, -1]
+    return _LeastSquares(array[:n, :n].T.copy(), array[:n, -1], multiplier)
+
+
+def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
+    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`.
+
+    Where one is, all of them are halved until none is.
+    """
+    one = np.eye(change.size)
+    # By Cholesky alone: eigenvalues take longer, and much longer where threads of LAPACK wait.
+    for _ in range(_MOST_BENT):
+        if dpotrf(_BENT * one - bent, lower=1)[1] == 0:
+            root = np.ascontiguousarray(dpotrf(one - bent, lower=1)[0])
+            return solve_lower(root, solve_lower(root, change), is_transposed=True)
+        bent = 0.5 * bent
+    return change
+
+
+def nearest_possible(model: ArmModel, belief: Belief, mean: FloatArray) -> FloatArray:
+    """The likeliest state about ``mean``, by the covariance of ``belief``, of tensions >= 0."""
+    tension = model.state.tension
+    slack = np.zeros(mean.size, dtype=bool)
+    found = mean
+    while (found[tension] < 0.0).any():
+        slack[tension] |= found[tension] < 0.0
+        rows = belief.root[slack]
+        change = np.linalg.lstsq(rows, -mean[slack], rcond=None)[0]
+        found = mean + belief.root @ change
+        found[slack] = 0.0
+    return found

@@ -1,0 +1,1 @@
+"""Which measurements are used. Imports beliefs and what is below."""

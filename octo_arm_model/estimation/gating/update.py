@@ -1,0 +1,102 @@
+"""What measurements of one time make of a belief: the step of the filter."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.estimation.beliefs.belief import Belief
+from octo_arm_model.estimation.beliefs.curvature import Curvature
+from octo_arm_model.estimation.gating.judgement import Judged, judge
+from octo_arm_model.estimation.gating.lying_cell import nearby, without_one
+from octo_arm_model.estimation.gating.taken import Kinds, Nearby, Taken, kinds_of, volume_of
+from octo_arm_model.estimation.gating.updated import Innovation, Updated
+from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.estimation.state.prediction import ArmModel
+
+ITERATIONS = 10_000  # of Newton's method for shapes, of one update
+_MOST_KINDS = 8  # of measurements together whose curvature is kept
+
+
+def update(
+    model: ArmModel,
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    last: Updated | None,
+    gate: float,
+) -> Updated:
+    """``belief`` after ``measurements``, from the ``last`` one on.
+
+    ``gate`` is the probability of a right measurement to be accepted.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape, or the iteration does not converge, or
+            takes too much.
+        MeasurementError: if a measurement does not fit the arm.
+    """
+    near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
+    with model.within(ITERATIONS) as effort:
+        judged = nearby(model, belief, measurements, last, near)
+        if judged is None:
+            judged = judge(model, belief, measurements, last, near)
+            effort.check()  # what is refused may be so for want of iterations
+            if judged.refused:
+                with contextlib.suppress(SolveError):
+                    judged = without_one(model, belief, judged, last, near) or judged
+    linear, found, squares = judged.linear, judged.found, judged.squares
+    accepted = {id(one) for one in judged.accepted}
+    innovations, size = [], 0
+    log_likelihood = -0.5 * (linear.square + linear.volume + found.square + found.volume)
+    for one in judged.measurements:
+        before, is_accepted = belief if one.is_linear else linear.belief, id(one) in accepted
+        jacobian = one.jacobian(found.at)
+        value = one.innovation(found.at) + jacobian @ (found.at.x - before.mean)
+        told = jacobian @ before.root
+        covariance = told @ told.T + one.covariance
+        innovations.append(Innovation(one.name, value, covariance, squares[id(one)], is_accepted))
+        if is_accepted:
+            size += value.size
+        else:
+            root = np.asarray(np.linalg.cholesky(covariance), np.float64)
+            log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
+    return Updated(
+        found.belief,
+        found.at,
+        found.at.solved,
+        tuple(innovations),
+        tuple(one for one in judged.measurements if id(one) in accepted),
+        (judged.square, size),
+        log_likelihood,
+        _kept(last, found),
+        _refused(innovations, judged, last),
+    )
+
+
+def _refused(
+    innovations: Sequence[Innovation], judged: Judged, last: Updated | None
+) -> frozenset[str]:
+    """Names of measurements of which the newest was refused."""
+    refused = frozenset(one.name for one in innovations if not one.is_accepted)
+    if last is None or not last.refused:
+        return refused
+    # A load cell is not refused any more where all of its kind are used.
+    heard = {one.name for one in innovations}
+    for one in judged.linear.accepted:
+        heard |= {single.name for _, single in one.each_apart(judged.found.at)}
+    return refused | (last.refused - heard)
+
+
+def _kept(last: Updated | None, found: Taken) -> dict[Kinds, Curvature]:
+    """Curvatures of what was measured together last."""
+    kept = dict(last.curvatures) if last is not None else {}
+    if found.curvature is not None:
+        kinds = kinds_of(found.accepted)
+        kept.pop(kinds, None)
+        kept[kinds] = found.curvature
+        if len(kept) > _MOST_KINDS:
+            del kept[next(iter(kept))]
+    return kept

@@ -1,0 +1,1 @@
+"""What is estimated, and the shape that follows from it."""

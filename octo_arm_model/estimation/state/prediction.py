@@ -1,0 +1,261 @@
+"""From a state to the shape of the arm, and its derivatives by the state.
+
+Statics depend on E through the ratios of tensions and loads to it, so an arm of another E is
+solved as the one described, under tensions and loads divided by the ratio of both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
+from octo_arm_model.core.errors import (
+    ConfigError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    TensionError,
+)
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.estimation.state.effort import Effort
+from octo_arm_model.estimation.state.state_change import Part, StateChange
+from octo_arm_model.estimation.state.unit_loads import unit_loads
+from octo_arm_model.estimation.state.unknowns import State, Unknowns
+
+# A step of the estimator that leads where the arm is followed for longer is too long.
+BUDGET = Budget(iterations=60)
+
+
+class ArmModel:
+    """One arm whose tensions, loads and E are a state.
+
+    Attributes:
+        arm: the arm.
+        state: what the vector holds.
+        solver: of the arm as described.
+        loads: that act besides those of the state.
+        unit_loads: loads of magnitude one of which the state holds the magnitudes, from
+            ``state.point_forces`` to ``state.current``.
+        tendon_compliance: by how much each tendon itself stretches [m/N], (tendons,).
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        unknowns: Unknowns,
+        model: str = 'exact',
+        *,
+        loads: Loads = Loads(),
+        **options: Any,
+    ) -> None:
+        """Prepare ``arm`` for ``unknowns``; ``loads`` and ``options`` are those of `Solver`.
+
+        Raises:
+            ConfigError: as `Solver`; if external forces are unknown and the model has no loads; if
+                E is, and there are loads of a kind that has no magnitude, or sheaths; if tendons
+                have friction and the loss of tension by it is not unknown.
+            MeasurementError: if a point force is not on the arm.
+        """
+        self.arm, self.loads = arm, loads
+        self.state = state = State(unknowns, arm)
+        if loads.scaled:
+            raise ConfigError('loads.scaled are those of the estimator itself, expected none')
+        if loads.others and unknowns.log_modulus is not None:
+            raise ConfigError('loads.others do not go with an unknown log_modulus')
+        if arm.sheath_stiffness and unknowns.log_modulus is not None:
+            raise ConfigError(
+                'sheath_stiffness, which is not in proportion to E, does not go with '
+                'an unknown log_modulus'
+            )
+        if any(arm.friction):
+            # The shape follows from the course of the tensions then, which is not in the state.
+            if unknowns.tension_loss is None:
+                raise ConfigError('tendons have friction, expected an unknown tension_loss')
+            arm = dataclasses.replace(arm, friction=())
+        self._effort = Effort(math.inf)
+        self._known_wrench = loads.tip_wrench
+        dead = dataclasses.replace(loads, tip_force=ZERO, tip_moment=ZERO)
+        self.unit_loads = unit_loads(arm, unknowns)
+        scaled = list(self.unit_loads)
+        # Weight changes with E too, in parts of the stiffness.
+        self._scales_dead = unknowns.log_modulus is not None and dead.any
+        if self._scales_dead:
+            scaled.append(dead)
+            dead = Loads()
+        self._scaled = ScaledLoads(scaled) if scaled else None
+        dead = dataclasses.replace(dead, scaled=self._scaled)
+        options.setdefault('budget', BUDGET)
+        self.solver = Solver(arm, model, loads=dead, **options)
+        self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
+        if state.tip_force.stop > state.tip_force.start or (
+            state.tip_moment.stop > state.tip_moment.start
+        ):
+            self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
+
+    @contextlib.contextmanager
+    def within(self, iterations: int) -> Iterator[Effort]:
+        """Solve no more than ``iterations`` of Newton's method make, together; see `Effort`."""
+        outer = self._effort
+        self._effort = Effort(iterations, outer)
+        try:
+            yield self._effort
+        finally:
+            self._effort = outer
+
+    def tip_wrench(self, x: FloatArray) -> FloatArray:
+        """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
+        wrench = self._known_wrench.copy()
+        for part, where in (
+            (slice(0, 3), self.state.tip_force),
+            (slice(3, 6), self.state.tip_moment),
+        ):
+            if where.stop > where.start:
+                wrench[part] += x[where]
+        return wrench
+
+    def stiffness(self, x: FloatArray) -> float:
+        """E in ``x`` over that of the arm as described."""
+        return float(np.exp(x[self.state.log_modulus].sum()))
+
+    def solve(self, x: FloatArray, start: Backbone | None) -> Backbone:
+        """Shape in ``x``, followed from ``start``; of the arm as described, see the module.
+
+        Raises:
+            OctoArmError: as `Solver.solve`.
+        """
+        ratio = self._set_magnitudes(x)
+        along = x[self.state.tension] * self._transmitted(x)
+        tensions = along.reshape(self.arm.tension_shape) / ratio
+        wrench = self.tip_wrench(x)
+        self._effort.check()
+        try:
+            shape = self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
+        except ConvergenceError as error:
+            self._effort.take(error.iterations)
+            raise
+        self._effort.take(int(shape.iterations))
+        return shape
+
+    def derivatives(self, x: FloatArray, backbone: Backbone) -> StateChange:
+        """Change of the shape ``backbone`` in ``x`` per unit of each component of the state.
+
+        Raises:
+            OctoArmError: as `Solver.sensitivity`.
+        """
+        ratio, state = self._set_magnitudes(x), self.state
+        self._effort.check()
+        self._effort.take(1)
+        by = self.solver.sensitivity(backbone)
+        one, along = np.ones(1), self._transmitted(x) / ratio
+        lost, every = -along * x[state.tension], slice(None)
+        parts = [
+            Part(state.tension, by.by_tension, every, along),
+            Part(state.log_modulus, by.by_youngs_modulus, every, one),
+            Part(state.tension_loss, by.by_tension, every, lost),
+        ]
+        if by.by_tip_wrench is not None:
+            parts.append(Part(state.tip_force, by.by_tip_wrench, slice(0, 3), one / ratio))
+            parts.append(Part(state.tip_moment, by.by_tip_wrench, slice(3, 6), one / ratio))
+        if self.unit_loads:
+            by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
+            where = slice(state.point_forces.start, state.current.stop)
+            parts.append(Part(where, by_loads, every, one / ratio))
+        return StateChange(state.size, parts)
+
+    def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
+        """``backbone`` with the tensions and the wrench on the tip of ``x``."""
+        tensions = x[self.state.tension].reshape(self.arm.tension_shape)
+        return dataclasses.replace(backbone, tensions=tensions, tip_wrench=self.tip_wrench(x))
+
+    def _transmitted(self, x: FloatArray) -> FloatArray:
+        """Tension along every tendon over that at the base, one for all where none is lost."""
+        loss = x[self.state.tension_loss]
+        return np.exp(-loss) if loss.size else np.ones(1)
+
+    def _set_magnitudes(self, x: FloatArray) -> float:
+        """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
+        ratio, state = self.stiffness(x), self.state
+        if self._scaled is not None:
+            unknown = x[state.point_forces.start : state.current.stop]
+            known = [1.0] if self._scales_dead else []
+            self._scaled.magnitudes = np.array([*unknown, *known]) / ratio
+        return ratio
+
+
+class Prediction:
+    """What an arm is in one state; solved and differentiated where asked for.
+
+    Attributes:
+        model: the arm.
+        x: the state.
+        linearised: where `change` is evaluated, which is here or nearby.
+    """
+
+    def __init__(
+        self,
+        model: ArmModel,
+        x: FloatArray,
+        start: Backbone | None,
+        linearised: Prediction | None = None,
+    ) -> None:
+        """In the state ``x``, followed from the shape ``start``.
+
+        Its derivatives are those ``linearised`` nearby, if that is given.
+        """
+        self.model, self.x, self._start = model, x, start
+        self.linearised = linearised or self
+
+    @property
+    def shape(self) -> Backbone | None:
+        """The shape if it was solved, what to follow it from if not."""
+        return self.__dict__.get('solved', self._start)
+
+    @functools.cached_property
+    def solved(self) -> Backbone:
+        """Shape, of the arm as described.
+
+        Raises:
+            SolveError: if there is no trustworthy one, or none under tensions and loads so large.
+        """
+        try:
+            return self.model.solve(self.x, self._start)
+        except (TensionError, LoadError) as error:
+            # Of a state that a search came to, not of anything that was given.
+            raise SolveError(f'no shape that explains what was measured: {error}') from error
+
+    @property
+    def change(self) -> StateChange:
+        """Change of the shape per unit of each component of the state."""
+        return self.linearised._change
+
+    @functools.cached_property
+    def _change(self) -> StateChange:
+        return self.model.derivatives(self.x, self.solved)
+
+    def forget(self) -> None:
+        """Free the memory of `change`, which is found again where asked for."""
+        self.linearised.__dict__.pop('_change', None)
+
+    def differentiated(self) -> Prediction:
+        """The same, differentiated here."""
+        if self.linearised is self:
+            return self
+        new = Prediction(self.model, self.x, self._start)
+        new.__dict__['solved'] = self.solved
+        return new
+
+    @functools.cached_property
+    def tendon_lengths(self) -> FloatArray:
+        """Length of every tendon [m], (tendons,)."""
+        return self.model.solver.tendon_lengths(self.solved).ravel()

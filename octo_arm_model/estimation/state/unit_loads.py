@@ -1,0 +1,36 @@
+"""Loads of magnitude one, of which a state holds the magnitudes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.core.arm.profile import Constant, Linear
+from octo_arm_model.estimation.state.unknowns import Unknowns
+
+_AXES: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_PIECES = 64  # of the table of a current along an arm that is no cone
+
+
+def unit_loads(arm: Arm, unknowns: Unknowns) -> tuple[Loads, ...]:
+    """Of the point forces and the current of ``unknowns`` on ``arm``, each along every axis."""
+    unit = [
+        Loads(points=(PointLoad(point.s, axis),))
+        for point in unknowns.point_forces
+        for axis in _AXES
+    ]
+    if unknowns.current is not None:
+        unit += [Loads(distributed=(_current(arm, axis),)) for axis in _AXES]
+    return tuple(unit)
+
+
+def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
+    """Pressure of 1 Pa along ``axis``, times the diameter."""
+    profile = arm.body.profile
+    s = np.array([0.0, arm.length])
+    if not isinstance(profile, (Constant, Linear)):
+        inside = [knot for knot in profile.knots if 0.0 < knot < arm.length]
+        s = np.union1d(np.linspace(0.0, arm.length, _PIECES + 1), inside)
+    force = np.outer(2.0 * arm.body.radius(s), axis)
+    return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))

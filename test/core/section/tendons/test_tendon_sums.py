@@ -1,0 +1,118 @@
+"""Tensions: validation, and their sums along the arm."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from strategies import loaded_arms
+
+from octo_arm_model import Arm, Config, Loads, Solver, TensionError
+from octo_arm_model.core.models import renda2012
+from octo_arm_model.core.section import energy
+from octo_arm_model.core.section.tendons import tendon_sums
+from octo_arm_model.core.section.tendons.tendon_sums import TendonWeights, check_tensions
+
+GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
+
+
+def with_one(value: object) -> list:
+    """Valid tensions except that of tendon 3 of section 2."""
+    return [[0, 0, 0, 0], [0, 0, value, 0], [0, 0, 0, 0]]
+
+
+@given(loaded_arms())
+def test_sums_are_those_over_the_tendons_that_pass(case: tuple[Arm, np.ndarray]) -> None:
+    arm, tensions = case
+    s = arm.sections[-1].anchorage * 0.7
+    for active in range(1, len(arm.sections) + 1):
+        node, section = np.array([s]), np.array([active])
+        sums = TendonWeights(arm, node, section).sums(tensions.reshape(1, -1))
+        _, n, b = reference.cables(arm, active, s)[0].T
+        pull = tensions[:active].ravel()
+        expected = [pull, pull * n, pull * b, pull * n * n, pull * b * b]
+        for got, terms in zip(sums[:5], expected, strict=True):
+            assert got.item() == pytest.approx(terms.sum(), rel=1e-12, abs=1e-14 * pull.sum())
+
+
+def test_no_tendon_acts_beyond_the_last_anchorage(table4: Config) -> None:
+    weights = TendonWeights(table4.arm, np.array([0.44]), np.array([0]))
+    sums = weights.sums(np.ones((1, 12)))
+    assert not np.any([part for part in sums if part is not None])
+    assert sums.mixed is None
+    assert sums.routing_torque is None
+
+
+def test_tensions_of_any_leading_shape_become_floats(table4: Config) -> None:
+    assert check_tensions(table4.arm, GOOD).dtype == np.float64
+    for lead in ((), (1,), (2, 3), (0,), (4, 0)):
+        assert check_tensions(table4.arm, np.zeros((*lead, 3, 4))).shape == (*lead, 3, 4)
+
+
+@pytest.mark.parametrize('value', [-1.0, -1e-300, math.nan, math.inf, -math.inf])
+def test_an_impossible_tension_names_its_tendon(table4: Config, value: float) -> None:
+    message = f'tension of tendon_2_3 is {value!r} N, expected a finite number >= 0'
+    with pytest.raises(TensionError) as refusal:
+        check_tensions(table4.arm, with_one(value))
+    assert str(refusal.value) == message
+
+
+def test_an_impossible_tension_names_its_set(table4: Config) -> None:
+    with pytest.raises(TensionError, match=r'tension of tendon_2_3 in set \(0, 1\) is -2.0 N'):
+        check_tensions(table4.arm, [[GOOD, with_one(-2.0)]])
+
+
+@pytest.mark.parametrize('shape', [(), (4,), (12,), (4, 3), (2, 4), (3, 3), (3, 4, 1)])
+def test_a_wrong_shape_is_named_with_the_right_one(table4: Config, shape: tuple[int, ...]) -> None:
+    with pytest.raises(TensionError) as refusal:
+        check_tensions(table4.arm, np.zeros(shape))
+    assert str(refusal.value) == (
+        f'tensions have shape {shape}, expected (..., 3, 4): '
+        '3 section(s) from the tip, 4 tendons each'
+    )
+
+
+@pytest.mark.parametrize(
+    'bad',
+    [
+        [[1, 2, 3, 4], [1, 2]],
+        'four',
+        [[1, 2, 3, 'x']] * 3,
+        {'a': 1},
+        [[True, 2, 3, 4]] * 3,
+        [[1, 2, 3, np.True_]] * 3,
+        np.ones((3, 4), bool),
+        [[None] * 4] * 3,
+        [[True] * 4] * 3,
+    ],
+)
+def test_what_is_not_rows_of_numbers_is_refused(table4: Config, bad: object) -> None:
+    with pytest.raises(TensionError, match=r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'):
+        check_tensions(table4.arm, bad)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.0, 0.02, -0.01))])
+def test_an_effect_on_transmission_reaches_every_model_and_its_derivatives(
+    table4: Config, model: str, loads: Loads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if loads.any and model != 'exact':
+        pytest.skip('no loads')
+    frictionless = tendon_sums.transmission
+
+    def of_half(arm: Arm, s: np.ndarray, section: np.ndarray) -> np.ndarray:
+        return 0.5 * frictionless(arm, s, section)
+
+    tensions = np.array([[0.1, 0.3, 0.0, 0.0], [1.0, 0.0, 0.5, 0.0], [0.0, 2.0, 0.0, 3.0]])
+    solver = Solver(table4.arm, model, 31, loads=loads)
+    expected = solver.solve(0.5 * tensions)
+    change = solver.sensitivity(expected).by_tension.pose
+    for module in (tendon_sums, energy, renda2012):
+        monkeypatch.setattr(module, 'transmission', of_half)
+    solver = Solver(table4.arm, model, 31, loads=loads)
+    found = solver.solve(tensions)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
+    half = solver.sensitivity(found).by_tension.pose
+    np.testing.assert_allclose(half, 0.5 * change, atol=1e-6 * np.abs(change).max())

@@ -1,0 +1,84 @@
+"""Newton's steps to the mean of a posterior: Kalman's where nothing bends, else a true minimum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation_arms import rubber
+
+from octo_arm_model.estimation.beliefs.belief import Belief, gain
+from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+
+MODEL = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)))
+SIZE = MODEL.state.size
+RNG = np.random.default_rng(5)
+ROOT = np.tril(0.1 * RNG.normal(size=(SIZE, SIZE))) + np.eye(SIZE)
+PRIOR = Belief(np.array([5.0, 6.0, 7.0, 5.0, 0.1, -0.2, 0.3]), ROOT)
+JACOBIAN = RNG.normal(size=(3, SIZE))
+LEFT = RNG.normal(size=3)
+SECOND = RNG.normal(size=(3, SIZE, SIZE))
+SECOND += SECOND.transpose(0, 2, 1)
+START = PRIOR.mean + 0.3
+NOISE = np.diag([0.5, 0.6, 0.7])
+
+
+@pytest.mark.parametrize('noise', [1.0, 1e-9])
+def test_a_linear_measurement_takes_one_step_to_what_a_kalman_filter_says(noise: float) -> None:
+    root = noise * np.diag([1.0, 2.0, 3.0])
+    posterior = Posterior(PRIOR, root, MODEL, 0.7)
+    by = gain(PRIOR.root, JACOBIAN, root)
+    local = posterior.local(START, LEFT, JACOBIAN, np.zeros_like(SECOND), by)
+    step = posterior.step(local, START)
+    expected = PRIOR.mean + by.gain @ (LEFT + JACOBIAN @ (START - PRIOR.mean))
+    np.testing.assert_allclose(step.x, expected, rtol=1e-9)
+    size = np.linalg.norm(Belief(expected, by.root).whitened(START - expected))
+    assert step.size == pytest.approx(size / np.sqrt(SIZE), rel=1e-6)
+    assert posterior.step(local, step.x).size < 1e-5
+
+
+def descended(posterior: Posterior, bent: float) -> tuple[Step, np.ndarray]:
+    """The last of many steps, and the gradient of the cost where it leads, by differences."""
+    by = gain(PRIOR.root, JACOBIAN, NOISE)
+    local = posterior.local(START, LEFT, JACOBIAN, bent * SECOND, by)
+    step = posterior.step(local, posterior.mean(local, posterior.step(local, START)))
+    for _ in range(100):
+        step = posterior.step(local, step.x)
+    steps = 1e-4 * np.eye(SIZE)
+    costs = [
+        posterior.step(local, step.x + one).cost - posterior.step(local, step.x - one).cost
+        for one in steps
+    ]
+    return step, np.array(costs) / 2e-4
+
+
+@pytest.mark.parametrize('weight', [0.0, 0.6, 1.0])
+def test_steps_lead_to_where_the_cost_is_least(weight: float) -> None:
+    posterior = Posterior(PRIOR, NOISE, MODEL, weight)
+    step, slope = descended(posterior, 0.05)
+    assert step.size < 1e-9
+    np.testing.assert_allclose(slope, np.zeros(SIZE), atol=1e-6)
+
+
+def test_how_measurements_bend_moves_the_mean_only_where_the_shift_has_a_weight() -> None:
+    mode, mean = (descended(Posterior(PRIOR, NOISE, MODEL, one), 0.05)[0].x for one in (0.0, 1.0))
+    assert np.linalg.norm(PRIOR.whitened(mean - mode)) > 0.01
+
+
+def test_no_tension_is_less_than_zero_and_how_far_beyond_the_mean_is_counts() -> None:
+    prior = PRIOR._replace(mean=PRIOR.mean - np.array([5.0, 0, 0, 0, 0, 0, 0]))
+    posterior = Posterior(prior, NOISE, MODEL, 0.0)
+    # It says that the first tendon pushes.
+    jacobian = np.eye(3, SIZE)
+    by = gain(prior.root, jacobian, NOISE)
+    local = posterior.local(prior.mean, np.array([-2.0, 0.0, 0.0]), jacobian, 0.0 * SECOND, by)
+    step = posterior.step(local, prior.mean)
+    assert step.x[0] == 0.0
+    free = prior.mean + by.gain @ [-2.0, 0.0, 0.0]
+    after = Belief(free, by.root)
+    assert step.beyond == pytest.approx(np.sum(after.whitened(step.x - free) ** 2))
+    # The likeliest of all with a slack tendon: along it alone the distance grows.
+    nearer = step.x + by.root @ np.linalg.pinv(by.root[:1]) @ [-0.01]
+    assert np.linalg.norm(after.whitened(nearer - free)) < np.sqrt(step.beyond)
+    within = [free[0] / np.sqrt((by.root[0] ** 2).sum())]
+    assert step.beyond == pytest.approx(within[0] ** 2)

@@ -1,0 +1,35 @@
+"""The chain rule from what a shape depends on to a state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.estimation.state.state_change import Part, StateChange
+
+RNG = np.random.default_rng(0)
+CHANGE = Change(RNG.normal(size=(5, 6, 3)), RNG.normal(size=(5, 4, 3)), RNG.normal(size=(2, 3)))
+
+
+def test_every_component_changes_the_shape_through_what_it_changes() -> None:
+    found = StateChange(
+        5,
+        [
+            Part(slice(0, 2), CHANGE, slice(1, 3), np.array([2.0, -3.0])),
+            Part(slice(2, 2), CHANGE, slice(None), np.ones(1)),
+            Part(slice(4, 5), CHANGE, slice(0, 1), np.array([0.5])),
+        ],
+    )
+    by_state = np.zeros((3, 5))
+    by_state[1, 0], by_state[2, 1], by_state[0, 4] = 2.0, -3.0, 0.5
+    for one, expected in (
+        (found.pose, CHANGE.pose),
+        (found.tip, CHANGE.tip),
+        (found.strain, CHANGE.strain),
+        (found.tendon_length, CHANGE.tendon_length),
+    ):
+        np.testing.assert_allclose(one, expected @ by_state)
+
+
+def test_a_state_of_which_nothing_changes_the_shape_has_no_derivatives_but_zero() -> None:
+    assert not StateChange(2, [Part(slice(0, 0), CHANGE, slice(None), np.ones(1))]).pose.any()
