@@ -7,6 +7,7 @@ could not be kept, has another checksum or cannot be read again is compiled anew
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib
 import inspect
@@ -59,6 +60,7 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     raise AssertionError  # The last round returns or raises.
 
 
+@functools.cache
 def entry_point(machine: Any) -> Callable[..., Any]:
     """What runs ``machine`` without looking at the types of its arguments first.
 

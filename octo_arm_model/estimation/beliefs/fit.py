@@ -101,7 +101,7 @@ def fit(
     while evaluations < _MOST:
         evaluations += 1
         wanted = posterior.mean(local, step)
-        most = _WORSE * posterior.square(local.x, left) + wanted.size
+        most = _WORSE * local.square + wanted.size
         for halved in range(_HALVED):
             # Farther from the last state than its local model is good for it may get worse.
             x = local.x + 0.5**halved * (wanted - local.x)
@@ -110,13 +110,13 @@ def fit(
                 left = residuals(measurements, new)
             except ContinuationError:
                 continue
-            if posterior.square(x, left) <= most:
+            moved = posterior.moved(local, x, left)
+            if moved.square <= most:
                 break
         shape = new.solved
         if is_near:
             # The derivatives are known well enough: what is predicted is all that is new.
             jacobian = jacobian + known.second @ (x - local.x)
-            moved = posterior.moved(local, x, left)
             step = posterior.step(moved, x)
             if step.size <= _TOLERANCE and step.cost <= first + _RISE:
                 by = gain(prior.root, jacobian, noise)

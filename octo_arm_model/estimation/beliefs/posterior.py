@@ -6,6 +6,7 @@ measurements, and of their noise.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -13,12 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.beliefs.belief import (
-    Belief,
-    Gain,
-    normalised_square,
-    solve_lower,
-)
+from octo_arm_model.estimation.beliefs.belief import Belief, Gain, solve_lower
 from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradient
 from octo_arm_model.estimation.state.prediction import ArmModel
 
@@ -47,6 +43,11 @@ class Local(NamedTuple):
     jacobian: FloatArray
     second: FloatArray
     slope: FloatArray
+
+    @property
+    def square(self) -> float:
+        """Sum of squares of the change of the state and of the noise."""
+        return float(self.z @ self.z) + float(self.left @ self.left)
 
     def about(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured less predicted in ``z``, and the Jacobian there."""
@@ -79,13 +80,8 @@ class Posterior:
 
         ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
         """
-        self._prior, self._noise, self._model, self._weight = prior, noise, model, weight
+        self._prior, self._model, self._weight = prior, model, weight
         self._per_noise = solve_lower(noise, np.eye(len(noise)))
-
-    def square(self, x: FloatArray, left: FloatArray) -> float:
-        """Sum of squares of the change of the state and of the noise, in standard deviations."""
-        change = normalised_square(x - self._prior.mean, self._prior.root)
-        return change + normalised_square(left, self._noise)
 
     def local(
         self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
@@ -133,51 +129,42 @@ class Posterior:
         """Newton's step from ``x`` to the mean by a ``local`` model."""
         z, (m, n) = self._away(x), local.jacobian.shape
         left, jacobian = local.about(z)
-        by = _least_squares(jacobian, left, z)
+        root, change = _least_squares(jacobian, left, z)
+        multiplier = left - jacobian @ solve_lower(root, change, is_transposed=True)
         # What Gauss and Newton leave out: how measurements bend.
-        bent = (by.multiplier @ local.second.reshape(m, n * n)).reshape(n, n)
-        bent, change = solve_lower(by.root, solve_lower(by.root, bent).T), by.change
+        bent = (multiplier @ local.second.reshape(m, n * n)).reshape(n, n)
+        bent = solve_lower(root, solve_lower(root, bent).T)
         if self._weight:
-            change = change - solve_lower(by.root, local.slope)
+            change = change - solve_lower(root, local.slope)
         change = _stiffened(bent, change)
-        wanted = x + self._prior.root @ solve_lower(by.root, change, is_transposed=True)
+        wanted = x + self._prior.root @ solve_lower(root, change, is_transposed=True)
         new, beyond = wanted, 0.0
         if (wanted[self._model.state.tension] < 0.0).any():
-            after = solve_lower(by.root, self._prior.root.T).T
+            after = solve_lower(root, self._prior.root.T).T
             new = nearest_possible(self._model, Belief(x, after), wanted)
-            to_white = np.tril(by.root).T
+            to_white = np.tril(root).T
             change, off = (to_white @ (self._away(new) - self._away(one)) for one in (x, wanted))
             beyond = float(off @ off)
         size = math.sqrt(float(change @ change) / n)
-        cost = float(z @ z) + float(left @ left) + 2.0 * float(local.slope @ (z - local.z))
+        cost = float(z @ z + left @ left + 2.0 * (local.slope @ (z - local.z)))
         return Step(x, new, size, beyond, cost)
 
 
-class _LeastSquares(NamedTuple):
+def _least_squares(
+    jacobian: FloatArray, left: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The step d of Gauss and Newton that makes |left - jacobian d|^2 + |z + d|^2 least.
 
-    Attributes:
-        root: of the inverse of the covariance, 1 + J' J: its triangle on and below the diagonal.
-        change: the step times the transpose of that root, (n,).
-        multiplier: what is left after the step, (m,).
+    Returns the root of the inverse of the covariance, 1 + J' J, of which the triangle on and below
+    the diagonal counts, and the step times the transpose of that, (n,). By orthogonal factors,
+    exact where measurements are a million times better known.
     """
-
-    root: FloatArray
-    change: FloatArray
-    multiplier: FloatArray
-
-
-def _least_squares(jacobian: FloatArray, left: FloatArray, z: FloatArray) -> _LeastSquares:
-    """By orthogonal factors, exact where measurements are a million times better known."""
     m, n = jacobian.shape
-    array = np.zeros((m + n, n + m + 1), order='F')
-    array[:m, :n], array[:m, -1] = jacobian, left
-    array[m:, -1] = -z
-    ones = np.arange(m + n)
-    array[ones, (ones - m) % (m + n)] = 1.0
+    array = np.empty((m + n, n + 1), order='F')
+    array[:m, :n], array[:m, n] = jacobian, left
+    array[m:, :n], array[m:, n] = _identity(n), -z
     array = dgeqrf(array, overwrite_a=1)[0]
-    multiplier = np.triu(array[n:, n:-1]).T @ array[n:, -1]
-    return _LeastSquares(array[:n, :n].T.copy(), array[:n, -1], multiplier)
+    return array[:n, :n].T.copy(), array[:n, n]
 
 
 def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
@@ -185,7 +172,7 @@ def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
 
     Where one is, all of them are halved until none is.
     """
-    one = np.eye(change.size)
+    one = _identity(change.size)
     # By Cholesky alone: eigenvalues take longer, and much longer where threads of LAPACK wait.
     for _ in range(_MOST_BENT):
         if dpotrf(_BENT * one - bent, lower=1)[1] == 0:
@@ -193,6 +180,11 @@ def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
             return solve_lower(root, solve_lower(root, change), is_transposed=True)
         bent = 0.5 * bent
     return change
+
+
+@functools.lru_cache(maxsize=64)
+def _identity(count: int) -> FloatArray:
+    return np.eye(count)
 
 
 def nearest_possible(model: ArmModel, belief: Belief, mean: FloatArray) -> FloatArray:

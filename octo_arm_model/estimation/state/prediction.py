@@ -34,7 +34,7 @@ from octo_arm_model.estimation.state.unit_loads import unit_loads
 from octo_arm_model.estimation.state.unknowns import State, Unknowns
 
 # A step of the estimator that leads where the arm is followed for longer is too long.
-BUDGET = Budget(iterations=60)
+BUDGET = Budget(iterations=30)
 
 
 class ArmModel:
