@@ -10,7 +10,7 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.estimation.beliefs.belief import Belief, normalised_square
+from octo_arm_model.estimation.beliefs.belief import Belief, lower_root, normalised_square
 from octo_arm_model.estimation.gating.judgement import Judged, agreeing
 from octo_arm_model.estimation.gating.taken import Nearby, Taken, take_linear, take_together
 from octo_arm_model.estimation.gating.updated import Updated
@@ -178,5 +178,5 @@ def _replaced(measurements: Sequence[Measurement], apart: _Apart) -> list[Measur
 def _square(measurement: Measurement, at: Prediction, belief: Belief) -> float:
     """Normalised square of a ``measurement`` by a ``belief`` whose mean is ``at``."""
     told = measurement.jacobian(at) @ belief.root
-    root = np.linalg.cholesky(told @ told.T + measurement.covariance)
-    return normalised_square(measurement.innovation(at), np.asarray(root, np.float64))
+    root = lower_root([told, measurement.noise_root])
+    return normalised_square(measurement.innovation(at), root)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-import numpy as np
-
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.estimation.beliefs.belief import Belief
+from octo_arm_model.estimation.beliefs.belief import Belief, lower_root
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.gating.judgement import Judged, judge
 from octo_arm_model.estimation.gating.lying_cell import nearby, without_one
@@ -61,7 +59,8 @@ def update(
         if is_accepted:
             size += value.size
         else:
-            root = np.asarray(np.linalg.cholesky(covariance), np.float64)
+            # Not by Cholesky, which fails where directions are known very differently well.
+            root = lower_root([told, one.noise_root])
             log_likelihood -= 0.5 * (chi_square_limit(gate, value.size) + volume_of(root))
     return Updated(
         found.belief,

@@ -96,6 +96,16 @@ def test_one_that_is_lost_is_welcome_when_it_comes_back(lost: str) -> None:
     assert not own.refused
 
 
+def test_what_is_refused_may_be_more_exact_than_rounding() -> None:
+    """The covariance of its innovation is then singular but for its square root."""
+    own, places = Filter(MODEL), np.linspace(0.02, 0.2, 10)
+    own.add(0.0, [make(0.0) for make in KINDS.values()])
+    at = _exact(Markers(places, np.zeros((10, 3)), 1.0)) + 0.05 * np.resize([1.0, -1.0], 30)
+    found = own.add(0.1, [KINDS['tensions'](0.0), Markers(places, at, 1e-13)])
+    assert own.refused == {'markers': 1}
+    assert np.isfinite(found.covariance).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('number', range(4))
 def test_the_load_cell_that_lies_is_thrown_out_by_tip_and_markers(number: int) -> None:
