@@ -146,20 +146,20 @@ class Readout:
         self._collocation, self.element = collocation, element
         rule, start, step = collocation.rule, collocation.start, collocation.step
         places = (s - start[element]) / step[element]
-        count = rule.points.size
-        # Places of one element each, next to each other, and its points.
-        edges = [0, *(np.flatnonzero(np.diff(element)) + 1).tolist(), s.size]
-        self._runs = [
-            (slice(first, last), slice(element[first] * count, (element[first] + 1) * count))
-            for first, last in itertools.pairwise(edges)
-        ]
         self.values = rule.interpolate(places)
         self.within = rule.integrate(places) * step[element, np.newaxis]
         self.within[places == 0.0] = 0.0  # but for rounding it is
+        # Each place has a column in its element's part of one product for all elements.
+        counts = np.bincount(element, minlength=step.size)
+        most, order = int(counts.max()), np.argsort(element, kind='stable')
+        column = np.empty_like(element)
+        column[order] = np.arange(s.size) - np.repeat(np.cumsum(counts) - counts, counts)
+        self._most, self._columns = most, element * most + column
+        self._by_element = [self._spread(matrix) for matrix in (self.values, self.within)]
 
     def interpolate(self, values: FloatArray) -> FloatArray:
         """Values (..., n) from those at the points (..., points)."""
-        return self._apply(self.values, values)
+        return self._apply(self._by_element[0], values)
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integrals (..., n) from the base, of values at the points (..., points)."""
@@ -167,13 +167,20 @@ class Readout:
         before = np.zeros((*values.shape[:-1], own.step.size))
         whole = (own.by_element(values) @ own.rule.weights) * own.step
         np.add.accumulate(whole[..., :-1], axis=-1, out=before[..., 1:])
-        found = self._apply(self.within, values)
+        found = self._apply(self._by_element[1], values)
         found += before[..., self.element]
         return found
 
-    def _apply(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
-        flat = values.reshape(-1, values.shape[-1])
-        found = np.empty((len(flat), len(matrix)))
-        for places, points in self._runs:
-            found[:, places] = flat[:, points] @ matrix[places].T
-        return found.reshape(*values.shape[:-1], len(matrix))
+    def _spread(self, matrix: FloatArray) -> FloatArray:
+        """The rows of a ``matrix`` (n, points of each), (elements, points of each, columns)."""
+        elements = self._collocation.step.size
+        spread = np.zeros((elements * self._most, matrix.shape[1]))
+        spread[self._columns] = matrix
+        return spread.reshape(elements, self._most, -1).transpose(0, 2, 1).copy()
+
+    def _apply(self, by_element: FloatArray, values: FloatArray) -> FloatArray:
+        own = self._collocation.by_element(values.reshape(-1, values.shape[-1]))
+        found = np.empty((len(own), len(by_element), self._most))
+        np.matmul(own.swapaxes(0, 1), by_element, out=found.swapaxes(0, 1))
+        places = found.reshape(len(own), -1).take(self._columns, axis=1)
+        return places.reshape(*values.shape[:-1], -1)

@@ -26,7 +26,6 @@ from octo_arm_model.core.numerics.vectors import skew
 
 _BAND = 8  # rows and columns from the diagonal that two neighbouring ends reach
 _MIDDLE = 2 * _BAND  # row of the diagonal in a band as LAPACK has it
-_DIAGONAL = [0, 1, 2]
 # Phi_1 - Phi_0 = ..., d m_0 - d m_1 = ...; unknowns Phi_0, m_0, Phi_1, m_1.
 _ENDS = np.hstack([np.diag([-1.0] * 3 + [1.0] * 3), np.diag([1.0] * 3 + [-1.0] * 3)])
 
@@ -122,7 +121,7 @@ class Linearised:
         bending -= condensed[3:, 3:]
         # n x (u' x Phi) = u' (n . Phi) - Phi (n . u').
         by_turn = -condensed[:3, :3] - tangent[:, np.newaxis] * force
-        by_turn[_DIAGONAL, _DIAGONAL] += np.add.reduce(tangent * force)
+        by_turn.reshape(9, *by_arm)[::4] += np.add.reduce(tangent * force)
         follow = skew(moment) + condensed[3:, :3]
         self._factorise(by_turn, condensed[:3, 3:], follow, bending)
 

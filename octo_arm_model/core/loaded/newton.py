@@ -106,7 +106,8 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
             after = _iterate(problem, now)
         except ConvergenceError:
             return Iterate(now.state, now.iterations, now.corrected, None)
-        verdict = int(_judged(problem, now, after, tolerance))
+        residuals = float(now.state.residual), float(after.state.residual)
+        verdict = _verdict(problem, now, *residuals, tolerance)
         now = _next(now, after, verdict)
         if verdict in (_STUCK, _BALANCED):
             system = now.last_system if verdict == _BALANCED else None
@@ -128,17 +129,21 @@ def newton_of_all(
     """
     found = []
     now = _begin(problem, condition, shape, known)
-    start = np.where(now.state.residual <= tolerance, _BALANCED, _SAME_SYSTEM)
     # In the banded system of all arms NaN would spread to others.
-    start[np.isnan(now.state.residual)] = _STUCK
-    groups = _groups(np.arange(start.size), start, now, now)
+    start = [
+        _BALANCED if left <= tolerance else _SAME_SYSTEM if left == left else _STUCK
+        for left in now.state.residual.tolist()
+    ]
+    groups = _groups(np.arange(len(start)), start, now, now)
     while groups:
         verdict, arms, now = groups.pop()
         system = now.last_system if verdict == _BALANCED else None
         if verdict not in (_STUCK, _BALANCED) and now.iterations < MOST:
             try:
                 after = _iterate(problem, now)
-                groups += _groups(arms, _judged(problem, now, after, tolerance), now, after)
+                residuals = zip(now.state.residual.tolist(), after.state.residual.tolist())
+                verdicts = [_verdict(problem, now, *both, tolerance) for both in residuals]
+                groups += _groups(arms, verdicts, now, after)
                 continue
             except ConvergenceError:
                 pass
@@ -173,20 +178,20 @@ def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
     return _Progress(new, system, True, False, False, now.iterations + 1, corrected, turned + turn)
 
 
-def _judged(
-    problem: Equilibrium, before: _Progress, after: _Progress, tolerance: float
-) -> IntArray:
-    """What to do after a step, (...)."""
-    old, new = before.state.residual, after.state.residual
+def _verdict(
+    problem: Equilibrium, before: _Progress, old: float, new: float, tolerance: float
+) -> int:
+    """What to do with an arm after a step that took its residual from ``old`` to ``new``."""
     progress = _LINEAR_PROGRESS if problem.loads.without_tangent else PROGRESS
     if before.is_first:
         progress = PREDICTED if before.is_known else FIRST_PROGRESS
-    is_near = (new <= NEAR) & (new <= QUICK * old)
+    if not new <= progress * old:  # nor where it is NaN
+        return _ANEW if before.is_known else _STUCK
+    if new <= tolerance:
+        return _BALANCED
     # A system known before makes one step.
-    another = np.where(is_near, _NEW_SYSTEM if before.is_known else _SAME_SYSTEM, _NEW_SYSTEM)
-    fine = np.where(new <= tolerance, _BALANCED, another)
-    # Not where NaN.
-    return np.where(new <= progress * old, fine, _ANEW if before.is_known else _STUCK)
+    is_near = new <= NEAR and new <= QUICK * old and not before.is_known
+    return _SAME_SYSTEM if is_near else _NEW_SYSTEM
 
 
 def _next(before: _Progress, after: _Progress, verdict: int) -> _Progress:
@@ -197,14 +202,14 @@ def _next(before: _Progress, after: _Progress, verdict: int) -> _Progress:
 
 
 def _groups(
-    arms: IntArray, verdicts: IntArray, before: _Progress, after: _Progress
+    arms: IntArray, verdicts: list[int], before: _Progress, after: _Progress
 ) -> list[tuple[int, IntArray, _Progress]]:
     """Verdicts on ``arms``, those of each, and their `_next`."""
     groups = []
-    for verdict in set(verdicts.tolist()):
+    for verdict in set(verdicts):
         now, these = _next(before, after, verdict), arms
-        if not (verdicts == verdict).all():
-            chosen = np.flatnonzero(verdicts == verdict)
+        chosen = np.array([number for number, one in enumerate(verdicts) if one == verdict])
+        if chosen.size < len(verdicts):
             now, these = now.of(chosen), arms[chosen]
         groups.append((verdict, these, now))
     return groups

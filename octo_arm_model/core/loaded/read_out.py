@@ -9,12 +9,14 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
-from octo_arm_model.core.numerics.quaternion import Quaternions, product
+from octo_arm_model.core.numerics.quaternion import product, rotation_matrices
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 
 if TYPE_CHECKING:
     from octo_arm_model.core.loaded.rod import LoadedRod
+
+_XYZW = [1, 2, 3, 0]  # of w, x, y, z
 
 
 def read_out(rod: LoadedRod, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -22,23 +24,27 @@ def read_out(rod: LoadedRod, state: State) -> tuple[FloatArray, FloatArray, Floa
     # Integrals of rates are far more exact than values between the points.
     t, n, b = 0.5 * state.shape.twist[:3]
     a_rate, b_rate = product(*state.shape.orientation, 1j * t, n + 1j * b)
-    rates = np.stack([a_rate.imag, b_rate.real, b_rate.imag, a_rate.real])
     carried = cross(state.tangent, state.force)
-    found = rod.stations.integrate_from_base(np.concatenate([state.tangent, rates, carried]))
+    rates = np.empty((10, *t.shape))
+    rates[:3], rates[7:] = state.tangent, carried
+    rates[3], rates[4], rates[5], rates[6] = a_rate.real, a_rate.imag, b_rate.real, b_rate.imag
+    found = rod.stations.integrate_from_base(rates)
     a, b = rod.base.rotation
-    position = np.moveaxis(found[:3], 0, -1) + rod.base.position
-    at_base = [a.imag.item(), b.real.item(), b.imag.item(), a.real.item()]
-    turn = np.moveaxis(found[3:7], 0, -1) + at_base
-    turn /= np.sqrt(np.add.reduce(turn * turn, axis=-1, keepdims=True))
+    last = *range(1, found.ndim), 0
+    position = found[:3].transpose(last) + rod.base.position
+    turn = found[3:7]
+    for row, at_base in zip(turn, (a.real, a.imag, b.real, b.imag), strict=True):
+        row += at_base
+    turn /= np.sqrt(np.add.reduce(turn * turn))
     twist = rod.nodes.interpolate(state.shape.twist)
     twist[..., rod.station_node] = _at_stations(rod, state, turn, carried, found[7:])
-    return twist, position, turn
+    return twist, position, turn.take(_XYZW, axis=0).transpose(last).copy()
 
 
 def _at_stations(
     rod: LoadedRod, state: State, turn: FloatArray, carried: FloatArray, before: FloatArray
 ) -> FloatArray:
-    """Twist (n, ..., stations) at the stations, of orientations ``turn`` (..., stations, 4).
+    """Twist (n, ..., stations) at the stations, of orientations ``turn`` (4, ..., stations).
 
     The wrench of the loads is an integral, and far more exact between the points than what is
     interpolated of the twist: one step of Newton's method balances it with the cross section.
@@ -58,7 +64,7 @@ def _at_stations(
         energy, tensions = rod.station_sections, stations.interpolate(state.sliding.tensions)
     gradient, hessian = derivatives_by_twist(energy, batch, tensions)
     at[:3] += (carried @ own.weights)[..., np.newaxis] - before
-    rotation = Quaternions.from_xyzw(turn).matrix()
+    rotation = rotation_matrices(turn)
     wrench = np.einsum('ji...,kj...->ki...', rotation, at[:6].reshape(2, 3, *at.shape[1:]))
     wrench = wrench.reshape(6, *at.shape[1:])[: len(twist)]
     step = substitute(factorise(hessian), wrench.reshape(batch.shape) - gradient)

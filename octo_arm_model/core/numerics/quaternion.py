@@ -56,14 +56,18 @@ class Quaternions(NamedTuple):
 
     def matrix(self) -> FloatArray:
         """Rotation matrices (3, 3, ...)."""
-        q = np.array([self.a.real, self.a.imag, self.b.real, self.b.imag])
-        products = q[:, np.newaxis] * q
-        return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *q.shape[1:])
+        return rotation_matrices(np.array([self.a.real, self.a.imag, self.b.real, self.b.imag]))
 
     def write_xyzw(self, out: FloatArray) -> None:
         """Write the quaternions into ``out`` (..., 4) in the order x, y, z, w."""
         out[..., 0], out[..., 3] = self.a.imag, self.a.real
         out[..., 1], out[..., 2] = self.b.real, self.b.imag
+
+
+def rotation_matrices(wxyz: FloatArray) -> FloatArray:
+    """Rotation matrices (3, 3, ...) of quaternions (4, ...) in the order w, x, y, z."""
+    products = wxyz[:, np.newaxis] * wxyz
+    return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *wxyz.shape[1:])
 
 
 def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
