@@ -31,7 +31,7 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
-_COMPILE = 'from octo_arm_model.core.compiled.numba_build import make_all; make_all()'
+_COMPILE = 'from octo_arm_model.core.compiled.numba_build import make_side_by_side as make; make()'
 
 
 class CannotPrepare(Exception):
@@ -255,7 +255,7 @@ def compile_solver(steps: Steps, folder: Path, venv: Path) -> None:
     wanted = digest.hexdigest()
     if stamp.is_file() and stamp.read_text() == wanted:
         return
-    steps.announce('compiling the solver')
+    steps.announce('compiling the solver, some minutes')
     steps.run(venv / 'bin' / 'python', '-c', _COMPILE, PYTHONPATH=str(ROOT))
     stamp.write_text(wanted)
 

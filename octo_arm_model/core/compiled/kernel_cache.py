@@ -58,6 +58,7 @@ def one_at_a_time(machine: Any) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError, TypeError):
             fcntl = importlib.import_module('fcntl')
-            lock = stack.enter_context(open(Path(machine.stats.cache_path) / 'octo_arm.lock', 'w'))
+            name = f'{machine.py_func.__name__}.lock'
+            lock = stack.enter_context(open(Path(machine.stats.cache_path) / name, 'w'))
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield

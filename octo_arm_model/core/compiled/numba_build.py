@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import functools
 import logging
+import multiprocessing
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -37,6 +39,7 @@ from octo_arm_model.core.compiled.section.section_tables import no_exact
 
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
+_MOST_PROCESSES = 4
 _MADE: dict[str, Callable[[], Any]] = {}
 
 
@@ -121,6 +124,24 @@ differentiate_tip = _made(
 def make_all() -> dict[str, Any]:
     """Every kernel, by its name; empty where there is no machine code."""
     return {name: made() for name, made in _MADE.items()} if is_available() else {}
+
+
+def make_side_by_side() -> None:
+    """Have every kernel kept, so that no process compiles it later.
+
+    Each in a process of its own, whose memory is free again after it: LLVM takes up to 1 GB.
+    """
+    if not is_available():
+        return
+    processes = min(_MOST_PROCESSES, os.cpu_count() or 1)
+    with multiprocessing.get_context('spawn').Pool(processes, maxtasksperchild=1) as pool:
+        # The last ones take longest.
+        for _ in pool.imap_unordered(_make, reversed(_MADE)):
+            pass
+
+
+def _make(name: str) -> None:
+    _MADE[name]()
 
 
 def is_available() -> bool:
