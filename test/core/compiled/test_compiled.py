@@ -509,6 +509,18 @@ def test_what_one_process_compiles_another_loads() -> None:
     assert len(compiled) > 10 and set(compiled.values()) == {'0'}
 
 
+@pytest.mark.slow
+def test_kernels_are_compiled_side_by_side_and_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    few = {name: numba_build._MADE[name] for name in ('find_lengths', 'find_step')}
+    monkeypatch.setattr(numba_build, '_MADE', few)
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
+    numba_build.make_side_by_side()
+    kept = {path.name.split('.')[1].rsplit('_', 1)[0] for path in tmp_path.rglob('*.nbc')}
+    assert kept == set(few)
+
+
 @pytest.mark.parametrize('suffix', ['nbi', 'nbc'])
 def test_what_was_kept_but_not_whole_is_made_anew(
     quick: Path, suffix: str, nothing_known: list[tuple[str, bool]]
