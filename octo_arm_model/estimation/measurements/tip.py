@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -46,7 +48,7 @@ class TipPose(Measurement):
         turned = numbers('tip pose: quaternion', quaternion)
         if at.shape != (3,) or turned.shape != (4,):
             raise MeasurementError('tip pose: expected a position (3,) and a quaternion (4,)')
-        if abs(np.linalg.norm(turned) - 1.0) > 1e-3:
+        if abs(math.hypot(*turned.tolist()) - 1.0) > 1e-3:
             raise MeasurementError(
                 f'tip pose: quaternion is {shown(quaternion)}, expected length 1'
             )
