@@ -65,7 +65,7 @@ def entry_point(machine: Any) -> Callable[..., Any]:
     """What runs ``machine`` without looking at the types of its arguments first.
 
     These have to be those that it was compiled for, as nobody compares them: all arrays are
-    `tables.own`, or made in order. A loaded rod has so many of them that to look at all takes
+    `arm_tables.own`, or made in order. A loaded rod has so many of them that to look at all takes
     as long as a step of Newton's method.
     """
     (compiled_once,) = machine.overloads.values()

@@ -1,6 +1,6 @@
 """How tendons with friction turn together: what `numba_build` compiles.
 
-As `loaded.sliding_balance` has it, of the tendons under tension alone, ``pulled``.
+As `sliding.sliding_balance` has it, of the tendons under tension alone, ``pulled``.
 """
 
 from __future__ import annotations

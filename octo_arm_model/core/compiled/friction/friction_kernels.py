@@ -1,4 +1,4 @@
-"""Friction along tendons: what `numba_build` compiles, as `loaded.friction` has it.
+"""Friction along tendons: what `numba_build` compiles, as `sliding.friction` has it.
 
 Of the tendons under tension alone, ``pulled``.
 """

@@ -1,6 +1,6 @@
 """Arms without loads whose tendons have friction: what `numba_build` compiles.
 
-As `loaded.sliding_balance` and `models.sliding` have it, of the tendons under tension alone.
+As `sliding.sliding_balance` and `models.sliding` have it, of the tendons under tension alone.
 """
 
 from __future__ import annotations
@@ -219,11 +219,12 @@ def find_sliding_shapes(
     quaternion: FloatArray, residual: FloatArray, iterations: IntArray, points: FloatArray,
     stations: FloatArray, known: FloatArray, memory: FloatArray,
 ) -> int:  # fmt: skip
-    """As `kernels.find_shapes`, of tendons with friction; ``known`` and ``memory`` as in `slide`.
+    """As `paper_kernels.find_shapes`, of tendons with friction.
 
     Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
-    the ``stations`` (batch, stations, tendons), zero at first. Where finer elements
-    ``may_refine`` what these do not resolve ``iterations`` are `UNRESOLVED`.
+    the ``stations`` (batch, stations, tendons), zero at first; ``known`` and ``memory`` are those
+    of `slide`. Where finer elements ``may_refine`` what these do not resolve ``iterations`` are
+    `UNRESOLVED`.
     """
     without = 0
     at_points = np.empty((4, tables.transmission.shape[1]))

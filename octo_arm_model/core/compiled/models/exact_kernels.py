@@ -100,7 +100,7 @@ def find_exact_shapes(
     strains: FloatArray, position: FloatArray, quaternion: FloatArray, residual: FloatArray,
     iterations: IntArray,
 ) -> int:  # fmt: skip
-    """As `kernels.find_shapes`, by the model exact.
+    """As `paper_kernels.find_shapes`, by the model exact.
 
     An entry of its own, as every table that is passed makes a call slower.
     """

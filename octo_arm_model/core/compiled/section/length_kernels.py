@@ -1,4 +1,4 @@
-"""Lengths of tendons: what `numba_build` compiles, as `section.tendon_lengths` has them."""
+"""Lengths of tendons: what `numba_build` compiles, as `tendon_lengths` has them."""
 
 from __future__ import annotations
 

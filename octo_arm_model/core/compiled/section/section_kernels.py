@@ -1,9 +1,9 @@
 """The balance of the cross sections of the model exact: what `numba_build` compiles.
 
-As in `kernels`, formulas are those that NumPy evaluates, imported from their modules. Sections are
-evaluated in blocks of up to `LANES`. All quantities of a block are rows of one flat array,
-``rows``, `LANES` apart: the compiler then knows that they do not overlap, and evaluates several
-sections with every instruction.
+As in `paper_kernels`, formulas are those that NumPy evaluates, imported from their modules.
+Sections are evaluated in blocks of up to `LANES`. All quantities of a block are rows of one flat
+array, ``rows``, `LANES` apart: the compiler then knows that they do not overlap, and evaluates
+several sections with every instruction.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tendons in compliant sheaths: what `numba_build` compiles, as `section.sheath` has it."""
+"""Tendons in compliant sheaths: what `numba_build` compiles, as `sheaths.sheath` has it."""
 
 from __future__ import annotations
 
