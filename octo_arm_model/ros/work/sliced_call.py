@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Result = TypeVar('Result')
+LONGEST_WAIT = 0.5  # [s] for a signal that came just before a wait
 
 
 class _Abandoned(BaseException):
@@ -38,7 +40,11 @@ class SlicedCall(Generic[Result]):
         """Do the next slice; whether the function has returned or raised by its end."""
         self._until = time.monotonic() + self._seconds
         self._resume.put(True)
-        return self._suspended.get()
+        while True:
+            # A signal wakes a thread that waits, not one that is about to: an endless wait would
+            # keep its handler from running.
+            with contextlib.suppress(queue.Empty):
+                return self._suspended.get(timeout=LONGEST_WAIT)
 
     def result(self) -> Result:
         """What the function returned, once it has.

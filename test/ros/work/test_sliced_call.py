@@ -1,9 +1,14 @@
 """Calls that are suspended where they pause."""
 
+import signal
+import threading
+
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import DEADLINE
 
 from octo_arm_model.core.errors import TargetError
 from octo_arm_model.ros.work.sliced_call import SlicedCall
@@ -60,3 +65,20 @@ def test_an_abandoned_call_ends_where_it_paused():
     call.abandon()
     call._thread.join()
     assert ended == ['here']
+
+
+def test_a_signal_that_does_not_wake_whoever_waits_is_handled_in_the_slice():
+    was_handled = threading.Event()
+
+    def function(pause):
+        # Delivered to this thread: the one that waits is not woken.
+        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
+        return was_handled.wait(DEADLINE)
+
+    handler = signal.signal(signal.SIGUSR1, lambda *_: was_handled.set())
+    try:
+        call = SlicedCall(function, 0.0)
+        assert call.advance()
+    finally:
+        signal.signal(signal.SIGUSR1, handler)
+    assert call.result()
