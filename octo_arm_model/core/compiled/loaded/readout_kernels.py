@@ -155,14 +155,16 @@ def read_changes(
     """
     s, columns, rotation = tables.weights.size, change.shape[2], state.rotation
     rate, total = np.empty((s, 6, columns)), np.zeros(6 * columns)
-    flat = rate.reshape(s, 6 * columns)
-    found, at_station = np.empty((4, tables.most, columns)), np.empty((4, tables.most))
+    local, found = np.empty((s, 4, columns)), np.empty((tables.most, 4, columns))
+    flat, flat_local = rate.reshape(s, 6 * columns), local.reshape(s, 4 * columns)
+    flat_found, at_station = found.reshape(tables.most, 4 * columns), np.empty((4, tables.most))
     done, run = 0, 0
     for element in range(tables.step.size):
         first, h = element * s, tables.step[element]
         for i in range(s):
             at = first + i
-            k_0, k_1, k_2, v = change[0, at], change[1, at], change[2, at], change[3, at]
+            local[i] = change[:, at]
+            k_0, k_1, k_2, v = local[i, 0], local[i, 1], local[i, 2], local[i, 3]
             for p in range(3):
                 n, m = (p + 1) % 3, (p + 2) % 3
                 a, b, c = h * rotation[p, 0, at], h * rotation[p, 1, at], h * rotation[p, 2, at]
@@ -184,17 +186,17 @@ def read_changes(
                 out = poses[i]
                 for j in range(out.size):
                     out[j] += total[j]
+            np.dot(values.T, flat_local, flat_found[:count])
             for k in range(4):
-                np.dot(values.T, change[k, first : first + s], found[k, :count])
                 row = at_station[k, :count]
                 row[:] = 0.0
                 add_products(state.twist[k, first : first + s], values, row)
             for i in range(count):
-                over, more = 1.0 / at_station[3, i], found[3, i]
+                over, more = 1.0 / at_station[3, i], found[i, 3]
                 strain[start + i, 3] = more
                 for k in range(3):
                     omega = over * at_station[k, i]
-                    out, here = strain[start + i, k], found[k, i]
+                    out, here = strain[start + i, k], found[i, k]
                     for j in range(columns):
                         out[j] = over * (here[j] - omega * more[j])
             run, done = run + 1, done + s * count

@@ -95,43 +95,38 @@ def link_changes(system: System, ends: FloatArray) -> None:
     comes out is Phi at the first and d m at the last end.
     """
     elements, _, columns = ends.shape
-    rest, known = np.zeros((elements + 1, 3)), np.empty((elements, 3))
-    start, following = np.empty(3), np.empty(3)
-    for c in range(columns):
-        for element in range(elements - 1, -1, -1):
-            both, here, beyond = (
-                system.ends[element],
-                system.by_turn[element + 1],
-                rest[element + 1],
-            )
-            for i in range(3):
-                following[i] = ends[element, i, c]
-                for k in range(3):
-                    following[i] += both[i, 3 + k] * beyond[k]
-            for i in range(3):
-                known[element, i] = 0.0
-                for k in range(3):
-                    known[element, i] += system.inverse[element, i, k] * following[k]
-            for i in range(3):
-                following[i] = beyond[i]
-                for k in range(3):
-                    following[i] += here[i, k] * known[element, k]
-            for i in range(3):
-                rest[element, i] = ends[element, 3 + i, c]
-                for k in range(3):
-                    rest[element, i] += both[3 + i, 3 + k] * following[k]
-        start[:] = 0.0
-        for element in range(elements):
-            for i in range(3):
-                following[i] = known[element, i]
-                for m in range(3):
-                    following[i] += system.on[element, i, m] * start[m]
-            for i in range(3):
-                value = rest[element + 1, i]
-                for m in range(3):
-                    value += system.by_turn[element + 1, i, m] * following[m]
-                ends[element, i, c], ends[element, 3 + i, c] = start[i], value
-            start[:] = following
+    following, start = np.empty((3, columns)), np.zeros((3, columns))
+    beyond = np.zeros((3, columns))
+    for element in range(elements - 1, -1, -1):
+        both, (turn, moment) = system.ends[element], (ends[element, :3], ends[element, 3:])
+        add_three(both[:3, 3:], beyond, turn)
+        following[:] = 0.0
+        add_three(system.inverse[element], turn, following)
+        turn[:] = following
+        following[:] = beyond
+        add_three(system.by_turn[element + 1], turn, following)
+        add_three(both[3:, 3:], following, moment)
+        beyond = moment
+    for element in range(elements):
+        turn, moment = ends[element, :3], ends[element, 3:]
+        following[:] = turn
+        add_three(system.on[element], start, following)
+        turn[:] = start
+        start[:] = following
+        if element + 1 < elements:
+            moment[:] = ends[element + 1, 3:]
+        else:
+            moment[:] = 0.0
+        add_three(system.by_turn[element + 1], following, moment)
+
+
+def add_three(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
+    """Add the product of ``matrix`` (3, 3) with ``rows`` (3, columns) to ``out`` likewise."""
+    x, y, z = rows[0], rows[1], rows[2]
+    for i in range(3):
+        row, a, b, c = out[i], matrix[i, 0], matrix[i, 1], matrix[i, 2]
+        for j in range(row.size):
+            row[j] += a * x[j] + b * y[j] + c * z[j]
 
 
 def tip_wrenches(tables: RodTables, state: RodState) -> FloatArray:

@@ -31,29 +31,6 @@ def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
 
 
-def find_stretch(tables: RodTables, twist: FloatArray, stretch: FloatArray) -> None:
-    """Fill in the gradient of every tendon's ``stretch`` by the twist, (tendons, 4, points)."""
-    sections = tables.sections
-    for i in range(twist.shape[1]):
-        width, slope, _ = widening(sections.widens, twist[3, i])
-        t, n, b = width * twist[0, i], width * twist[1, i], width * twist[2, i]
-        for tendon in range(len(stretch)):
-            # One that ends before has no transmission, and nothing to shorten.
-            if sections.transmission[tendon, i] == 0.0:
-                stretch[tendon, :, i] = 0.0
-                continue
-            x, y = sections.x[tendon, i], sections.y[tendon, i]
-            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
-            u_t, u_n, u_b, length = tendon_direction(t, n, b, twist[3, i], width, x, y, dx, dy)
-            over = 1.0 / length
-            g = tendon_gradient(u_t * over, u_n * over, u_b * over, slope, x, y, dx, dy)
-            by_twist = unscaled_gradient(
-                twist[0, i], twist[1, i], twist[2, i], width, slope, g[0], g[1], g[2], g[3]
-            )
-            for k in range(4):
-                stretch[tendon, k, i] = by_twist[k]
-
-
 def find_imbalance(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, twist: FloatArray,
     stretch: FloatArray, left: FloatArray, first: int, own: FloatArray,
@@ -62,7 +39,7 @@ def find_imbalance(
 
     From the column ``first`` on these are the tensions, E (relative), nu, and the offsets of the
     tendons; ``own`` (tendons,) is what each offset changes of its tendon's length while the twist
-    stays.
+    stays, and ``stretch`` (tendons, 4, points) the gradient of their stretch by the twist.
     """
     sections, tendons = tables.sections, tensions.size
     own[:] = 0.0
@@ -90,12 +67,12 @@ def find_imbalance(
             left[k, i, first + tendons] = -young[k]
             left[k, i, first + tendons + 1] = -poisson[k]
         for tendon in range(tendons):
-            part = sections.transmission[tendon, i]
-            for k in range(4):
-                left[k, i, first + tendon] = -part * stretch[tendon, k, i]
-            column = first + tendons + 2 + tendon
+            part, column = sections.transmission[tendon, i], first + tendons + 2 + tendon
+            # One that ends before has no transmission, and nothing to shorten.
             if part == 0.0:
-                left[:, i, column] = 0.0
+                for k in range(4):
+                    stretch[tendon, k, i] = 0.0
+                    left[k, i, first + tendon] = left[k, i, column] = 0.0
                 continue
             x, y = sections.x[tendon, i], sections.y[tendon, i]
             dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
@@ -103,8 +80,15 @@ def find_imbalance(
             out_dx, out_dy = parameters.dx[tendon, i], parameters.dy[tendon, i]
             u_t, u_n, u_b, length = tendon_direction(t, n, b, stretched, width, x, y, dx, dy)
             over = 1.0 / length
-            c_t, c_n, c_b = offset_direction(t, n, b, width, out_x, out_y, out_dx, out_dy)
             u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+            g_t, g_n, g_b, g_s = tendon_gradient(u_t, u_n, u_b, slope, x, y, dx, dy)
+            by_twist = unscaled_gradient(
+                kappa_t, kappa_n, kappa_b, width, slope, g_t, g_n, g_b, g_s
+            )
+            for k in range(4):
+                stretch[tendon, k, i] = by_twist[k]
+                left[k, i, first + tendon] = -part * by_twist[k]
+            c_t, c_n, c_b = offset_direction(t, n, b, width, out_x, out_y, out_dx, out_dy)
             along, c_t, c_n, c_b = unit_change(u_t, u_n, u_b, over, c_t, c_n, c_b)
             g_t, g_n, g_b, g_s = offset_gradient(
                 u_t, u_n, u_b, c_t, c_n, c_b, slope, x, y, dx, dy, out_x, out_y, out_dx, out_dy
@@ -154,15 +138,15 @@ def differentiate(
     if sign == 0:
         return 0
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
-    find_stretch(tables, state.twist, stretch)
-    own = np.empty(tendons)
+    others, first, own = imbalance, 6, np.empty(tendons)
     if len(force):
         dead_wrenches(tables, state, force, moment, imbalance)
+        others, first = np.empty((4, count, 2 * tendons + 2)), 0
     else:
         wrench = tip_wrenches(tables, state)
         wrench[:, :, 3:] /= tables.length
         imbalance[:, :, :6] = wrench
-        find_imbalance(tables, parameters, tensions, state.twist, stretch, imbalance, 6, own)
+    find_imbalance(tables, parameters, tensions, state.twist, stretch, others, first, own)
     change, turn = np.empty((4, count, columns)), np.empty((3, count, columns))
     respond(tables, system, imbalance, change, turn)
     read_changes(tables, state, change, turn, pose, strain)
@@ -211,7 +195,6 @@ def differentiate_tip(
                 unit = tables.length if column >= 3 else 1.0
                 change[k, i, column] *= weight / unit
     stretch, left = np.empty((tendons, 4, count)), np.empty((4, count, tip.shape[1]))
-    find_stretch(tables, state.twist, stretch)
     own = np.empty(tendons)
     find_imbalance(tables, parameters, tensions, state.twist, stretch, left, 0, own)
     np.dot(change.reshape(4 * count, 6).T, left.reshape(4 * count, tip.shape[1]), tip)
