@@ -56,7 +56,7 @@ class Collocation:
         """
         ends, section = [0.0], []
         for panel in grid.panels:
-            inside = [s for s in knots if panel.start < s < panel.stop]
+            inside = sorted({s for s in knots if panel.start < s < panel.stop})
             for start, stop in itertools.pairwise([panel.start, *inside, panel.stop]):
                 parts = _parts(arm, start, stop)
                 ends += _cut(np.concatenate([[start], parts]), cuts)

@@ -34,9 +34,11 @@ from octo_arm_model import (
     Material,
     PointLoad,
     Pose,
+    ProfiledBody,
     Section,
     SolveError,
     Solver,
+    Table,
 )
 from octo_arm_model.core.arm.loads import ScaledLoads
 from octo_arm_model.core.errors import ContinuationError
@@ -321,6 +323,25 @@ def test_a_distributed_load_of_its_weight_is_gravity() -> None:
     )
     found = Solver(arm, 'exact', 81, loads=Loads(distributed=ramps)).solve(tensions)
     np.testing.assert_allclose(found.tip, expected.tip, atol=1e-8)
+
+
+@pytest.mark.parametrize('places', [(0.1, 0.3), (0.3, 0.1), (0.2, 0.2)])
+def test_where_arm_and_loads_are_not_smooth_may_come_in_any_order(
+    places: tuple[float, float],
+) -> None:
+    of_arm, of_load = places
+    radius = Table((0.0, of_arm, 0.4), (0.015, 0.012, 0.006))
+    section = Section(0.4, 0.008, 0.004)
+    arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.4, radius), (section,))
+    ends = (0.0, of_load, 0.4)
+    peak = DistributedLoad(ends, ((0, 0, 0), (0, 0.3, -0.6), (0, 0, 0)))
+    begins, goes_on = (DistributedLoad(ends[i : i + 2], peak.force[i : i + 2]) for i in range(2))
+    # A border of panels cuts the elements too, wherever the arm is not smooth.
+    expected, found = (
+        Solver(arm, 'exact', 41, loads=Loads(distributed=loads)).solve([[0.1, 0.3, 0.0, 0.0]])
+        for loads in ((begins, goes_on), (peak,))
+    )
+    np.testing.assert_allclose(found.tip, expected.tip, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
