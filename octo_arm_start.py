@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
 from functools import partial
 
 
@@ -16,6 +17,8 @@ def _run(module: str, interrupted: int) -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
         # The programs of ROS go on with a handler of their own.
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(interrupted))
+    if sys.stderr is None:  # closed: what is printed to it would go to standard output
+        sys.stderr = open(os.devnull, 'w')
     status: int = importlib.import_module(module).main()
     return status
 

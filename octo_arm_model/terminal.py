@@ -81,9 +81,14 @@ class StatusLine:
         if now - self._shown < self._period and not always:
             return
         self._shown, self._is_open = now, self.is_terminal
-        # Carriage return, and erase the rest of a longer text.
-        self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
-        self._stream.flush()
+        try:
+            # Carriage return, and erase the rest of a longer text.
+            self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
+            self._stream.flush()
+        except BrokenPipeError:
+            raise
+        except OSError:  # of a full disk: the work itself goes on
+            self._is_open = False
 
     def __enter__(self) -> StatusLine:
         return self

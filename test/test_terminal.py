@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import itertools
 
@@ -38,3 +39,14 @@ def test_elsewhere_there_is_a_line_per_period() -> None:
 
 def test_without_a_period_there_is_only_what_is_always_shown() -> None:
     assert shown(io.StringIO(), float('inf')) == 'end\n'
+
+
+class _Full(io.StringIO):
+    """A file on a full disk."""
+
+    def flush(self) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+
+def test_a_line_that_cannot_be_written_does_not_end_the_work() -> None:
+    assert shown(_Full(), 0.15) == '2\n5\nend\n'

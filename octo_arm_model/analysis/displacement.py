@@ -91,7 +91,8 @@ def check_displacements(
         if name in tensions:
             raise TensionError(f'tendon {name} has both a displacement and a tension')
         # Of larger ones the squares are beyond the range of floats.
-        if not -LARGEST <= value <= LARGEST:
+        is_number = isinstance(value, (float, int, np.number)) and not isinstance(value, bool)
+        if not is_number or not -LARGEST <= value <= LARGEST:
             raise TensionError(
                 f'displacement of {name} is {shown(value)} m, expected a finite number of at most '
                 f'{LARGEST:g}'

@@ -18,6 +18,7 @@ from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
     ConvergenceError,
+    LoadError,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
@@ -131,8 +132,8 @@ class Solver:
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
-            LoadError: if the tip's wrench is not six finite numbers, or larger than
-                `LoadLimits` allow.
+            LoadError: if the tip's wrench is not six finite numbers, larger than `LoadLimits`
+                allow, or of another number of sets than the tensions.
             ConfigError: if the model has no loads and there are some.
             SolveError: if the model has no trustworthy answer.
             ContinuationError: if a loaded arm would take more than the budget.
@@ -152,8 +153,14 @@ class Solver:
         wrench = self._wrench
         if tip_wrench is not None:
             wrench = wrench + self.check_tip_wrench(tip_wrench)
-            lead = checked.shape[: -len(self.arm.tension_shape)]
-            lead = np.broadcast_shapes(lead, wrench.shape[:-1])
+            own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
+            try:
+                lead = np.broadcast_shapes(own, lead)
+            except ValueError:
+                expected = f'those of the tensions, {own}, or none'
+                raise LoadError(
+                    f'tip_wrench has leading axes {lead}, expected {expected}'
+                ) from None
             checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         if start is not None:
             self._own_twist(start)

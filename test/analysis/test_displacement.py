@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,11 +128,14 @@ def test_metal_rods_wind_too(rod: Config) -> None:
         ),
         ({'tendon_1_1': math.nan}, {}, 'displacement of tendon_1_1 is nan m, expected a finite'),
         ({'tendon_1_1': 5e305}, {}, r'displacement of tendon_1_1 is 5e\+305 m, .* at most 1e\+30'),
+        ({'tendon_1_1': '0.01'}, {}, "displacement of tendon_1_1 is '0.01' m, expected a finite"),
+        ({'tendon_1_1': None}, {}, 'displacement of tendon_1_1 is None m, expected a finite'),
+        ({'tendon_1_1': True}, {}, 'displacement of tendon_1_1 is True m, expected a finite'),
         ({'tendon_1_1': 0.01}, {'tendon_1_2': -1.0}, 'tension of tendon_1_2 is -1.0 N'),
     ],
 )
 def test_bad_input_is_named(
-    solver: Solver, displacements: dict[str, float], tensions: dict[str, float], message: str
+    solver: Solver, displacements: dict[str, Any], tensions: dict[str, float], message: str
 ) -> None:
     with pytest.raises(TensionError, match=message):
         solve_displacements(solver, displacements, tensions)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from functools import partial
@@ -112,3 +114,12 @@ faulthandler.dump_traceback_later = no_thread
     assert status == 1
     assert complaint.splitlines()[-1].startswith('octo_arm_node: error: ')
     assert 'watchdog' not in complaint
+
+
+def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output() -> None:
+    code = 'import sys, octo_arm_start; sys.exit(octo_arm_start.command_line())'
+    table = 'workspace renda2012_prototype --model closed_form --samples 4 --json'.split()
+    command = f'exec {shlex.join([sys.executable, "-c", code, *table])} 2>&-'
+    done = subprocess.run(['sh', '-c', command], stdout=subprocess.PIPE, text=True, timeout=600)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)['samples'] == 4

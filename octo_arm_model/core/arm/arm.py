@@ -37,6 +37,9 @@ def check_size(sections: int, tendons: int) -> None:
             raise ArmDefinitionError(name, count, f'at most {most}')
 
 
+_SECTIONS = (Section, RoutedSection)
+
+
 @dataclass(frozen=True)
 class Arm:
     """An immutable, valid arm.
@@ -57,10 +60,10 @@ class Arm:
             `MAX_FRICTION`.
 
     Raises:
-        ArmDefinitionError: if an anchorage lies beyond the tip or out of order, a tendon leaves
-            the body and its discs, a profile leaves its range, the names are not one per
-            tendon and distinct, or a property of tendons is negative, too large or not one per
-            tendon.
+        ArmDefinitionError: if the sections are none, an anchorage lies beyond the tip or out of
+            order, a tendon leaves the body and its discs, a profile leaves its range, the names
+            are not one per tendon and distinct, or a property of tendons is negative, too large
+            or not one per tendon.
     """
 
     material: Material
@@ -74,9 +77,12 @@ class Arm:
 
     def __post_init__(self) -> None:
         """Validate what depends on several parts."""
-        object.__setattr__(self, 'sections', tuple(self.sections))
-        if not self.sections:
-            raise ArmDefinitionError('sections', self.sections, 'at least one section')
+        given = self.sections
+        if not isinstance(given, Sequence) or not all(isinstance(s, _SECTIONS) for s in given):
+            raise ArmDefinitionError('sections', given, 'a sequence of sections')
+        object.__setattr__(self, 'sections', tuple(given))
+        if not given:
+            raise ArmDefinitionError('sections', given, 'at least one section')
         check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
         check_profiles(self.material, self.body)
         check_sections(self.sections, self.body)

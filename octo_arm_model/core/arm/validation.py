@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
@@ -105,6 +106,8 @@ def per_tendon(
             at most ``most``.
     """
     expected = f'a list of one number for all tendons or of {count}, one for each'
+    if isinstance(values, np.ndarray) and values.ndim == 1:
+        values = values.tolist()
     if isinstance(values, str) or not isinstance(values, Sequence):
         raise ArmDefinitionError(name, values, expected)
     numbers = tuple(not_negative(name, value, what, unit, most) for value in values)
@@ -131,8 +134,11 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
 def real_numbers(value: object) -> FloatArray | None:
     """Return ``value``, an array or nested lists, as floats; None where it is no array of numbers.
 
-    Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts.
+    Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts and
+    what is masked, of which NumPy would take the number behind the mask.
     """
+    if isinstance(value, MaskedArray) and np.any(value.mask):
+        return None
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different length

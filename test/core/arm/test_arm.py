@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,6 +72,18 @@ def test_sections_may_be_any_sequence_and_numbers_integers_or_numpys() -> None:
     arm = Arm(Material(np.float32(1e5), 0), Body(1, 1, 1), [Section(1, 0, np.int64(1))])
     assert arm.sections == (Section(1.0, 0.0, 1.0),)
     assert isinstance(arm.body.length, float)
+
+
+@pytest.mark.parametrize('given', [Section(0.4, 0.0, 0.0), None, 'sections', (0.4,)])
+def test_sections_that_are_none_are_refused(given: Any) -> None:
+    with pytest.raises(ArmDefinitionError, match=r'^sections is .*, expected a sequence of'):
+        Arm(MATERIAL, BODY, given)
+
+
+def test_a_property_of_tendons_may_be_an_array() -> None:
+    friction: Any = np.full(4, 0.1)
+    arm = Arm(MATERIAL, BODY, (Section(0.4, 0.0, 0.0),), friction=friction)
+    assert arm.friction == (0.1, 0.1, 0.1, 0.1)
 
 
 def test_a_tendon_may_lie_on_the_surface() -> None:

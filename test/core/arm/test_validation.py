@@ -40,7 +40,7 @@ def test_one_element_that_is_none_refuses_all(
 @pytest.mark.parametrize(
     'value',
     [True, np.True_, np.array([True]), [[1.0], [1.0, 2.0]], [1.0, [True]], [np.zeros(2) > 1.0],
-     'text', None, [[[True]]]],
+     'text', None, [[[True]]], np.ma.array([1.0, 2.0], mask=[False, True])],
 )  # fmt: skip
 def test_what_is_no_array_of_numbers_is_none(value: object) -> None:
     assert real_numbers(value) is None

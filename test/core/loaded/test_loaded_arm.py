@@ -698,6 +698,11 @@ def test_the_tip_under_loads_does_not_depend_on_the_number_of_stations(stations:
             LoadError,
             'tip_wrench',
         ),
+        (
+            lambda: Solver(HELICAL, 'exact').solve([HELICAL_TENSIONS] * 2, np.zeros((3, 6))),
+            LoadError,
+            r'tip_wrench has leading axes \(3,\), expected those of the tensions, \(2,\), or none',
+        ),
     ],
 )
 def test_what_is_no_load_is_refused(make: object, error: type[Exception], message: str) -> None:
