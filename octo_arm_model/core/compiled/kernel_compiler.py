@@ -29,6 +29,8 @@ from octo_arm_model.core.compiled.kernel_cache import (
 # Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
+_SCOPES: dict[str, dict[str, Any]] = {}  # by module, see `_scopes`
+_MADE: dict[types.FunctionType, Any] = {}  # functions that entries call, compiled
 _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 
 
@@ -75,19 +77,7 @@ def entry_point(machine: Any) -> Callable[..., Any]:
 
 def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
     """A ``function`` with all it calls compiled, named after everything it is made from."""
-    # What functions of each module see: each other and what is imported, compiled.
-    scopes = {name: dict(vars(sys.modules[name])) for name in modules_of(function)}
-    made: dict[types.FunctionType, Any] = {}
-    for scope in scopes.values():
-        for key, value in scope.items():
-            if not _is_own(value, types.FunctionType):
-                continue
-            if value not in made:
-                plain = types.FunctionType(
-                    value.__code__, scopes[value.__module__], value.__name__
-                )
-                made[value] = numba.njit(plain, **_OPTIONS)
-            scope[key] = made[value]
+    scopes = _scopes(numba, modules_of(function))
     entry = types.FunctionType(function.__code__, scopes[function.__module__], function.__name__)
     # Numba would look for changes in one file alone.
     digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
@@ -98,6 +88,25 @@ def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
         digest.update(repr(sorted(constants.items())).encode())
     entry.__qualname__ = f'{function.__name__}_{digest.hexdigest()[:16]}'
     return entry
+
+
+def _scopes(numba: Any, modules: list[str]) -> dict[str, dict[str, Any]]:
+    """What functions of each of these modules see: each other and what is imported, compiled.
+
+    All entries of this process share them, so that what they have in common is compiled once.
+    """
+    new = [name for name in modules if name not in _SCOPES]
+    _SCOPES.update({name: dict(vars(sys.modules[name])) for name in new})
+    for scope in map(_SCOPES.__getitem__, new):
+        for key, value in scope.items():
+            if not _is_own(value, types.FunctionType):
+                continue
+            if value not in _MADE:
+                seen = _SCOPES[value.__module__]
+                plain = types.FunctionType(value.__code__, seen, value.__name__)
+                _MADE[value] = numba.njit(plain, **_OPTIONS)
+            scope[key] = _MADE[value]
+    return {name: _SCOPES[name] for name in modules}
 
 
 def modules_of(function: Callable[..., Any]) -> list[str]:

@@ -129,12 +129,13 @@ def make_all() -> dict[str, Any]:
 def make_side_by_side() -> None:
     """Have every kernel kept, so that no process compiles it later.
 
-    Each in a process of its own, whose memory is free again after it: LLVM takes up to 1 GB.
+    In processes side by side, each of which compiles once what its kernels have in common. LLVM
+    takes about 1 GB in each.
     """
     if not is_available():
         return
     processes = min(_MOST_PROCESSES, os.cpu_count() or 1)
-    with multiprocessing.get_context('spawn').Pool(processes, maxtasksperchild=1) as pool:
+    with multiprocessing.get_context('spawn').Pool(processes) as pool:
         # The last ones take longest.
         for _ in pool.imap_unordered(_make, reversed(_MADE)):
             pass
