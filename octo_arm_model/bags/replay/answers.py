@@ -16,7 +16,7 @@ from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.wire.cdr_backbone import (
+from octo_arm_model.wire.cdr.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
     BackboneBatchWriter,

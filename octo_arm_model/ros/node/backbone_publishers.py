@@ -23,15 +23,15 @@ from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.markers import MarkerPublisher
 from octo_arm_model.ros.node.tension_subscription import message_class
 from octo_arm_model.ros.qos import create_publisher
-from octo_arm_model.wire.cdr_backbone import (
+from octo_arm_model.wire.cdr.backbone import (
     BACKBONE_TOPICS,
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
     BackboneWriter,
 )
-from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
-from octo_arm_model.wire.cdr_tension_profiles import TOPIC as PROFILES_TOPIC
-from octo_arm_model.wire.cdr_tension_profiles import TensionProfilesWriter
+from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.cdr.tension_profiles import TOPIC as PROFILES_TOPIC
+from octo_arm_model.wire.cdr.tension_profiles import TensionProfilesWriter
 from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)

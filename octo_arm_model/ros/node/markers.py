@@ -12,7 +12,7 @@ from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_drawing import MarkersWriter
+from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 TOPIC = 'markers'

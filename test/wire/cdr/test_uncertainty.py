@@ -15,7 +15,7 @@ from octo_arm_model.analysis.uncertainty_mesh import (
     UncertaintyDrawing,
 )
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_uncertainty import UncertaintyMarkersWriter
+from octo_arm_model.wire.cdr.uncertainty import UncertaintyMarkersWriter
 
 ARM = load_config(preset_path('renda2012_prototype')).arm
 SHAPE = Solver(ARM, 'exact', 21).solve([[1.0, 0.4, 0.3, 0.5]])

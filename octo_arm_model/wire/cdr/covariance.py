@@ -8,8 +8,8 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConfigError, MessageError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.wire.cdr_layout import Layout, text_field
-from octo_arm_model.wire.cdr_templates import Template
+from octo_arm_model.wire.cdr.layout import Layout, text_field
+from octo_arm_model.wire.cdr.templates import Template
 
 TOPIC = 'backbone/covariance'
 TYPE_NAME = 'octo_arm_msgs/msg/BackboneCovariance'

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from octo_arm_model import ConfigError
 from octo_arm_model.core.errors import MessageError
-from octo_arm_model.wire.cdr_covariance import CovarianceWriter, read_covariance
+from octo_arm_model.wire.cdr.covariance import CovarianceWriter, read_covariance
 
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=40)
 

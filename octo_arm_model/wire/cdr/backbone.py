@@ -10,8 +10,8 @@ import numpy as np
 from octo_arm_model.core.errors import ConfigError, MessageError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_layout import ENCAPSULATION, POSE, Layout, aligned, text_field
-from octo_arm_model.wire.cdr_templates import BatchTemplate, Template
+from octo_arm_model.wire.cdr.layout import ENCAPSULATION, POSE, Layout, aligned, text_field
+from octo_arm_model.wire.cdr.templates import BatchTemplate, Template
 
 # Of tendons; the second only where some are driven by length.
 TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'

@@ -12,9 +12,9 @@ from octo_arm_model.analysis.uncertainty_mesh import (
 )
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.wire.cdr_drawing import ADD, add_triangles
-from octo_arm_model.wire.cdr_layout import Layout, text_field
-from octo_arm_model.wire.cdr_templates import Template
+from octo_arm_model.wire.cdr.drawing import ADD, add_triangles
+from octo_arm_model.wire.cdr.layout import Layout, text_field
+from octo_arm_model.wire.cdr.templates import Template
 
 _DELETE = 2  # of visualization_msgs/Marker
 

@@ -9,17 +9,17 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.wire.cdr_backbone import (
+from octo_arm_model.wire.cdr.backbone import (
     BACKBONE_TOPICS,
     TENSION_ESTIMATES,
     BackboneWriter,
     tendon_tensions,
 )
-from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr_covariance import TYPE_NAME as COVARIANCE_TYPE
-from octo_arm_model.wire.cdr_covariance import CovarianceWriter
-from octo_arm_model.wire.cdr_layout import Layout, text_field
-from octo_arm_model.wire.cdr_templates import Template
+from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr.covariance import TYPE_NAME as COVARIANCE_TYPE
+from octo_arm_model.wire.cdr.covariance import CovarianceWriter
+from octo_arm_model.wire.cdr.layout import Layout, text_field
+from octo_arm_model.wire.cdr.templates import Template
 
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
 # Topics of an estimate and their types.

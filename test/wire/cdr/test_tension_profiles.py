@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 
 from octo_arm_model import ConfigError, Solver, load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_tension_profiles import TensionProfilesWriter
+from octo_arm_model.wire.cdr.tension_profiles import TensionProfilesWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 TENSIONS = np.arange(1.0, 13.0).reshape(3, 4) / 40.0

@@ -13,8 +13,8 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
-from octo_arm_model.wire.cdr_covariance import read_covariance
-from octo_arm_model.wire.cdr_estimate import (
+from octo_arm_model.wire.cdr.covariance import read_covariance
+from octo_arm_model.wire.cdr.estimate import (
     BIAS,
     CONTACT,
     ESTIMATES,

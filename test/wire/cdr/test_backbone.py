@@ -31,8 +31,8 @@ from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
-from octo_arm_model.wire.cdr_backbone import BackboneBatchWriter, BackboneWriter, read_poses
-from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.cdr.backbone import BackboneBatchWriter, BackboneWriter, read_poses
+from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 SOLVER = Solver(CONFIG.arm, 'closed_form', 11, CONFIG.base)

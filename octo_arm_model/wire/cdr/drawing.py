@@ -8,8 +8,8 @@ from octo_arm_model.analysis.arm_mesh import Drawing, anchorage_stations, tensio
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_layout import Layout, text_field
-from octo_arm_model.wire.cdr_templates import Template
+from octo_arm_model.wire.cdr.layout import Layout, text_field
+from octo_arm_model.wire.cdr.templates import Template
 
 # Of visualization_msgs/Marker.
 _TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.wire.cdr_layout import ENCAPSULATION, Layout
+from octo_arm_model.wire.cdr.layout import ENCAPSULATION, Layout
 
 _ALIGNMENT = 8  # bytes of the largest number
 _FIELDS = 8  # where the fields begin in memory, so that NumPy finds its numbers aligned

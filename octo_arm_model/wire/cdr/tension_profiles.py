@@ -12,8 +12,8 @@ import numpy as np
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.wire.cdr_layout import Layout, text_field
-from octo_arm_model.wire.cdr_templates import Template
+from octo_arm_model.wire.cdr.layout import Layout, text_field
+from octo_arm_model.wire.cdr.templates import Template
 
 TOPIC = 'tendon_tension_profiles'
 PREFIX = 'tension_'  # of the field of a tendon, so that none is called as a coordinate

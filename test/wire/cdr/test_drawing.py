@@ -20,7 +20,7 @@ from octo_arm_model import load_config
 from octo_arm_model.analysis.arm_mesh import MOST_RINGS, anchorage_stations, tension_colours
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
 
 STAMP = Time(sec=12, nanosec=34)
 CONFIG = load_config(preset_path('renda2012_table4'))
