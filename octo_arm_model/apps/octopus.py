@@ -25,8 +25,8 @@ from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
 

@@ -13,7 +13,7 @@ from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.simulation.limits import are_beyond
+from octo_arm_model.simulation.profiles.limits import are_beyond
 
 
 class LengthControl:

@@ -15,7 +15,7 @@ from octo_arm_model.core.errors import ProfileError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 _FIGURES = {
     'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.simulation.movements import MOVEMENTS
-from octo_arm_model.simulation.profile import CommandProfile
-from octo_arm_model.simulation.profile_files import read_profile
+from octo_arm_model.simulation.profiles.movements import MOVEMENTS
+from octo_arm_model.simulation.profiles.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile_files import read_profile
 
 # Commanded tensions have the same topics as measured ones, below this name.
 TOPIC = 'tendon_commands'

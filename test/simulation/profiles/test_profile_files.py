@@ -11,8 +11,8 @@ import pytest
 
 from octo_arm_model import Config
 from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.profile_files import read_profile, write_csv
+from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.profile_files import read_profile, write_csv
 
 CSV = """\
 tendon_1_2, time, tendon_1_1, tendon_1_3, tendon_1_4

@@ -21,7 +21,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendons.tendon_sums import check_highest
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next
 HOLD_TIME = 1.0  # [s] in each posture

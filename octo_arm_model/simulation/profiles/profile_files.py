@@ -18,7 +18,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 
 class _Row(NamedTuple):

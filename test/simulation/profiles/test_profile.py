@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.simulation.profile import INTERPOLATIONS, CommandProfile, transition
+from octo_arm_model.simulation.profiles.profile import INTERPOLATIONS, CommandProfile, transition
 
 
 @st.composite

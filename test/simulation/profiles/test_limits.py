@@ -13,14 +13,14 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.simulation.commands import find_profile, profile_names
-from octo_arm_model.simulation.limits import (
+from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+from octo_arm_model.simulation.profiles.limits import (
     check_command,
     check_profile,
     highest_tensions,
     tendon_limits,
 )
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 TABLE4 = preset_path('renda2012_table4')
 CONFIG = load_config(TABLE4)
