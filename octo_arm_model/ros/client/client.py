@@ -26,7 +26,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.messages import decoded
-from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
+from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE

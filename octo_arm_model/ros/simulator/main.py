@@ -29,13 +29,13 @@ from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import decoded, tensions_message
 from octo_arm_model.ros.node import diagnostics
-from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
-from octo_arm_model.ros.node.main import run
-from octo_arm_model.ros.node.tension_subscription import (
+from octo_arm_model.ros.node.inputs.tension_subscription import (
     TOPICS,
     LatestSubscription,
     TensionSubscription,
 )
+from octo_arm_model.ros.node.main import run
+from octo_arm_model.ros.node.outputs.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.push_service import PushService

@@ -10,8 +10,8 @@ from rclpy.node import Node
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import decoded, wrench_from_stamped
+from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription, Refuse
 from octo_arm_model.ros.node.prepared_arm import Prepared
-from octo_arm_model.ros.node.tension_subscription import LatestSubscription, Refuse
 from octo_arm_model.ros.work.work_queue import WorkQueue
 
 

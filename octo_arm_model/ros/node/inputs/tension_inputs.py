@@ -10,7 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.tension_subscription import (
+from octo_arm_model.ros.node.inputs.tension_subscription import (
     FIELD_TOPIC,
     TOPICS,
     Refuse,

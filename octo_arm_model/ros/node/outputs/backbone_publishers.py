@@ -18,10 +18,10 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.node.frames import TF_QOS, TF_TOPIC, frames_class
-from octo_arm_model.ros.node.markers import TOPIC as MARKERS_TOPIC
-from octo_arm_model.ros.node.markers import MarkerPublisher
-from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.ros.node.inputs.tension_subscription import message_class
+from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC, frames_class
+from octo_arm_model.ros.node.outputs.markers import TOPIC as MARKERS_TOPIC
+from octo_arm_model.ros.node.outputs.markers import MarkerPublisher
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr.backbone import (
     BACKBONE_TOPICS,
