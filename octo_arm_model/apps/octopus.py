@@ -16,7 +16,7 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
+from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.cli.options import (
     add_config,
     add_json,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.solved_parts import solve_parts
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import solve_displacements
-from octo_arm_model.analysis.tendon_displacement import displacements_of, tendon_compliance
-from octo_arm_model.analysis.winding import Wound
-from octo_arm_model.analysis.wound_sensitivity import unloaded_by_offset, wound_sensitivity
+from octo_arm_model.analysis.winding.displacement import solve_displacements
+from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.sensitivity import unloaded_by_offset, wound_sensitivity
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of, tendon_compliance
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity

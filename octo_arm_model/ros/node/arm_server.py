@@ -8,7 +8,7 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray

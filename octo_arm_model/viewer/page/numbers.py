@@ -6,8 +6,8 @@ import html
 
 import numpy as np
 
+from octo_arm_model.analysis.geometry.self_intersection import Overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import Overlap
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
+from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.uncertainty_mesh import (
+from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     UncertaintyDrawing,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.analysis.arm_mesh import Drawing, anchorage_stations, tension_colours
+from octo_arm_model.analysis.geometry.arm_mesh import Drawing, anchorage_stations, tension_colours
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone

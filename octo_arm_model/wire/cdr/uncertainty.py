@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from octo_arm_model.analysis.uncertainty_mesh import (
+from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     UncertaintyDrawing,

@@ -11,7 +11,7 @@ import pytest
 from differences import jacobian
 from experiments import PARAMETERS, STEPS, TRUE, one_tendon, shapes, with_encoders
 
-from octo_arm_model.analysis.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.fitting.fit import Problem

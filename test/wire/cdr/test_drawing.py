@@ -17,7 +17,11 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
-from octo_arm_model.analysis.arm_mesh import MOST_RINGS, anchorage_stations, tension_colours
+from octo_arm_model.analysis.geometry.arm_mesh import (
+    MOST_RINGS,
+    anchorage_stations,
+    tension_colours,
+)
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter

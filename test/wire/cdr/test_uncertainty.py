@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import Solver, load_config
-from octo_arm_model.analysis.uncertainty_mesh import (
+from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     UncertaintyDrawing,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from octo_arm_model.analysis.arm_mesh import tension_colours
+from octo_arm_model.analysis.geometry.arm_mesh import tension_colours
 
 
 def test_colours_rise_from_grey_to_red_with_tension():

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from rotations import matrix_of
 
-from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
+from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
 
 
 def test_octopus_has_its_arms_evenly_around_its_body():

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Solver, load_config
-from octo_arm_model.analysis.uncertainty_mesh import (
+from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     CORNERS,

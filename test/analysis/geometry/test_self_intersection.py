@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from octo_arm_model import load_config
-from octo_arm_model.analysis.self_intersection import deepest_overlap
+from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.numerics.quaternion import Quaternions

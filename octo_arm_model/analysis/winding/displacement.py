@@ -20,8 +20,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.sliding_winding import SlidingWinding
-from octo_arm_model.analysis.winding import Winding, Wound
+from octo_arm_model.analysis.winding.newton import Winding, Wound
+from octo_arm_model.analysis.winding.sliding import SlidingWinding
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError, shown

@@ -6,7 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.arm_mesh import SIDES, ring_stations, tube_triangles, unit_circle
+from octo_arm_model.analysis.geometry.arm_mesh import (
+    SIDES,
+    ring_stations,
+    tube_triangles,
+    unit_circle,
+)
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.chi_square import chi_square_limit

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from octo_arm_model import Arm, Config, Loads, Solver, TensionError, Wound, solve_displacements
-from octo_arm_model.analysis.tendon_displacement import displacements_of
-from octo_arm_model.analysis.wound_sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)

@@ -23,8 +23,11 @@ import functools
 
 import numpy as np
 
-from octo_arm_model.analysis.tendon_displacement import displacements_by_tension, displacements_of
-from octo_arm_model.analysis.winding import TOLERANCE, Winding, Wound
+from octo_arm_model.analysis.winding.newton import TOLERANCE, Winding, Wound
+from octo_arm_model.analysis.winding.tendon_displacement import (
+    displacements_by_tension,
+    displacements_of,
+)
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone

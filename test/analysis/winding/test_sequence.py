@@ -11,7 +11,7 @@ import pytest
 from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.analysis.tendon_displacement import (
+from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.tendon_displacement import (
     displacement_change,
     displacements_by_tension,
 )
-from octo_arm_model.analysis.winding import Wound
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
