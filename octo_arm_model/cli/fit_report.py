@@ -9,7 +9,7 @@ from octo_arm_model.experiment.fitting.fitted_file import in_words
 from octo_arm_model.experiment.fitting.held_back import Misfit
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.model_choice import envelope_of, rank
-from octo_arm_model.experiment.fitting.unknown import is_of_arm
+from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm
 from octo_arm_model.experiment.shapes.observations import Observations
 
 

@@ -15,13 +15,13 @@ from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.csv_output import write_tables
-from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.fitted_file import as_config
 from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.identify import identify
+from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
-from octo_arm_model.experiment.fitting.unknown import FITS
+from octo_arm_model.experiment.fitting.unknowns.unknown import FITS
 
 _DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with

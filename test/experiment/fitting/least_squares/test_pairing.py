@@ -6,7 +6,7 @@ import numpy as np
 from differences import jacobian
 from experiments import circle
 
-from octo_arm_model.experiment.fitting.pairing import residuals, residuals_change
+from octo_arm_model.experiment.fitting.least_squares.pairing import residuals, residuals_change
 from octo_arm_model.experiment.shapes.curves import resample
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.unknown import Unknown
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.unknowns.unknown import Unknown
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 
 # Singular values of the Jacobian below this part of the largest count as zero.
 _SINGULAR = 1e-4

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.experiment.fitting.fit import fit_alignment
+from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
 
 
 def test_the_camera_is_found_despite_outliers_and_midlines_that_begin_late() -> None:

@@ -15,8 +15,14 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.experiment.fitting.unknown import ALIGNMENT, AXIAL, OFFSET, SHEATH, ZERO
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.unknowns.unknown import (
+    ALIGNMENT,
+    AXIAL,
+    OFFSET,
+    SHEATH,
+    ZERO,
+)
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.encoder_windows import lengths_of
 
 

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.experiment.fitting.fit import Problem
 from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.readings import Readings
-from octo_arm_model.experiment.fitting.unknown import FITS
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.least_squares.fit import Problem
+from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+from octo_arm_model.experiment.fitting.unknowns.unknown import FITS
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 
 
 def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole() -> None:

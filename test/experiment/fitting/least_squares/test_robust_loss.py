@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model.experiment.fitting import robust_loss
+from octo_arm_model.experiment.fitting.least_squares import robust_loss
 
 
 @given(st.floats(0.0, 1e3))

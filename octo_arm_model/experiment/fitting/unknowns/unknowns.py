@@ -12,9 +12,9 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.experiment.fitting.readings import Readings
-from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
-from octo_arm_model.experiment.fitting.unknown import (
+from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons
+from octo_arm_model.experiment.fitting.unknowns.unknown import (
     ALIGNMENT,
     AXIAL,
     FITS,

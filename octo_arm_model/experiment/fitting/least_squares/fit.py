@@ -10,15 +10,15 @@ from scipy.optimize import least_squares
 
 from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting import robust_loss
-from octo_arm_model.experiment.fitting.pairing import (
+from octo_arm_model.experiment.fitting.least_squares import robust_loss
+from octo_arm_model.experiment.fitting.least_squares.pairing import (
     first_alignment,
     shape_residuals,
     shape_residuals_change,
 )
-from octo_arm_model.experiment.fitting.readings import Readings
-from octo_arm_model.experiment.fitting.solutions import Solutions
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.least_squares.solutions import Solutions
+from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.shapes.midlines import fraction_at_start
