@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
     add_highest,
@@ -18,7 +18,7 @@ from octo_arm_model.cli.options import (
     new_command,
     read_highest,
 )
-from octo_arm_model.cli.outputs import check_out
+from octo_arm_model.cli.output.files import check_out
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm

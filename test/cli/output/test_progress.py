@@ -7,7 +7,7 @@ import io
 import pytest
 from command_line import Terminal
 
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.output.progress import Bar
 
 
 def test_a_terminal_shows_a_bar_with_rate_and_remaining_time(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_number,
     add_path,
