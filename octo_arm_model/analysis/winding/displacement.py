@@ -9,7 +9,7 @@ tendon stretches over its whole length. l is the derivative of the arm's minimal
 tension, and E is concave: the tensions that hold given D maximise a concave function over T >= 0.
 Where the multiplier would be negative the tendon is slack, and the maximum is unique where the
 equilibrium is. `winding` has the method that finds it. Tendons with friction stretch by what it
-leaves of T, and have no such maximum: see `sliding_winding`, also for what tendons that do not
+leaves of T, and have no such maximum: see `sliding`, also for what tendons that do not
 stretch cannot tell.
 """
 

@@ -15,7 +15,7 @@ from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracker
-from octo_arm_model.ros.node.inputs.tension_subscription import message_class
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.prepared_arm import Prepared
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)

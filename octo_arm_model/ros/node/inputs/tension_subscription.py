@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib
-import re
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
@@ -13,9 +10,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.messages import decoded
+from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
@@ -30,7 +27,6 @@ Refuse: TypeAlias = Callable[[str, OctoArmError], None]
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 TOPICS = tuple(TENSION_TOPICS)
 FIELD_TOPIC = 'tendon_tensions/field'
-_TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
 
 class LatestSubscription:
@@ -180,23 +176,3 @@ class TensionSubscription(LatestSubscription):
         if not isinstance(header, Header):
             return tensions, None
         return tensions, Stamp.of(header.stamp)
-
-
-def message_class(type_name: str) -> Any:
-    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'.
-
-    Raises:
-        ConfigError: if it is not installed.
-    """
-    match = _TYPE.fullmatch(type_name)
-    module = None
-    if match is not None:
-        with contextlib.suppress(ModuleNotFoundError):
-            module = importlib.import_module(f'{match[1]}.msg')
-    found = getattr(module, match[2], None) if match is not None else None
-    if not hasattr(found, 'get_fields_and_field_types'):
-        raise ConfigError(
-            f'no messages of type {shown(type_name)} are installed, expected one such as '
-            'sensor_msgs/msg/JointState'
-        )
-    return found

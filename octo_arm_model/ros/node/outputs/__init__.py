@@ -1,4 +1,4 @@
 """Publishers of the node: backbone, strains, tip, tendons, frames and markers.
 
-Imports what is below the node.
+May import what is below the node; of the node nothing but what is here.
 """

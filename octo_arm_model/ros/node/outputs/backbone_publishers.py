@@ -18,7 +18,7 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.node.inputs.tension_subscription import message_class
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC, frames_class
 from octo_arm_model.ros.node.outputs.markers import TOPIC as MARKERS_TOPIC
 from octo_arm_model.ros.node.outputs.markers import MarkerPublisher
