@@ -51,10 +51,14 @@ class _Link:
         self._sort()
         return np.array(self.stamps, np.int64), np.array(self.numbers).reshape(-1, _NUMBERS)
 
-    def forget(self, before_ns: int) -> None:
-        """Forget transforms before ``before_ns`` [ns], but the last one."""
+    def forget(self, history_ns: int) -> None:
+        """Forget transforms more than ``history_ns`` [ns] before the newest, see `TransformTree`."""
+        stamp, numbers = self.stamps[-1], self.numbers[-_NUMBERS:]
         self._sort()
-        gone = min(bisect_left(self.stamps, before_ns), len(self.stamps) - 1)
+        if stamp < self.stamps[-1] - history_ns:
+            self.clear()
+            self.add(stamp, numbers)
+        gone = bisect_left(self.stamps, self.stamps[-1] - history_ns)
         del self.stamps[:gone], self.numbers[: gone * _NUMBERS]
 
     def _sort(self) -> None:
@@ -173,11 +177,15 @@ class TransformTree:
         qx, qy, qz, qw = turned.as_quat().tolist()
         return Pose((x, y, z), (qx, qy, qz, qw))
 
-    def forget(self, before_ns: int) -> None:
-        """Forget transforms before ``before_ns`` [ns], but the last one of each."""
+    def forget(self, history_ns: int) -> None:
+        """Forget what is more than ``history_ns`` [ns] older than the newest of the same transform.
+
+        Where the one that was added last is that old itself, all others are forgotten: their clock
+        has begun anew, as that of a bag that is played again, or one stamp was far ahead.
+        """
         for link in self._links.values():
             if not link.is_static:
-                link.forget(before_ns)
+                link.forget(history_ns)
 
     @property
     def frames(self) -> Collection[str]:

@@ -37,13 +37,12 @@ class SensorFrames:
         self._node, self._log = node, RefusalLog(node)
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
-        self._newest = 0
 
     def close(self) -> None:
         """Listen no more, and forget all."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
-        self._subscriptions, self._tree, self._newest = {}, TransformTree(), 0
+        self._subscriptions, self._tree = {}, TransformTree()
 
     def pose_of(self, frame: str, target: str, stamp_ns: int) -> Pose:
         """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
@@ -79,7 +78,7 @@ class SensorFrames:
                 self._add(one, topic == _STATIC_TOPIC)
         except OctoArmError as error:
             self._log.warn(topic, error)
-        self._tree.forget(self._newest - _HISTORY)
+        self._tree.forget(_HISTORY)
 
     def _add(self, one: Any, is_static: bool) -> None:
         shift, turn = one.transform.translation, one.transform.rotation
@@ -95,5 +94,3 @@ class SensorFrames:
             one.header.frame_id, one.child_frame_id, stamp,
             np.array(pose.position), np.array(pose.quaternion), is_static,
         )  # fmt: skip
-        if not is_static:
-            self._newest = max(self._newest, stamp)

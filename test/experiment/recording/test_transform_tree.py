@@ -208,15 +208,50 @@ def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
         tree.pose('elbow', 'arm_base', 0)
 
 
-def test_what_is_forgotten_is_older_and_not_the_last() -> None:
-    tree = TransformTree()
-    for stamp in (30, 10, 20):
-        tree.add(
-            'a', 'b', stamp, np.array([stamp, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]), False
-        )
-    tree.forget(20)
-    assert tree.pose('b', 'a', 25).position == (25.0, 0.0, 0.0)
+def moving(*stamps: int, child: str = 'b', tree: TransformTree | None = None) -> TransformTree:
+    """A frame that is as far from 'a' [m] as it is late [ns]."""
+    tree = tree or TransformTree()
+    for stamp in stamps:
+        shift, turn = np.array([stamp, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+        tree.add('a', child, stamp, shift, turn, False)
+    return tree
+
+
+def place(tree: TransformTree, stamp: int, child: str = 'b') -> float:
+    return tree.pose(child, 'a', stamp).position[0]
+
+
+def test_what_is_forgotten_is_older_than_the_newest_by_the_history() -> None:
+    tree = moving(30, 10, 20)
+    tree.forget(10)
+    assert place(tree, 25) == 25.0
     with pytest.raises(MeasurementError, match='is not known'):
-        tree.pose('b', 'a', 15)
+        place(tree, 15)
+    tree.forget(0)
+    assert place(tree, 30) == 30.0
+
+
+def test_frames_whose_stamps_are_ahead_make_no_other_forget() -> None:
+    tree = moving(10**18, child='c', tree=moving(10, 20))
     tree.forget(100)
-    assert tree.pose('b', 'a', 30).position == (30.0, 0.0, 0.0)
+    assert place(tree, 15) == 15.0
+
+
+def test_a_clock_that_began_anew_is_followed() -> None:
+    tree = moving(1000, 1010, 1020)
+    for stamp in (5, 15):
+        moving(stamp, tree=tree)
+        tree.forget(100)
+    assert place(tree, 10) == 10.0
+    with pytest.raises(MeasurementError, match='is not known'):
+        place(tree, 1010)
+
+
+def test_one_stamp_far_ahead_is_soon_forgotten() -> None:
+    tree = moving(10, 20)
+    for stamp in (10**18, 30, 40):
+        moving(stamp, tree=tree)
+        tree.forget(100)
+    assert place(tree, 35) == 35.0
+    with pytest.raises(MeasurementError, match='is not known'):
+        place(tree, 41)
