@@ -39,8 +39,8 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 
 from octo_arm_model import Config, load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.tension_subscription import INPUT_QOS
-from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.ros.node.inputs.tension_subscription import INPUT_QOS
+from octo_arm_model.wire.cdr.backbone import BackboneWriter
 
 FILE = preset_path('renda2012_table4')
 CONFIG = load_config(FILE)

@@ -24,7 +24,7 @@ from browser import Browser  # noqa: E402 - what drives the browser is with the 
 from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.config.presets import preset_path  # noqa: E402
 from octo_arm_model.ros.child_processes import children  # noqa: E402
-from octo_arm_model.simulation.limits import figures  # noqa: E402
+from octo_arm_model.simulation.profiles.limits import figures  # noqa: E402
 from octo_arm_model.viewer.address import free_port, url  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
 

@@ -30,8 +30,8 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.main import make_executor
-from octo_arm_model.ros.node.tension_subscription import message_class
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.

@@ -25,9 +25,9 @@ from scipy.interpolate import CubicSpline
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identify import identify
+from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements, envelope_of
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment

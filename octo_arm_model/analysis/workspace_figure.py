@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.arm_mesh import Drawing
+from octo_arm_model.analysis.geometry.arm_mesh import Drawing
 from octo_arm_model.analysis.workspace import Workspace
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver

@@ -18,8 +18,8 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import find_profile, profile_names
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page

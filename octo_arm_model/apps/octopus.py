@@ -16,7 +16,7 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from octo_arm_model.analysis.octopus_layout import ARMS, base_pose
+from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config, find_path
@@ -25,8 +25,8 @@ from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
 

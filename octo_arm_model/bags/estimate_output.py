@@ -15,7 +15,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.wire.cdr_estimate import ESTIMATES, EstimateMessages
+from octo_arm_model.wire.cdr.estimate import ESTIMATES, EstimateMessages
 from octo_arm_model.wire.stamp import Stamp
 
 

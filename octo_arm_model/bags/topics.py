@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError, listed
-from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
-from octo_arm_model.wire.cdr_estimate import ESTIMATES
+from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
+from octo_arm_model.wire.cdr.estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
 from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.experiment_options import EPILOG, add_recording
-from octo_arm_model.cli.options import add_json, add_path, new_command
-from octo_arm_model.cli.outputs import check_out, refuse_inside
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.options.experiment import EPILOG, add_recording
+from octo_arm_model.cli.options.shared import add_json, add_path, new_command
+from octo_arm_model.cli.output.files import check_out, refuse_inside
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.csv_files import CsvFiles

@@ -10,9 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.cli.estimate_options import add_estimator, read_estimator
-from octo_arm_model.cli.estimate_report import as_dict, summary
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.estimator import add_estimator, read_estimator
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
     add_json,
@@ -24,8 +23,9 @@ from octo_arm_model.cli.options import (
     new_command,
     read_config_option,
 )
-from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.output.estimate import as_dict, summary
+from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS

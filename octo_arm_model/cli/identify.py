@@ -6,22 +6,22 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.cli.experiment_options import ALL, EPILOG, add_recording
-from octo_arm_model.cli.fit_report import as_dict, summary
-from octo_arm_model.cli.options import add_json, add_path, new_command
-from octo_arm_model.cli.outputs import check_out, refuse_inside
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.options.experiment import ALL, EPILOG, add_recording
+from octo_arm_model.cli.options.shared import add_json, add_path, new_command
+from octo_arm_model.cli.output.files import check_out, refuse_inside
+from octo_arm_model.cli.output.fit import as_dict, summary
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.csv_output import write_tables
-from octo_arm_model.experiment.fitting.fit import LOSSES
 from octo_arm_model.experiment.fitting.fitted_file import as_config
 from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.identify import identify
+from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
-from octo_arm_model.experiment.fitting.unknown import FITS
+from octo_arm_model.experiment.fitting.unknowns.unknown import FITS
 
 _DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with

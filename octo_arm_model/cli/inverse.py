@@ -9,7 +9,7 @@ from typing import Any
 
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,
     add_json,
@@ -18,7 +18,7 @@ from octo_arm_model.cli.options import (
     read_config,
     read_highest,
 )
-from octo_arm_model.cli.report import as_dict, millimetres
+from octo_arm_model.cli.output.solution import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.section.highest_tensions import default_highest

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from octo_arm_model.cli.options import add_config_argument, add_number, new_command
+from octo_arm_model.cli.options.shared import add_config_argument, add_number, new_command
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import load_parameters, naming

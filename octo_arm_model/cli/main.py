@@ -24,7 +24,7 @@ from octo_arm_model.cli import (
     solve,
     workspace,
 )
-from octo_arm_model.cli.outputs import folders_made
+from octo_arm_model.cli.output.files import folders_made
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing, pipe_closed

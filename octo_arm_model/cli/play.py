@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
     add_highest,
@@ -18,16 +18,16 @@ from octo_arm_model.cli.options import (
     new_command,
     read_highest,
 )
-from octo_arm_model.cli.outputs import check_out
+from octo_arm_model.cli.output.files import check_out
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.core.limits import MAX_PROFILE_ROWS
-from octo_arm_model.simulation.commands import TOPIC, find_profile, profile_names
-from octo_arm_model.simulation.profile import CommandProfile
-from octo_arm_model.simulation.profile_files import write_csv
+from octo_arm_model.simulation.profiles.commands import TOPIC, find_profile, profile_names
+from octo_arm_model.simulation.profiles.profile import CommandProfile
+from octo_arm_model.simulation.profiles.profile_files import write_csv
 from octo_arm_model.terminal import StatusLine
 
 _DESCRIPTION = """\
@@ -121,7 +121,7 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
             write_csv(file, times, tensions, arm)
         print(options.csv)
     if options.plot:
-        from octo_arm_model.simulation.profile_figure import draw_profile
+        from octo_arm_model.simulation.profiles.profile_figure import draw_profile
 
         draw_profile(times, tensions, arm, options.profile, options.plot)
         print(options.plot)

@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from octo_arm_model.cli.experiment_options import ALL
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.options.experiment import ALL
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.core.errors import ConfigError, SolveError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_number,
     add_path,
@@ -14,7 +14,7 @@ from octo_arm_model.cli.options import (
     add_values,
     new_command,
 )
-from octo_arm_model.cli.outputs import unwritten
+from octo_arm_model.cli.output.files import unwritten
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
 

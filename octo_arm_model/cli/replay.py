@@ -9,7 +9,7 @@ import json
 import time
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
     add_json,
@@ -21,8 +21,8 @@ from octo_arm_model.cli.options import (
     new_command,
     read_config_option,
 )
-from octo_arm_model.cli.outputs import check_out, refuse_inside, unwritten
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten
+from octo_arm_model.cli.output.progress import Bar
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay.report import Report

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.cli.options import add_path, new_command
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.options.shared import add_path, new_command
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.page.document import Block, Picture
 

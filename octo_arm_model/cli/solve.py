@@ -6,8 +6,8 @@ import argparse
 import json
 from typing import Any
 
-from octo_arm_model.analysis.displacement import solve_displacements
-from octo_arm_model.cli.options import (
+from octo_arm_model.analysis.winding.displacement import solve_displacements
+from octo_arm_model.cli.options.shared import (
     add_config,
     add_json,
     add_value,
@@ -15,7 +15,7 @@ from octo_arm_model.cli.options import (
     read_config,
     read_json,
 )
-from octo_arm_model.cli.report import as_dict, summary
+from octo_arm_model.cli.output.solution import as_dict, summary
 from octo_arm_model.core.errors import TensionError, shown
 
 _EXAMPLE = "'[[0,0,0.5,0]]'"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
-from octo_arm_model.cli.options import (
+from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,
     add_json,
@@ -19,8 +19,8 @@ from octo_arm_model.cli.options import (
     read_config,
     read_highest,
 )
-from octo_arm_model.cli.outputs import check_out
-from octo_arm_model.cli.progress import Bar
+from octo_arm_model.cli.output.files import check_out
+from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
 

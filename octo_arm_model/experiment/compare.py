@@ -12,11 +12,11 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.experiment.fitting.fit import fit_alignment
 from octo_arm_model.experiment.fitting.held_back import misfit_of
+from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
+from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.model_error import noise_of
-from octo_arm_model.experiment.fitting.pairing import shape_residuals
-from octo_arm_model.experiment.fitting.unknowns import FINE_STATIONS
+from octo_arm_model.experiment.fitting.unknowns.unknowns import FINE_STATIONS
 from octo_arm_model.experiment.shapes.alignment import Alignment, undetermined
 from octo_arm_model.experiment.shapes.branches import STILL, directions, part_along, remarks
 from octo_arm_model.experiment.shapes.curves import lengths_along

@@ -10,7 +10,7 @@ import numpy as np
 
 from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
 from octo_arm_model.experiment.compare import ModelComparison
-from octo_arm_model.experiment.fitting.pairing import shape_residuals
+from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
 
 _AXES = ('x', 'y', 'z')
 MIDLINES = (

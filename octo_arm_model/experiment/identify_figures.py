@@ -13,8 +13,8 @@ from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.fitting.identification import Identification
-from octo_arm_model.experiment.fitting.pairing import shape_residuals
-from octo_arm_model.experiment.fitting.unknown import is_of_arm
+from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
+from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 from octo_arm_model.reproduce.plotting import LINES
 

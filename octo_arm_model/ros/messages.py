@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import re
 from typing import Any
 
 import numpy as np
@@ -21,9 +24,11 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import LoadError, MessageError
+from octo_arm_model.core.errors import ConfigError, LoadError, MessageError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+
+_TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
 
 def decoded(data: bytes, kind: Any) -> Any:
@@ -37,6 +42,26 @@ def decoded(data: bytes, kind: Any) -> Any:
     except Exception as error:
         # The middleware raises errors of several types for bytes that are no message.
         raise MessageError(f'{len(data)} bytes that are no {kind.__name__}') from error
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'.
+
+    Raises:
+        ConfigError: if it is not installed.
+    """
+    match = _TYPE.fullmatch(type_name)
+    module = None
+    if match is not None:
+        with contextlib.suppress(ModuleNotFoundError):
+            module = importlib.import_module(f'{match[1]}.msg')
+    found = getattr(module, match[2], None) if match is not None else None
+    if not hasattr(found, 'get_fields_and_field_types'):
+        raise ConfigError(
+            f'no messages of type {shown(type_name)} are installed, expected one such as '
+            'sensor_msgs/msg/JointState'
+        )
+    return found
 
 
 def wrench_values(message: Wrench) -> FloatArray:

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from octo_arm_model.analysis.displacement import solve_displacements
-from octo_arm_model.analysis.tendon_displacement import displacements_of
-from octo_arm_model.analysis.winding import Wound
+from octo_arm_model.analysis.winding.displacement import solve_displacements
+from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.simulation.limits import are_beyond
+from octo_arm_model.simulation.profiles.limits import are_beyond
 
 
 class LengthControl:

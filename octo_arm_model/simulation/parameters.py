@@ -15,11 +15,11 @@ from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.hardware import Hardware
-from octo_arm_model.simulation.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.sensors import Push, Sensors

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.simulation.profile import CommandProfile, transition
+from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
 

@@ -15,7 +15,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError, listed
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.wire.cdr_layout import Layout
+from octo_arm_model.wire.cdr.layout import Layout
 from octo_arm_model.wire.tension_fields import (
     field_values,
     names_of,

@@ -20,7 +20,7 @@ from live_nodes import DEADLINE, new_domain, start
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.commands import find_profile
+from octo_arm_model.simulation.profiles.commands import find_profile
 
 pytestmark = pytest.mark.slow
 

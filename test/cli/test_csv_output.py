@@ -19,7 +19,7 @@ from recordings import START, STEP, samples, text_sample, write_bag
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.simulation.profile_files import read_profile
+from octo_arm_model.simulation.profiles.profile_files import read_profile
 
 S = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']
 

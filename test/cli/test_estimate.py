@@ -16,7 +16,7 @@ from touched_demo import MARKERS, PUSH, TOUCHED, record, touched_bag
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
-from octo_arm_model.wire.cdr_covariance import read_covariance
+from octo_arm_model.wire.cdr.covariance import read_covariance
 
 TIP = ('--markers', '-')
 

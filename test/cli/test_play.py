@@ -10,8 +10,8 @@ import pytest
 from command_line import run
 
 from octo_arm_model import Config
-from octo_arm_model.simulation.commands import find_profile, profile_names
-from octo_arm_model.simulation.profile_files import read_profile
+from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+from octo_arm_model.simulation.profiles.profile_files import read_profile
 
 
 def test_the_list_is_that_of_the_arm(capsys: pytest.CaptureFixture[str], table2: Config) -> None:

@@ -73,7 +73,7 @@ def test_ctrl_c_stays_ignored_where_it_was() -> None:
 
 def test_without_memory_that_is_said() -> None:
     before = (
-        'import octo_arm_model.cli.report as report\n'
+        'import octo_arm_model.cli.output.solution as report\n'
         'def summary(*given): raise MemoryError\n'
         'report.summary = summary'
     )

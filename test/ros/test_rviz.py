@@ -9,8 +9,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.markers import TOPIC
-from octo_arm_model.wire.cdr_backbone import BACKBONE_TOPICS
+from octo_arm_model.ros.node.outputs.markers import TOPIC
+from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 

@@ -16,8 +16,8 @@ pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.commands import find_profile
-from octo_arm_model.simulation.profile import CommandProfile
+from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.analysis.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.bags.demo.experiment import Experiment
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray

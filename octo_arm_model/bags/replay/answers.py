@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.solved_parts import solve_parts
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
@@ -16,7 +16,7 @@ from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.wire.cdr_backbone import (
+from octo_arm_model.wire.cdr.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
     BackboneBatchWriter,

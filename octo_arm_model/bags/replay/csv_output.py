@@ -14,7 +14,7 @@ from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
-from octo_arm_model.wire.cdr_backbone import read_poses
+from octo_arm_model.wire.cdr.backbone import read_poses
 
 STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
 

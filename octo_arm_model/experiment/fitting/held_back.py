@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.fit import LOSSES, SOFT_L1, Problem
+from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES, SOFT_L1, Problem
 
 AUTO = 'auto'
 # A robust loss is taken where its misfit at held-back loads is below this part of the plain one's.

@@ -10,7 +10,7 @@ from typing import Any
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.held_back import Misfit
 from octo_arm_model.experiment.fitting.uncertainty import Estimate
-from octo_arm_model.experiment.fitting.unknown import is_of_arm
+from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 

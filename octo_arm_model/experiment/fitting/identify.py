@@ -15,21 +15,21 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting import held_back, model_error
-from octo_arm_model.experiment.fitting.fit import Problem, fit_alignment
 from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, misfit_of
 from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.least_squares.fit import Problem, fit_alignment
 from octo_arm_model.experiment.fitting.loads import folds_of, loaded, steps_by_load
 from octo_arm_model.experiment.fitting.notes import notes_on
-from octo_arm_model.experiment.fitting.open_directions import open_direction
-from octo_arm_model.experiment.fitting.readings import Readings
 from octo_arm_model.experiment.fitting.uncertainty import (
     Estimate,
     correlations_of,
     estimates_of,
     freedom_of,
 )
-from octo_arm_model.experiment.fitting.unknown import AXIAL, is_of_arm
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.unknowns.open_directions import open_direction
+from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+from octo_arm_model.experiment.fitting.unknowns.unknown import AXIAL, is_of_arm
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 

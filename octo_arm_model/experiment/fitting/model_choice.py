@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo_arm_model.experiment.fitting.identification import Identification
-from octo_arm_model.experiment.fitting.unknown import is_of_arm
+from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm
 
 # Misfits are near-equal where their mean squares over the loads left out differ by less than so
 # many standard errors, or where one is above the other by less than this part.

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.fit import Problem
 from octo_arm_model.experiment.fitting.held_back import HeldBackFit, Misfit
 from octo_arm_model.experiment.fitting.identification import Identification
+from octo_arm_model.experiment.fitting.least_squares.fit import Problem
 from octo_arm_model.experiment.fitting.loads import MOST_FOLDS, steps_by_load
 from octo_arm_model.experiment.fitting.model_error import noise_of
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.alignment import undetermined
 from octo_arm_model.experiment.shapes.branches import (
     STILL,

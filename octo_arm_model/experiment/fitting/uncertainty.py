@@ -24,9 +24,9 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.open_directions import normalised
-from octo_arm_model.experiment.fitting.unknown import Unknown
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.unknowns.open_directions import normalised
+from octo_arm_model.experiment.fitting.unknowns.unknown import Unknown
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 
 _CONFIDENCE = 0.95
 

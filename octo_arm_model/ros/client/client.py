@@ -26,12 +26,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.messages import decoded
-from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS
-from octo_arm_model.simulation.commands import TOPIC
-from octo_arm_model.wire.cdr_backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr_covariance import BackboneCovariance, read_covariance
-from octo_arm_model.wire.cdr_estimate import CONTACT, TIP_WRENCH
+from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
+from octo_arm_model.simulation.profiles.commands import TOPIC
+from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS, read_poses
+from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr.covariance import BackboneCovariance, read_covariance
+from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # Topics of the backbone, and of further quantities at the same stations, with their types.

@@ -11,8 +11,8 @@ from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.ros.messages import tensions_message
-from octo_arm_model.ros.node.backbone_publishers import OUTPUT_QOS
-from octo_arm_model.simulation.limits import check_command, tendon_limits
+from octo_arm_model.ros.node.outputs.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.simulation.profiles.limits import check_command, tendon_limits
 
 
 class CommandPublisher:

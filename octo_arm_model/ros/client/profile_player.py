@@ -20,9 +20,9 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.simulation.commands import TOPIC
-from octo_arm_model.simulation.limits import check_profile, tendon_limits
-from octo_arm_model.simulation.profile import CommandProfile, transition
+from octo_arm_model.simulation.profiles.commands import TOPIC
+from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
+from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _POLL = 0.05  # [s] between looks

@@ -15,8 +15,8 @@ from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracker
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.prepared_arm import Prepared
-from octo_arm_model.ros.node.tension_subscription import message_class
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
 MODEL = 'exact'  # solves whatever the parameter says: it alone has loads

@@ -10,11 +10,11 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
-from octo_arm_model.wire.cdr_covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr_covariance import CovarianceWriter
-from octo_arm_model.wire.cdr_estimate import BIAS, CONTACT, TIP_WRENCH, EstimateWriter
-from octo_arm_model.wire.cdr_uncertainty import UncertaintyMarkersWriter
+from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
+from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr.covariance import CovarianceWriter
+from octo_arm_model.wire.cdr.estimate import BIAS, CONTACT, TIP_WRENCH, EstimateWriter
+from octo_arm_model.wire.cdr.uncertainty import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 

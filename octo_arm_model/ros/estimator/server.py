@@ -16,9 +16,9 @@ from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
 from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
-from octo_arm_model.ros.messages import decoded
+from octo_arm_model.ros.messages import decoded, message_class
+from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription
 from octo_arm_model.ros.node.server import Server
-from octo_arm_model.ros.node.tension_subscription import LatestSubscription, message_class
 from octo_arm_model.wire.measurement_messages import (
     MEASUREMENT_TOPICS,
     MeasuredArm,

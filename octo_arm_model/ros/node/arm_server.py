@@ -8,17 +8,17 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import decoded
-from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
+from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription
+from octo_arm_model.ros.node.inputs.tip_wrench import TipWrench
+from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
-from octo_arm_model.ros.node.tension_subscription import LatestSubscription
-from octo_arm_model.ros.node.tip_wrench import TipWrench
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
 from octo_arm_model.wire import displacement_messages
 from octo_arm_model.wire.stamp import Stamp

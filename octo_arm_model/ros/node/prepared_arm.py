@@ -9,7 +9,7 @@ from typing import Any
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.ros.node.tension_subscription import message_class
+from octo_arm_model.ros.messages import message_class
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.node.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.ros.node.inputs.tension_inputs import TensionInputs, field_of
+from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
-from octo_arm_model.ros.node.tension_inputs import TensionInputs, field_of
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.ros.work.work_queue import WorkQueue

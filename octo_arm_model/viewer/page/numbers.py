@@ -6,13 +6,13 @@ import html
 
 import numpy as np
 
+from octo_arm_model.analysis.geometry.self_intersection import Overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import Overlap
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.client.client import ArmClient, PublishedShape
-from octo_arm_model.wire.cdr_covariance import BackboneCovariance
+from octo_arm_model.wire.cdr.covariance import BackboneCovariance
 
 STALE = 1.0  # [s] without a shape after which the arm is hidden
 _STYLE = (

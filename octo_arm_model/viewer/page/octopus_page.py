@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import viser
 
-from octo_arm_model.analysis.octopus_layout import RADIUS
+from octo_arm_model.analysis.geometry.octopus_layout import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.scene import BODY_COLOUR, ArmScene, LiveShape, set_scene

@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
+from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.client import ArmClient, PublishedShape, PublishedStrains
-from octo_arm_model.simulation.limits import tendon_limits
+from octo_arm_model.simulation.profiles.limits import tendon_limits
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.controls import Controls, Later

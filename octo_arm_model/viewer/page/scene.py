@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.arm_mesh import (
+from octo_arm_model.analysis.geometry.arm_mesh import (
     Drawing,
     Drawn,
     tension_colours,

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.uncertainty_mesh import (
+from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     UncertaintyDrawing,
@@ -14,7 +14,7 @@ from octo_arm_model.analysis.uncertainty_mesh import (
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.viewer.page.scene import Colour
-from octo_arm_model.wire.cdr_covariance import BackboneCovariance
+from octo_arm_model.wire.cdr.covariance import BackboneCovariance
 
 TUBE_COLOUR: Colour = (90, 140, 215)
 FORCE_COLOUR: Colour = (25, 110, 50)

@@ -11,7 +11,7 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.simulation.limits import figures
+from octo_arm_model.simulation.profiles.limits import figures
 
 FIELD = 0.7  # vertical field of view [rad]
 ASPECT = 0.9  # width over height of the scene between the panels, in a usual window

@@ -55,7 +55,7 @@ from octo_arm_model.config.parameter_files import (
     parse_parameters,
 )
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr_backbone import BackboneWriter
+from octo_arm_model.wire.cdr.backbone import BackboneWriter
 from octo_arm_model.wire.stamp import Stamp
 
 TABLE_4 = load_parameters(preset_path('renda2012_table4'))

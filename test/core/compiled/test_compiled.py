@@ -33,7 +33,7 @@ from octo_arm_model import (
     Uncertainty,
     load_config,
 )
-from octo_arm_model.analysis.displacement import solve_displacements
+from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent

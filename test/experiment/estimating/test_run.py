@@ -16,7 +16,7 @@ from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touc
 
 from octo_arm_model.bags.demo.true_arm import TrueArm
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.cli.estimate_report import summary
+from octo_arm_model.cli.output.estimate import summary
 from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimating.recorded import Sources, read_recorded

@@ -11,13 +11,13 @@ import pytest
 from differences import jacobian
 from experiments import PARAMETERS, STEPS, TRUE, one_tendon, shapes, with_encoders
 
-from octo_arm_model.analysis.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.experiment.fitting.fit import Problem
 from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.readings import Readings
-from octo_arm_model.experiment.fitting.unknowns import Unknowns
+from octo_arm_model.experiment.fitting.least_squares.fit import Problem
+from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.encoder_windows import by_length

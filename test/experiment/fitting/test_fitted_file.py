@@ -12,7 +12,7 @@ from octo_arm_model.config.config import load_config
 from octo_arm_model.experiment.fitting.fitted_file import as_config
 from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.pairing import residuals
+from octo_arm_model.experiment.fitting.least_squares.pairing import residuals
 
 PULLED = (0.0, 0.9, 1.7, 2.4, 3.1, 3.9)
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from experiments import PARAMETERS, TRUE, one_tendon, shapes, with_encoders
 
-from octo_arm_model.analysis.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.solutions import followed
+from octo_arm_model.experiment.fitting.least_squares.solutions import followed
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.encoder_windows import by_length

@@ -12,7 +12,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.tendon_offsets import move_tendons
+from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons
 
 
 def values(fitted: Identification) -> dict[str, float]:

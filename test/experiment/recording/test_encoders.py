@@ -21,7 +21,7 @@ from experiments import (
 )
 from recordings import Sample, displacement_sample
 
-from octo_arm_model.analysis.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import BagError, MeasurementError

@@ -9,7 +9,7 @@ import pytest
 from experiments import ARM, PARAMETERS, recording, staircase
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.fitting.solutions import followed
+from octo_arm_model.experiment.fitting.least_squares.solutions import followed
 from octo_arm_model.experiment.shapes.clock_offset import clock_offset
 
 

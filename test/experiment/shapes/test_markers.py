@@ -142,9 +142,9 @@ def test_how_many_markers_there_may_be_is_bounded() -> None:
 def test_derivatives_of_marker_residuals_are_those_of_differences() -> None:
     from experiments import FAR, PARAMETERS
 
-    from octo_arm_model.experiment.fitting.fit import Problem
-    from octo_arm_model.experiment.fitting.readings import Readings
-    from octo_arm_model.experiment.fitting.unknowns import Unknowns
+    from octo_arm_model.experiment.fitting.least_squares.fit import Problem
+    from octo_arm_model.experiment.fitting.unknowns.readings import Readings
+    from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 
     window = Window(0.0, 1.0, one_tendon(2.0), np.zeros(4))
     shape = mean_markers(window, [FAR.to_camera(seen(2.0, MARKER_S))], np.array(MARKER_S))

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.messages import backbone_messages
-from octo_arm_model.ros.node.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
+from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
 
 pytestmark = pytest.mark.slow
 TOPICS = {**POSES, 'strains': DETAILS['strains']}

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from octo_arm_model.analysis.wound_sequence import WoundSequence
+from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.parameters import PARAMETERS

@@ -33,8 +33,8 @@ from sensor_msgs.msg import JointState
 from octo_arm_model import solve_displacements
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.simulation.commands import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
+from octo_arm_model.simulation.profiles.commands import find_profile
 
 pytestmark = pytest.mark.slow
 

@@ -10,9 +10,9 @@ pytest.importorskip('viser', reason='needs viser')
 
 
 from octo_arm_model import load_config
-from octo_arm_model.analysis.arm_mesh import Drawing
+from octo_arm_model.analysis.geometry.arm_mesh import Drawing
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.limits import highest_tensions
+from octo_arm_model.simulation.profiles.limits import highest_tensions
 from octo_arm_model.viewer.page.scene import ArmScene, _unit_disc
 
 

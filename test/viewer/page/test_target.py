@@ -11,7 +11,7 @@ pytest.importorskip('viser', reason='needs viser')
 from octo_arm_model import Inverse, TipPosition, find_tensions, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.limits import highest_tensions
+from octo_arm_model.simulation.profiles.limits import highest_tensions
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.target import TargetSearch
 

@@ -10,11 +10,11 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import Solver, load_config
-from octo_arm_model.analysis.uncertainty_mesh import UncertaintyDrawing
+from octo_arm_model.analysis.geometry.uncertainty_mesh import UncertaintyDrawing
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.viewer.page.numbers import pushed
 from octo_arm_model.viewer.page.uncertainty import UncertaintyScene
-from octo_arm_model.wire.cdr_covariance import BackboneCovariance
+from octo_arm_model.wire.cdr.covariance import BackboneCovariance
 
 ARM = load_config(preset_path('renda2012_prototype')).arm
 SOLVER = Solver(ARM, 'exact', 21)

@@ -10,7 +10,7 @@ from octo_arm_model import load_config
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.simulation.limits import figures, tendon_limits
+from octo_arm_model.simulation.profiles.limits import figures, tendon_limits
 from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
 
 PRESETS = ('renda2012_prototype', 'renda2012_table2', 'renda2012_table4', 'rao2021')

@@ -1,0 +1,4 @@
+"""Tendons of prescribed displacement, as winches wind them: tensions, sensitivity, sequences.
+
+May import config and core; of analysis nothing but what is here.
+"""

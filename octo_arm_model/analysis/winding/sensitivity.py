@@ -1,0 +1,127 @@
+"""First derivatives of an arm with tendons of prescribed displacement.
+
+With D(T, p) the displacements of the taut tendons among them, p anything else that the shape
+depends on: D_T dT = dD - D_p dp gives what the tensions change by, and they the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.tendon_displacement import (
+    displacement_change,
+    displacements_by_tension,
+)
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.core.solver import Solver
+
+
+@dataclass(frozen=True)
+class WoundSensitivity:
+    """First derivatives of a `Wound`, none of which changes what is slack.
+
+    Attributes:
+        by_displacement: per metre that each tendon is reeled in; zero of those that are slack or
+            not driven.
+        tension: change of all tensions by these [N/m], (tendons, tendons).
+        held: per unit of all else, with the displacements of driven tendons held and the tensions
+            of the others.
+    """
+
+    by_displacement: Change
+    tension: FloatArray
+    held: Sensitivity
+
+    def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+
+        Raises:
+            ConfigError: if the model has no derivative by something that is uncertain.
+        """
+        tip = uncertainty.displacement * self.by_displacement.tip
+        return self.held.tip_covariance(uncertainty) + tip @ tip.T
+
+
+def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
+    """Of a ``wound`` arm of ``solver``.
+
+    Where a tendon is just about to get slack these are the derivatives on the side of its tension.
+
+    Raises:
+        OctoArmError: as `Solver.sensitivity`.
+        LinAlgError: if taut tendons can be reeled in without any change of their tensions.
+    """
+    found = solver.sensitivity(wound.backbone)
+    tensions = wound.backbone.tensions.ravel()
+    taut = np.flatnonzero(wound.driven & (tensions > 0.0))
+    by_tension = found.by_tension
+    changes = displacements_by_tension(solver, found)
+    tension = np.zeros((tensions.size, tensions.size))
+    tension[np.ix_(taut, taut)] = np.linalg.inv(changes[np.ix_(taut, taut)])
+
+    def held(change: Change | None, rest: FloatArray | float = 0.0) -> Change | None:
+        """``change`` with displacements held, which the unloaded lengths change by ``rest``."""
+        if change is None:
+            return None
+        reeled_in = displacement_change(solver, change) + rest
+        return _plus(change, by_tension, -tension @ reeled_in)
+
+    given = _plus(by_tension, by_tension, -tension @ changes)
+    for array in (given.pose, given.strain, given.tendon_length, given.tendon_tension):
+        if array is not None:
+            array[..., taut] = 0.0  # they follow from the displacements
+    young = held(found.by_youngs_modulus)
+    assert young is not None
+    return WoundSensitivity(
+        by_displacement=_times(by_tension, tension),
+        tension=tension,
+        held=Sensitivity(
+            given,
+            young,
+            held(found.by_tip_wrench),
+            held(found.by_poisson_ratio),
+            held(found.by_offset, np.diag(unloaded_by_offset(solver, wound.backbone))),
+            held(found.by_sheath_stiffness),
+            held(found.by_friction),
+        ),
+    )
+
+
+def _times(change: Change, tension: FloatArray) -> Change:
+    slid = change.tendon_tension
+    return Change(
+        change.pose @ tension,
+        change.strain @ tension,
+        change.tendon_length @ tension,
+        None if slid is None else slid @ tension,
+    )
+
+
+def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
+    more = _times(by_tension, tension)
+    slid = change.tendon_tension
+    if slid is not None and more.tendon_tension is not None:
+        slid = slid + more.tendon_tension
+    return Change(
+        change.pose + more.pose,
+        change.strain + more.strain,
+        change.tendon_length + more.tendon_length,
+        slid,
+    )
+
+
+def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:
+    """Derivative of displacements with tendons' distances from the midline (tendons,).
+
+    By their unloaded lengths alone, and what these stretch by; only of tendons that wind about
+    the midline.
+    """
+    weights = solver.offset_weights
+    integrals = np.einsum('jn,jn->j', solver.local_tensions(backbone), weights)
+    by_offset: FloatArray = weights.sum(axis=1) + solver.arm.stretched(integrals)
+    return by_offset

@@ -1,0 +1,107 @@
+"""Tendons driven by length or by tension, message by message: what node and replay do alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.analysis.winding.displacement import solve_displacements
+from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.friction_memory import FrictionMemory
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+
+
+class Answer(NamedTuple):
+    """A shape, and the covariance (6, 6) of its tip."""
+
+    backbone: Backbone
+    covariance: FloatArray
+
+
+class WoundSequence:
+    """Follows an arm of which winches drive some tendons by length, the others by tension.
+
+    Attributes:
+        displacements: length reeled in [m] by name of the tendons driven by length; empty for
+            none.
+        tensions: the last ones of all tendons [N]; None before there were any.
+    """
+
+    def __init__(self, memory: FrictionMemory) -> None:
+        """Drive all tendons by tension; ``memory`` says what of their history counts."""
+        self._memory = memory
+        self.displacements: dict[str, float] = {}
+        self.tensions: FloatArray | None = None
+        self._last: Backbone | Wound | None = None
+
+    def change_arm(self, arm: Arm) -> tuple[str, ...]:
+        """Go on with another ``arm``; returns the driven tendons it does not have, let go."""
+        gone = tuple(name for name in self.displacements if name not in arm.tendon_names)
+        if gone:
+            self.displacements = {}
+        self.tensions = self._last = None
+        return gone
+
+    def answer(
+        self,
+        solver: Solver,
+        config: Config,
+        tip_wrench: FloatArray | None,
+        time_ns: int,
+        tensions: FloatArray | None = None,
+        displacements: dict[str, float] | None = None,
+    ) -> Answer:
+        """The shape that holds new ``tensions`` or ``displacements`` beside what is known.
+
+        They are known from then on; ``time_ns`` is their stamp [ns].
+
+        Raises:
+            OctoArmError: if there is none; what is known stays.
+        """
+        before = self.tensions, self.displacements
+        self._last = self._recalled(time_ns, config.friction_memory)
+        if tensions is not None:
+            self.tensions = tensions
+        if displacements is not None:
+            self.displacements = displacements
+        try:
+            return self._answer(solver, config, tip_wrench)
+        except OctoArmError:
+            self.tensions, self.displacements = before
+            raise
+
+    def _recalled(self, time_ns: int, seconds: float) -> Backbone | Wound | None:
+        """What to continue from; see `FrictionMemory.recall`."""
+        last = self._last
+        if not isinstance(last, Wound):
+            return self._memory.recall(last, time_ns, seconds)
+        backbone = self._memory.recall(last.backbone, time_ns, seconds)
+        return backbone and dataclasses.replace(last, backbone=backbone)
+
+    def _answer(self, solver: Solver, config: Config, tip_wrench: FloatArray | None) -> Answer:
+        arm, uncertainty = config.arm, config.uncertainty
+        tensions = self.tensions if self.tensions is not None else np.zeros(arm.tension_shape)
+        if not self.displacements:
+            last = self._last.backbone if isinstance(self._last, Wound) else self._last
+            backbone = solver.follow(tensions, last, tip_wrench)
+            self._last = backbone
+            return Answer(backbone, solver.tip_covariance(backbone, uncertainty))
+        given = {
+            name: float(tension)
+            for name, tension in zip(arm.tendon_names, tensions.ravel(), strict=True)
+            if name not in self.displacements
+        }
+        wound = solve_displacements(solver, self.displacements, given, self._last, tip_wrench)
+        self._last = wound
+        covariance = np.zeros((6, 6))
+        if uncertainty.is_any:
+            covariance = wound_sensitivity(solver, wound).tip_covariance(uncertainty)
+        return Answer(wound.backbone, covariance)

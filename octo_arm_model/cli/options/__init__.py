@@ -1,0 +1,4 @@
+"""Options that commands share.
+
+May import what cli may; of the commands nothing.
+"""

@@ -1,0 +1,138 @@
+"""Options that compare and identify share."""
+
+from __future__ import annotations
+
+import argparse
+
+from octo_arm_model.cli.options.shared import (
+    add_config_option,
+    add_number,
+    add_path,
+    add_tendons,
+    add_value,
+    add_values,
+    path_of,
+)
+from octo_arm_model.core.solver import MODELS
+from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
+from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS
+
+ALL = 'all'
+EPILOG = """\
+recordings of laboratories, for compare and identify alike:
+  octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
+  octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
+  octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
+  octo-arm compare trial --displacements /winches/encoders
+  octo-arm compare trial --ramp
+  octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
+      --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
+
+how a recording is read:
+  Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
+  first --settle seconds do not count. The frames of the camera in a steady step become its mean
+  midline, without those more than three times as far from the median as the median frame. The
+  base is the end of the midlines that moves least, or --base-end. The offset of the camera's clock
+  is found from the motion, or --clock-offset. What the model published itself (backbone/path,
+  tip_pose) is no measurement unless named by --midlines. All these decisions are printed.
+
+exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
+"""
+
+
+def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
+    """Add the bag and how it is read; without --model it is the ``default``."""
+    bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
+    parser.add_argument('bag', nargs='?', type=path_of, metavar='BAG', help=bag)
+    add_config_option(parser, None, 'the arm_description in the bag')
+    parser.add_argument(
+        '--model',
+        nargs='+',
+        choices=(*MODELS, ALL),
+        metavar='MODEL',
+        help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
+    )
+    text = (
+        'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
+        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
+        'by default the only ones there; with --marker-s perhaps one of each marker, with '
+        '--marker-frames topics of TF'
+    )
+    add_values(parser, '--midlines', 'TOPIC', text)
+    text = (
+        'arc coordinates of markers [m], from the base on: what is measured are points at these, '
+        'NaN where a marker is hidden, and no midlines'
+    )
+    add_values(parser, '--marker-s', 'S', text, float)
+    text = (
+        'their frames in /tf and /tf_static, or in the topics of --midlines, in the same order; '
+        'chains of frames are followed to base_frame, or else to their root'
+    )
+    add_values(parser, '--marker-frames', 'FRAME', text)
+    parser.add_argument(
+        '--length-unit',
+        choices=LENGTH_UNITS,
+        default='m',
+        help='of what was measured (default: %(default)s)',
+    )
+    text = 'tensions, or any numeric field of any topic; by default the only ones there'
+    add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
+    text = (
+        'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
+        'position [m] by name); by default tendon_displacements; where no tensions were recorded '
+        'these follow from them (model exact)'
+    )
+    add_value(parser, '--displacements', 'TOPIC', text)
+    add_tendons(parser)
+    parser.add_argument(
+        '--align',
+        nargs='+',
+        metavar='A',
+        help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
+        "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+    )
+    tables = parser.add_argument_group(
+        'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
+    )
+    text = 'tensions: time [s] and a column for each tendon [N]'
+    add_path(tables, '--tension-csv', 'CSV', text)
+    text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
+    add_path(tables, '--midline-csv', 'CSV', text)
+    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
+    add_path(tables, '--displacement-csv', 'CSV', text)
+    text = (
+        'columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file of '
+        'such; units are those in the header, such as "force [mN]"'
+    )
+    add_values(tables, '--columns', 'NAME=COLUMN', text)
+    pairing = parser.add_argument_group('pairing of frames and tensions')
+    tolerance = (
+        'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
+        'within this time, and lies at least that far inside its steady step'
+    )
+    add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
+    text = 'to add to the stamps of frames [s]; by default found from the motion'
+    add_value(pairing, '--clock-offset', 'S', text, float)
+    pairing.add_argument(
+        '--base-end',
+        choices=('first', 'last'),
+        help='point of the midlines at the base; by default the end that moves least',
+    )
+    text = (
+        'half the band that steady tensions stay in [N], or lengths [m] where there are no '
+        'tensions (default: the larger of 2 percent of the highest and four times the noise)'
+    )
+    add_value(pairing, '--steady', 'N', text, float)
+    add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    pairing.add_argument(
+        '--ramp',
+        nargs='?',
+        type=float,
+        const=True,
+        metavar='N',
+        help='tensions change slowly instead of in steps, and the arm is in equilibrium all the '
+        'time: windows of so many N (default: 5 percent of the highest tension, or eight times '
+        'the noise)',
+    )
+    settle = 'time from its beginning until the arm is at rest [s]'
+    add_number(pairing, '--settle', 0.5, settle, 'S')

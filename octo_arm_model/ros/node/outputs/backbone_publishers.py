@@ -1,0 +1,146 @@
+"""The publishers of the node: backbone, strains, tip, tendons, frames and markers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC, frames_class
+from octo_arm_model.ros.node.outputs.markers import TOPIC as MARKERS_TOPIC
+from octo_arm_model.ros.node.outputs.markers import MarkerPublisher
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.wire.cdr.backbone import (
+    BACKBONE_TOPICS,
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    BackboneWriter,
+)
+from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
+from octo_arm_model.wire.cdr.tension_profiles import TOPIC as PROFILES_TOPIC
+from octo_arm_model.wire.cdr.tension_profiles import TensionProfilesWriter
+from octo_arm_model.wire.stamp import Stamp
+
+OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+# Transient local: late subscribers receive the description too.
+LATCHED_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+
+class BackbonePublishers:
+    """Publishes solved backbones on all topics of one node."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publishers on ``node``.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be; then there are none.
+        """
+        self._node = node
+        self._opened: list[Publisher] = []
+        self._publishers = [
+            self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
+        ]
+        self._lengths = self._open(JointState, TENDON_LENGTHS)
+        self._estimates = self._open(TendonTensions, TENSION_ESTIMATES)
+        self._profiles = self._open(PointCloud2, PROFILES_TOPIC)
+        self._description = self._open(String, 'arm_description', LATCHED_QOS)
+        self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
+        kind = frames_class(node)
+        self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
+        self._writer: BackboneWriter | None = None
+        self._profiles_writer: TensionProfilesWriter | None = None
+        self._frames: FramesWriter | None = None
+        self._solver: Solver | None = None
+
+    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
+        """Another publisher; where it cannot be there are none.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        try:
+            publisher = create_publisher(self._node, kind, topic, qos)
+        except ConfigError:
+            self._destroy()
+            raise
+        self._opened.append(publisher)
+        return publisher
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        self._drawing.stop()
+        self._destroy()
+
+    def _destroy(self) -> None:
+        for publisher in self._opened:
+            self._node.destroy_publisher(publisher)
+
+    def pause(self) -> None:
+        """Drop the backbone that waits for the markers' timer."""
+        self._drawing.forget()
+
+    def describe(self, solver: Solver, config: Config) -> None:
+        """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
+        arm, grid, frame = solver.arm, solver.grid, config.base_frame
+        self._solver = solver
+        self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._profiles_writer = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
+        self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
+        markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
+        self._drawing.describe(markers, config.markers_rate)
+
+    def announce(self, description: str) -> None:
+        """Publish ``description``, the arm as a ROS parameter file."""
+        self._description.publish(String(data=description))
+
+    def publish(
+        self,
+        backbone: Backbone,
+        covariance: FloatArray,
+        stamp: Stamp,
+        more: Callable[[], bytes] | None = None,
+    ) -> None:
+        """Publish one backbone; what is of tendons, and markers, only if someone subscribed.
+
+        ``covariance`` (6, 6) is that of the tip; ``more`` makes a message of further markers.
+        """
+        assert self._writer is not None and self._solver is not None
+        writer = self._writer
+        # Published before the next one is serialised, for the least latency of each.
+        path, poses, strains, tip = self._publishers
+        path.publish(writer.path(backbone, *stamp))
+        poses.publish(writer.poses(backbone, *stamp))
+        strains.publish(writer.strains(backbone, *stamp))
+        tip.publish(writer.tip_pose(backbone, covariance, *stamp))
+        if self._transforms is not None:
+            assert self._frames is not None
+            self._transforms.publish(self._frames.write(backbone, *stamp))
+        if self._lengths.get_subscription_count():
+            lengths = self._solver.tendon_lengths(backbone)
+            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if self._profiles.get_subscription_count():
+            assert self._profiles_writer is not None
+            self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
+        self._drawing.publish(backbone, stamp, more)
+
+    def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
+        """Publish the tensions that hold the tendons driven by length, and those of the others."""
+        if self._writer is not None and self._estimates.get_subscription_count():
+            self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))

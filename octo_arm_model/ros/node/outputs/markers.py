@@ -1,0 +1,104 @@
+"""The publisher of markers of the arm for RViz, at a limited rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.timer import Timer
+from visualization_msgs.msg import Marker, MarkerArray
+
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.wire.cdr.drawing import MarkersWriter
+from octo_arm_model.wire.stamp import Stamp
+
+TOPIC = 'markers'
+
+
+class _StampedBackbone(NamedTuple):
+    backbone: Backbone
+    stamp: Stamp
+    more: Callable[[], bytes] | None
+
+
+class MarkerPublisher:
+    """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
+
+    def __init__(self, node: Node, publisher: Publisher) -> None:
+        """Publish with ``publisher`` of ``node``."""
+        self._node, self._publisher = node, publisher
+        self._writer: MarkersWriter | None = None
+        self._timer: Timer | None = None
+        self._waiting: _StampedBackbone | None = None
+        self._is_clean, self._largest = False, 0.0
+
+    def describe(self, writer: MarkersWriter, rate: float) -> None:
+        """Use ``writer`` from now on, at ``rate`` [Hz] at most; 0 for every backbone."""
+        self.stop()
+        self._writer = writer
+        self._is_clean, self._largest = False, 0.0
+        if rate:
+            # Steady: ROS time may run faster than real time.
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+            self._timer = self._node.create_timer(1.0 / rate, self._on_time, clock=clock)
+            self._timer.cancel()
+
+    def stop(self) -> None:
+        """Publish nothing until `describe`."""
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+        self._timer = self._waiting = self._writer = None
+
+    def forget(self) -> None:
+        """Drop the backbone that waits for the timer."""
+        self._waiting = None
+
+    def publish(
+        self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None = None
+    ) -> None:
+        """Publish this backbone now, or at the next timer if there is no newer one by then.
+
+        ``more`` makes a message of further markers that go with it.
+        """
+        if not self._publisher.get_subscription_count():
+            self.forget()
+            return
+        stamped = _StampedBackbone(backbone, stamp, more)
+        if self._timer is None:
+            self._draw(stamped)
+        elif self._timer.is_canceled():
+            self._draw(stamped)
+            self._timer.reset()
+        else:
+            self._waiting = stamped
+
+    def _on_time(self) -> None:
+        """Publish the backbone that waits; if none does, the next is published at once."""
+        stamped, self._waiting = self._waiting, None
+        if stamped is None:
+            if self._timer is not None:
+                self._timer.cancel()
+            return
+        try:
+            self._draw(stamped)
+        except RuntimeError:
+            # A signal has ended the context.
+            if self._node.context.ok():
+                raise
+
+    def _draw(self, stamped: _StampedBackbone) -> None:
+        if self._writer is None:
+            return
+        if not self._is_clean:
+            # Markers of the arm before may still be shown.
+            self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._is_clean = True
+        # Red is the largest tension so far: colours stay comparable over time.
+        self._largest = max(self._largest, float(stamped.backbone.tensions.max()))
+        data = self._writer.write(stamped.backbone, *stamped.stamp, self._largest or None)
+        self._publisher.publish(data)
+        if stamped.more is not None:
+            self._publisher.publish(stamped.more())

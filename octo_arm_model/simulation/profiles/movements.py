@@ -1,0 +1,192 @@
+"""Built-in movements: those of the paper, and those of any arm."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from octo_arm_model.config.paper_data import (
+    BENDING,
+    FETCHING_IN_PLANE,
+    FETCHING_IN_SPACE,
+    Tensions,
+)
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.section.highest_tensions import default_highest
+from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.tendons.tendon_sums import check_highest
+from octo_arm_model.simulation.profiles.profile import CommandProfile
+
+MOVE_TIME = 3.0  # [s] from one posture to the next
+HOLD_TIME = 1.0  # [s] in each posture
+TURN_TIME = 6.0  # [s] in which the bending plane turns once
+TURNS = 3
+SWEEP_TIME = 10.0  # [s] for each tendon
+SWEEP = (0.2, 1.0)  # [Hz], from and to; the mean times SWEEP_TIME is a whole number of periods
+SAMPLE = 0.02  # [s] between the rows of movements that are not sequences of postures
+# The compression for `default_highest`: clearly visible, and far below the limits.
+_COMPRESSION = 0.1
+
+
+@dataclass(frozen=True)
+class Movement:
+    """A profile that is computed for a given arm.
+
+    Attributes:
+        description: a line for lists of movements.
+        profile: computes it for an arm and largest tensions [N]; None for `default_highest`.
+        objection: the reason why it is not for an arm; empty if it is.
+    """
+
+    description: str
+    profile: Callable[[Arm, ArrayLike | None], CommandProfile]
+    objection: Callable[[Arm], str]
+
+
+# Of the paper -----------------------------------------------------------------------------------
+
+
+def _postures(
+    postures: Sequence[Tensions], preset: str, arm: Arm, highest: ArrayLike | None
+) -> CommandProfile:
+    """From rest through ``postures`` and back, each held for `HOLD_TIME`."""
+    if highest is not None:
+        raise ProfileError('highest does not go with tensions of the paper')
+    objection = _paper_objection(postures, preset, arm)
+    if objection:
+        raise ProfileError(objection)
+    rest = np.zeros(len(arm.tendons))
+    rows = [rest] * 2 + [np.ravel(posture) for posture in postures for _ in range(2)] + [rest] * 2
+    times = np.cumsum([0.0] + [HOLD_TIME, MOVE_TIME] * len(postures) + [HOLD_TIME, MOVE_TIME])
+    times = np.append(times, times[-1] + HOLD_TIME)
+    return CommandProfile(times, np.array(rows))
+
+
+def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str:
+    shape = np.shape(postures[0])
+    if arm.tension_shape != shape:
+        return (
+            f'these tensions are for {shape[0]} sections of {shape[1]} tendons, such as '
+            f'{preset}, those of this arm have shape {arm.tension_shape}'
+        )
+    # The paper's q = N / (E A); at -1 the arm has zero length.
+    ends = np.array([section.anchorage for section in arm.sections])
+    axial = SectionStiffness.at(arm, ends).axial
+    for posture in postures:
+        compression = np.cumsum(np.sum(posture, axis=1)) / axial
+        worst = int(np.argmax(compression))
+        if compression[worst] >= 1.0:
+            return (
+                f'these tensions are for {preset}, and would compress this arm to nothing at '
+                f's = {ends[worst]} m'
+            )
+    return ''
+
+
+def _of_paper(preset: str, description: str, *postures: Tensions) -> Movement:
+    return Movement(
+        description,
+        functools.partial(_postures, postures, preset),
+        functools.partial(_paper_objection, postures, preset),
+    )
+
+
+_bending = functools.partial(_of_paper, 'renda2012_table2')
+_fetching = functools.partial(_of_paper, 'renda2012_table4')
+
+
+# Of any arm -------------------------------------------------------------------------------------
+
+
+def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
+    """Largest tension of every tendon (tendons,) [N]."""
+    if highest is None:
+        return default_highest(arm, _COMPRESSION).ravel()
+    return check_highest(arm, highest)
+
+
+def _one_by_one(
+    times: FloatArray, wave: FloatArray, interpolation: str, arm: Arm, highest: ArrayLike | None
+) -> CommandProfile:
+    """Every tendon in turn along ``wave``, fractions of its largest tension at ``times`` [s]."""
+    peaks = _highest(arm, highest)
+    count, duration = len(peaks), times[-1]
+    # The last row of one tendon is the first of the next.
+    rows = np.zeros((count * (len(times) - 1) + 1, count))
+    for tendon, peak in enumerate(peaks):
+        first = tendon * (len(times) - 1)
+        rows[first : first + len(times), tendon] = peak * wave
+    starts = duration * np.arange(count)
+    all_times = np.append((starts[:, np.newaxis] + times[:-1]).ravel(), count * duration)
+    return CommandProfile(all_times, rows, interpolation)
+
+
+def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
+    times = np.arange(0.0, SWEEP_TIME + 0.5 * SAMPLE, SAMPLE)
+    low, high = SWEEP
+    periods = low * times + 0.5 * (high - low) / SWEEP_TIME * times**2
+    return _one_by_one(times, 0.5 - 0.5 * np.cos(2.0 * np.pi * periods), 'linear', arm, highest)
+
+
+def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
+    """Section 6.1 of the paper: tensions whose bending plane turns at a constant rate."""
+    objection = _rotating_objection(arm)
+    if objection:
+        raise ProfileError(objection)
+    times = np.arange(0.0, TURNS * TURN_TIME + 0.5 * SAMPLE, SAMPLE)
+    rise = np.clip(np.minimum(times, times[-1] - times) / (0.5 * TURN_TIME), 0.0, 1.0)
+    angle = 2.0 * np.pi / TURN_TIME * times[:, np.newaxis] - 0.5 * np.pi * np.arange(4)
+    pull = (rise**2 * (3.0 - 2.0 * rise))[:, np.newaxis] * np.maximum(np.cos(angle), 0.0)
+    rows = np.zeros((len(times), len(arm.tendons)))
+    rows[:, :4] = _highest(arm, highest)[:4].min() * pull
+    return CommandProfile(times, rows, 'linear')
+
+
+def _rotating_objection(arm: Arm) -> str:
+    count = len(arm.sections[0].tendons)
+    return '' if count == 4 else f'rotating takes four tendons in section 1, this arm has {count}'
+
+
+def _no_objection(arm: Arm) -> str:
+    return ''
+
+
+_RAMP = np.array([0.0, MOVE_TIME, MOVE_TIME + HOLD_TIME, 2.0 * MOVE_TIME + HOLD_TIME])
+_STEP = np.array([0.0, HOLD_TIME, 2.0 * HOLD_TIME])
+
+MOVEMENTS = {
+    'bending': _bending('the three bends of Table 3, Figure 11', *BENDING.values()),
+    **{
+        f'bending_{panel.lower()}': _bending(f'the bend of Figure 11({panel}), Table 3', tensions)
+        for panel, tensions in BENDING.items()
+    },
+    'fetching_in_plane': _fetching('fetching in one plane, Table 5, Figure 14', FETCHING_IN_PLANE),
+    'fetching_in_space': _fetching('fetching in space, Table 5, Figure 15', FETCHING_IN_SPACE),
+    'fetching': _fetching(
+        'fetching in one plane, then in space, Table 5', FETCHING_IN_PLANE, FETCHING_IN_SPACE
+    ),
+    'rotating': Movement(
+        'section 1 bends, and the plane of the bend goes round', _rotating, _rotating_objection
+    ),
+    'ramps': Movement(
+        'each tendon in turn pulled, held and let go at a steady rate',
+        functools.partial(_one_by_one, _RAMP, np.array([0.0, 1.0, 1.0, 0.0]), 'linear'),
+        _no_objection,
+    ),
+    'steps': Movement(
+        'each tendon in turn pulled and let go at once',
+        functools.partial(_one_by_one, _STEP, np.array([0.0, 1.0, 0.0]), 'steps'),
+        _no_objection,
+    ),
+    'sweeps': Movement(
+        f'each tendon in turn pulled in a sine of {SWEEP[0]} to {SWEEP[1]} Hz',
+        _sweep,
+        _no_objection,
+    ),
+}

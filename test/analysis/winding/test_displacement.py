@@ -1,0 +1,264 @@
+"""Tendons of prescribed displacement: the tensions that hold them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import strategies
+from differences import jacobian
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from octo_arm_model import Arm, Config, Loads, Solver, TensionError, Wound, solve_displacements
+from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+
+TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
+
+
+@pytest.fixture(scope='module')
+def solver(table4: Config) -> Solver:
+    return Solver(table4.arm, 'exact')
+
+
+def reeled_in(solver: Solver, tensions: np.ndarray) -> dict[str, float]:
+    """Displacement of every tendon [m], by name."""
+    whole = displacements_of(solver, solver.solve(tensions))
+    return dict(zip(solver.arm.tendon_names, whole.ravel().tolist(), strict=True))
+
+
+def test_lengths_are_those_of_polygons_through_the_tendons(solver: Solver, table4: Config) -> None:
+    fine = Solver(table4.arm, 'exact', 2001, material='linear')
+    backbone = fine.solve(TENSIONS)
+    rotation = np.array([np.eye(3)] * 2001)
+    x, y, z, w = backbone.quaternion.T
+    rotation[:, :, 1] = np.stack(
+        [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)], 1
+    )
+    rotation[:, :, 2] = np.stack(
+        [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], 1
+    )
+    lengths = fine.tendon_lengths(backbone).ravel()
+    offsets = np.stack(table4.arm.tendon_offsets(backbone.s), axis=-1)
+    for tendon, section in enumerate(table4.arm.tendon_section):
+        acts = backbone.s <= table4.arm.sections[section - 1].anchorage
+        n, b = offsets[tendon].T
+        path = backbone.position + n[:, None] * rotation[:, :, 1] + b[:, None] * rotation[:, :, 2]
+        polygon = np.linalg.norm(np.diff(path[acts], axis=0), axis=1).sum()
+        # At an anchorage the strain jumps and the polygon with it: second order in the step.
+        assert lengths[tendon] == pytest.approx(polygon, rel=2e-5)
+
+
+def test_a_straight_unloaded_tendon_is_as_long_as_its_slope_makes_it(
+    solver: Solver, table4: Config
+) -> None:
+    for lengths, section in zip(solver.rest_lengths, table4.arm.sections, strict=True):
+        expected = math.hypot(section.anchorage, section.offset_anchorage - section.offset_base)
+        np.testing.assert_allclose(lengths, expected, rtol=1e-12)
+
+
+def test_the_tensions_come_back_from_the_displacements_they_made(solver: Solver) -> None:
+    wound = solve_displacements(solver, reeled_in(solver, TENSIONS))
+    np.testing.assert_allclose(wound.backbone.tensions, TENSIONS, atol=1e-9 * TENSIONS.max())
+    np.testing.assert_allclose(wound.backbone.tip, solver.solve(TENSIONS).tip, atol=1e-8)
+
+
+def test_a_wound_tendon_meets_its_length_beside_others_held_by_tension(solver: Solver) -> None:
+    wound = solve_displacements(
+        solver, {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}, {'tendon_3_1': 1}
+    )
+    assert wound.displacement[0, 0] == pytest.approx(0.02, abs=1e-9)
+    assert wound.displacement[1, 1] == pytest.approx(0.01, abs=1e-9)
+    assert wound.backbone.tensions[2, 0] == 1.0
+    assert wound.slack == ()
+    assert np.count_nonzero(wound.backbone.tensions) == 3
+
+
+def test_a_tendon_that_would_have_to_push_is_slack(solver: Solver) -> None:
+    wound = solve_displacements(solver, {'tendon_1_1': -0.01}, {'tendon_3_1': 1.0})
+    assert wound.slack == ('tendon_1_1',)
+    assert wound.backbone.tensions[0, 0] == 0.0
+    # Its path is shorter than the length paid out: it is slack.
+    assert wound.displacement[0, 0] > -0.01
+    alone = solver.solve([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]])
+    np.testing.assert_allclose(wound.backbone.tip, alone.tip, atol=1e-12)
+
+
+def test_opposite_tendons_wound_alike_compress_the_arm_straight(solver: Solver) -> None:
+    names = solver.arm.tendon_names[:4]
+    wound = solve_displacements(solver, dict.fromkeys(names, 0.03))
+    tensions = wound.backbone.tensions[0]
+    np.testing.assert_allclose(tensions, tensions[0], rtol=1e-6)
+    np.testing.assert_allclose(wound.backbone.tip[1:], 0.0, atol=1e-9)
+
+
+def test_it_holds_under_loads_and_from_a_start(table4: Config) -> None:
+    loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
+    loaded = Solver(table4.arm.with_density(1080), 'exact', loads=loads)
+    wanted = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    cold = solve_displacements(loaded, wanted)
+    assert cold.displacement[0, 0] == pytest.approx(0.02, abs=1e-9)
+    wanted['tendon_1_1'] = 0.021
+    warm = solve_displacements(loaded, wanted, start=cold.backbone)
+    np.testing.assert_allclose(warm.displacement[[0, 1], [0, 1]], [0.021, 0.01], atol=1e-9)
+
+
+def test_metal_rods_wind_too(rod: Config) -> None:
+    solver = rod.solver()
+    wound = solve_displacements(solver, {'tendon_1_1': 0.004, 'tendon_2_2': 0.003})
+    np.testing.assert_allclose(
+        [wound.displacement[0, 0], wound.displacement[1, 1]], [0.004, 0.003], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ('displacements', 'tensions', 'message'),
+    [
+        ({'elbow': 0.01}, {}, 'unknown tendon elbow; this arm has tendon_1_1, '),
+        ({'tendon_1_1': 0.01}, {'elbow': 1.0}, 'unknown tendon elbow'),
+        (
+            {'tendon_1_1': 0.01},
+            {'tendon_1_1': 1.0},
+            'tendon_1_1 has both a displacement',
+        ),
+        ({'tendon_1_1': math.nan}, {}, 'displacement of tendon_1_1 is nan m, expected a finite'),
+        ({'tendon_1_1': 5e305}, {}, r'displacement of tendon_1_1 is 5e\+305 m, .* at most 1e\+30'),
+        ({'tendon_1_1': '0.01'}, {}, "displacement of tendon_1_1 is '0.01' m, expected a finite"),
+        ({'tendon_1_1': None}, {}, 'displacement of tendon_1_1 is None m, expected a finite'),
+        ({'tendon_1_1': True}, {}, 'displacement of tendon_1_1 is True m, expected a finite'),
+        ({'tendon_1_1': 0.01}, {'tendon_1_2': -1.0}, 'tension of tendon_1_2 is -1.0 N'),
+    ],
+)
+def test_bad_input_is_named(
+    solver: Solver, displacements: dict[str, Any], tensions: dict[str, float], message: str
+) -> None:
+    with pytest.raises(TensionError, match=message):
+        solve_displacements(solver, displacements, tensions)
+
+
+def test_rest_lengths_do_not_depend_on_the_model(table4: Config) -> None:
+    arm: Arm = table4.arm
+    lengths = [Solver(arm, model).rest_lengths for model in ('renda2012', 'closed_form', 'exact')]
+    np.testing.assert_allclose(lengths[0], lengths[2], rtol=1e-12)
+    np.testing.assert_allclose(lengths[1], lengths[2], rtol=1e-12)
+
+
+# Tendons that stretch ---------------------------------------------------------------------------
+
+
+def stretching(arm: Arm, stiffness: float, free: float = 0.5) -> Arm:
+    """The same arm on tendons of an axial ``stiffness`` [N] and ``free`` length [m]."""
+    count = len(arm.tendons)
+    return dataclasses.replace(
+        arm, axial_stiffness=count * (stiffness,), free_length=count * (free,)
+    )
+
+
+def test_a_tendon_stretches_over_all_of_its_length(rod: Config) -> None:
+    """Hooke's law of a thread of its unloaded length, from anchorage to winch."""
+    elastic = Solver(stretching(rod.arm, 800.0), 'exact', material='linear')
+    stiff = Solver(rod.arm, 'exact', material='linear')
+    tensions = np.zeros(rod.arm.tension_shape)
+    tensions[0, 1] = 6.0
+    backbone = elastic.solve(tensions)
+    more = displacements_of(elastic, backbone) - displacements_of(stiff, stiff.solve(tensions))
+    assert more[0, 1] == pytest.approx(6.0 / 800.0 * (stiff.rest_lengths[0, 1] + 0.5), rel=1e-12)
+    assert np.count_nonzero(more) == 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(arm=strategies.loaded_arms(2), stiffness=st.floats(1.0, 1e5))
+def test_tensions_come_back_of_any_arm(arm: tuple[Arm, np.ndarray], stiffness: float) -> None:
+    described, tensions = arm
+    solver = Solver(stretching(described, stiffness), 'exact', 31)
+    asked = reeled_in(solver, tensions)
+    wound = solve_displacements(solver, asked)
+    reached = wound.displacement.ravel()
+    np.testing.assert_allclose(reached, list(asked.values()), atol=1e-9 * described.length)
+    # Lengths are rounded, which a tendon's own stiffness turns into newtons.
+    rounding = 1e-14 * stiffness
+    np.testing.assert_allclose(
+        wound.backbone.tensions, tensions, atol=1e-9 * float(tensions.max()) + rounding
+    )
+
+
+def test_stiffer_tendons_come_as_near_as_one_likes_to_those_that_do_not_stretch(
+    solver: Solver,
+) -> None:
+    asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    limit = solve_displacements(solver, asked).backbone
+    apart = []
+    for stiffness in (1e3, 1e4, 1e5):
+        elastic = Solver(stretching(solver.arm, stiffness), 'exact')
+        found = solve_displacements(elastic, asked).backbone
+        apart.append(float(np.linalg.norm(found.tip - limit.tip)))
+    np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.05)
+
+
+@pytest.mark.parametrize('stiffness', [0.0, 500.0])
+def test_one_slack_tendon_among_four_is_found(table2: Config, stiffness: float) -> None:
+    """Three hold the arm; the fourth is paid out by 3 mm more than it needs."""
+    solver = Solver(stretching(table2.arm, stiffness), 'exact')
+    tensions = np.zeros(table2.arm.tension_shape)
+    tensions.flat[:4] = 0.4, 0.3, 0.0, 0.1
+    asked = dict(list(reeled_in(solver, tensions).items())[:4])
+    name = solver.arm.tendon_names[2]
+    asked[name] -= 3e-3
+    wound = solve_displacements(solver, asked)
+    assert wound.slack == (name,)
+    np.testing.assert_allclose(wound.backbone.tensions, tensions, atol=1e-9)
+    assert wound.displacement.flat[2] - asked[name] == pytest.approx(3e-3, abs=1e-10)
+
+
+def test_a_solution_nearby_leads_to_the_same(solver: Solver) -> None:
+    elastic = Solver(stretching(solver.arm, 300.0), 'exact')
+    wound = solve_displacements(elastic, reeled_in(elastic, TENSIONS))
+    further = np.where(TENSIONS > 0.0, 1.03 * TENSIONS, 0.0)
+    further[1, 3] = 0.2  # slack before
+    warm = solve_displacements(elastic, reeled_in(elastic, further), start=wound)
+    np.testing.assert_allclose(warm.backbone.tensions, further, atol=1e-9 * further.max())
+
+
+@pytest.mark.parametrize('loads', [Loads(), Loads(gravity=(0, 0, -9.81), fluid_density=1000)])
+def test_derivatives_of_a_wound_arm_are_those_by_differences(table4: Config, loads: Loads) -> None:
+    arm = stretching(table4.arm.with_density(1080), 300.0)
+    wrench = np.array([0.002, 0.001, -0.001, 0.0, 0.0, 0.0])
+    driven = ['tendon_1_1', 'tendon_2_2', 'tendon_3_1']
+    at = np.array([0.02, 0.01, 0.004])
+
+    def solved(
+        displacements: np.ndarray = at, tension: float = 0.5, wrench: np.ndarray = wrench
+    ) -> tuple[Solver, Wound]:
+        solver = Solver(arm, 'exact', 41, loads=loads)
+        asked = dict(zip(driven, displacements.tolist(), strict=True))
+        return solver, solve_displacements(
+            solver, asked, {'tendon_3_4': tension}, tip_wrench=wrench
+        )
+
+    solver, wound = solved()
+    assert wound.backbone.tensions[2, 0] > 0.0
+    found = wound_sensitivity(solver, wound)
+    at_names = [arm.tendon_names.index(name) for name in driven]
+    for function, derivative in (
+        (lambda x: solved(x)[1].backbone.tip, found.by_displacement.tip[:3, at_names]),
+        (lambda x: solved(x)[1].backbone.tensions.ravel(), found.tension[:, at_names]),
+    ):
+        expected = jacobian(function, at, 2e-4)
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(derivative, expected, atol=2e-6 * size)
+    other = arm.tendon_names.index('tendon_3_4')
+    by_tension = jacobian(lambda x: solved(tension=x[0])[1].backbone.tip, [0.5], 1e-2)
+    np.testing.assert_allclose(
+        found.held.by_tension.tip[:3, [other]], by_tension, atol=2e-6 * np.abs(by_tension).max()
+    )
+    assert found.held.by_tip_wrench is not None
+    steps = 3 * [1e-4] + 3 * [2e-6]  # [N, N m]
+    by_wrench = jacobian(lambda x: solved(wrench=x)[1].backbone.tip, wrench, steps)
+    np.testing.assert_allclose(
+        found.held.by_tip_wrench.tip[:3], by_wrench, atol=2e-6 * np.abs(by_wrench).max()
+    )

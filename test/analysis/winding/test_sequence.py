@@ -1,0 +1,156 @@
+"""Messages of tensions and displacements in turn: what is known, remembered and forgotten."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from differences import jacobian
+
+from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
+from octo_arm_model.analysis.winding.sequence import WoundSequence
+from octo_arm_model.core.errors import TensionError
+from octo_arm_model.core.friction_memory import FrictionMemory
+from octo_arm_model.core.rod.backbone import Backbone
+
+HIGH, LOW = np.array([[1.0, 0.3, 0.0, 0.0]]), np.array([[0.4, 0.1, 0.0, 0.0]])
+SECOND = 10**9
+Follow = Callable[..., Backbone]
+
+
+@pytest.fixture(scope='module')
+def rubbing(prototype: Config) -> Config:
+    """The prototype with friction."""
+    return dataclasses.replace(
+        prototype, model='exact', arm=dataclasses.replace(prototype.arm, friction=4 * (0.3,))
+    )
+
+
+def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, FrictionMemory]:
+    """A solver of ``config``, what answers it message by message, and what that remembers."""
+    config = dataclasses.replace(config, model='exact', friction_memory=seconds)
+    solver, memory = config.solver(), FrictionMemory()
+    winding = WoundSequence(memory)
+
+    def follow(time_ns: int, **given: Any) -> Backbone:
+        return winding.answer(solver, config, None, time_ns, **given).backbone
+
+    return solver, follow, memory
+
+
+def test_a_sequence_goes_on_from_the_last_shape(rubbing: Config) -> None:
+    solver, follow, memory = following(rubbing, 2.0)
+    pulled = follow(5 * SECOND, tensions=HIGH)
+    np.testing.assert_allclose(pulled.position, solver.solve(HIGH).position, rtol=0.0, atol=1e-12)
+    released = follow(7 * SECOND, tensions=LOW)
+    expected = solver.follow(LOW, pulled)
+    np.testing.assert_allclose(released.position, expected.position, rtol=0.0, atol=1e-12)
+    assert np.linalg.norm(released.tip - solver.solve(LOW).tip) > 1e-3
+    assert memory.forgotten == 0
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'gap', 'forgets'),
+    [(2.0, 2.001, True), (2.0, 2.0, False), (0.0, 1e6, False), (1e12, 1e6, False)],
+)
+def test_after_a_gap_the_history_is_forgotten(
+    rubbing: Config, seconds: float, gap: float, forgets: bool
+) -> None:
+    solver, follow, memory = following(rubbing, seconds)
+    pulled = follow(SECOND, tensions=HIGH)
+    found = follow(SECOND + round(gap * SECOND), tensions=LOW)
+    expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
+    assert memory.forgotten == forgets
+
+
+def test_where_time_starts_over_so_does_the_arm(rubbing: Config) -> None:
+    solver, follow, _ = following(rubbing)
+    follow(10 * SECOND, tensions=HIGH)
+    found = follow(9 * SECOND, tensions=LOW)
+    np.testing.assert_allclose(found.position, solver.solve(LOW).position, rtol=0.0, atol=1e-12)
+
+
+def test_without_friction_there_is_no_history(prototype: Config) -> None:
+    _, follow, memory = following(prototype, 1.0)
+    follow(0, tensions=HIGH)
+    follow(10 * SECOND, tensions=LOW)
+    assert memory.forgotten == 0
+
+
+def test_displacements_and_tensions_drive_together_until_all_are_let_go(
+    prototype: Config,
+) -> None:
+    solver, follow, _ = following(prototype)
+    first, second = prototype.arm.tendon_names[:2]
+    follow(0, tensions=HIGH)
+    found = follow(1, displacements={first: 0.01})
+    wound = solve_displacements(solver, {first: 0.01}, {second: 0.3}).backbone
+    np.testing.assert_allclose(found.position, wound.position, atol=1e-8)
+    # The tension that comes of the tendon driven by length is not used.
+    found = follow(2, tensions=LOW)
+    wound = solve_displacements(solver, {first: 0.01}, {second: 0.1}).backbone
+    np.testing.assert_allclose(found.position, wound.position, atol=1e-8)
+    found = follow(3, displacements={})
+    np.testing.assert_allclose(found.position, solver.solve(LOW).position, atol=1e-9)
+
+
+def test_what_is_refused_leaves_what_is_known(prototype: Config) -> None:
+    _, follow, _ = following(prototype)
+    first = follow(0, tensions=HIGH)
+    with pytest.raises(TensionError, match='unknown tendon elbow'):
+        follow(1, displacements={'elbow': 0.01})
+    np.testing.assert_allclose(follow(2, displacements={}).position, first.position, atol=1e-12)
+
+
+def test_lengths_have_a_history_that_a_gap_ends(rubbing: Config) -> None:
+    stretching = dataclasses.replace(
+        rubbing, arm=dataclasses.replace(rubbing.arm, axial_stiffness=(300.0,))
+    )
+    name = rubbing.arm.tendon_names[0]
+    for gap, remembers in ((SECOND, True), (3 * SECOND, False)):
+        solver, follow, memory = following(stretching, 2.0)
+        follow(0, displacements={name: 0.01})
+        found = follow(gap, displacements={name: 0.006})
+        fresh = solve_displacements(solver, {name: 0.006}).backbone
+        pulled = solve_displacements(solver, {name: 0.01})
+        released = solve_displacements(solver, {name: 0.006}, start=pulled).backbone
+        expected = released if remembers else fresh
+        np.testing.assert_allclose(found.tensions, expected.tensions, rtol=1e-7, atol=1e-9)
+        assert memory.forgotten == (not remembers)
+        # Let out by length the tendon holds far less.
+        assert released.tensions[0, 0] < 0.9 * fresh.tensions[0, 0]
+
+
+def test_tensions_go_on_from_what_lengths_left(rubbing: Config) -> None:
+    solver, follow, _ = following(rubbing)
+    name = rubbing.arm.tendon_names[0]
+    held = follow(0, displacements={name: 0.01})
+    found = follow(1, tensions=LOW, displacements={})
+    expected = solver.follow(LOW, held)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9)
+
+
+def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Config) -> None:
+    config = dataclasses.replace(
+        prototype, model='exact', uncertainty=Uncertainty(displacement=2e-4)
+    )
+    solver, winding = config.solver(), WoundSequence(FrictionMemory())
+    names, lengths = prototype.arm.tendon_names[:2], np.array([0.010, 0.004])
+
+    def tip(x: np.ndarray) -> np.ndarray:
+        return solve_displacements(solver, dict(zip(names, x.tolist()))).backbone.tip
+
+    given = dict(zip(names, lengths.tolist()))
+    found = winding.answer(solver, config, None, 0, displacements=given)
+    moved = 2e-4 * jacobian(tip, lengths, 1e-5)
+    expected = moved @ moved.T
+    np.testing.assert_allclose(
+        found.covariance[:3, :3], expected, rtol=0.0, atol=1e-6 * np.abs(expected).max()
+    )
+    # Of tensions it says nothing.
+    found = winding.answer(solver, config, None, 1, tensions=HIGH, displacements={})
+    assert not found.covariance.any()

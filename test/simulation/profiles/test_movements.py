@@ -1,0 +1,106 @@
+"""Movements that are built in: those of the paper, and those of any arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Config, TensionError
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+
+ANY_ARM = ('ramps', 'steps', 'sweeps')
+
+
+def test_every_movement_of_every_arm_can_be_answered_by_its_model(preset: Config) -> None:
+    solver = preset.solver()
+    assert set(ANY_ARM) < set(profile_names(preset.arm))
+    for name in profile_names(preset.arm):
+        profile = find_profile(name, preset.arm)
+        times = np.linspace(0.0, profile.duration, 60)
+        shape = solver.solve(profile.at(times).reshape(-1, *preset.arm.tension_shape))
+        moved = np.linalg.norm(shape.tip - shape.tip[0], axis=-1).max()
+        assert moved > 0.1 * preset.arm.length, name
+        for end in (0.0, profile.duration):
+            assert not profile.at(end).any(), f'{name} does not begin and end slack'
+
+
+def test_movements_of_any_arm_are_for_rods_of_three_tendons_too(rod: Config) -> None:
+    assert tuple(profile_names(rod.arm)) == ANY_ARM
+    with pytest.raises(ProfileError, match='four tendons in section 1, this arm has 3'):
+        find_profile('rotating', rod.arm)
+
+
+def test_the_papers_tensions_are_held(table2: Config, table4: Config) -> None:
+    for arm, name, postures in (
+        (table4.arm, 'fetching_in_plane', [FETCHING_IN_PLANE]),
+        (table4.arm, 'fetching_in_space', [FETCHING_IN_SPACE]),
+        (table4.arm, 'fetching', [FETCHING_IN_PLANE, FETCHING_IN_SPACE]),
+        (table2.arm, 'bending_b', [BENDING['B']]),
+        (table2.arm, 'bending', list(BENDING.values())),
+    ):
+        profile = find_profile(name, arm)
+        tensions = profile.at(np.arange(0.0, profile.duration, 0.01)).reshape(-1, 3, 4)
+        moments = [(tensions == np.array(posture)).all(axis=(1, 2)) for posture in postures]
+        assert all(is_there.sum() > 90 for is_there in moments), name
+        assert (np.diff([np.argmax(is_there) for is_there in moments]) > 0).all(), name
+
+
+def test_the_papers_tensions_are_refused_where_they_are_of_no_use(
+    table4: Config, prototype: Config
+) -> None:
+    assert 'bending' not in profile_names(table4.arm)
+    with pytest.raises(ProfileError, match=r'are for renda2012_table2, and would compress'):
+        find_profile('bending', table4.arm)
+    with pytest.raises(ProfileError, match=r'are for 3 sections of 4 tendons, such as renda'):
+        find_profile('fetching_in_space', prototype.arm)
+    with pytest.raises(ProfileError, match='highest does not go with tensions of the paper'):
+        find_profile('fetching', table4.arm, 1.0)
+
+
+def test_the_bending_plane_goes_round_steadily(table2: Config) -> None:
+    profile = find_profile('rotating', table2.arm)
+    times = np.linspace(0.3, 0.7, 200) * profile.duration
+    t1, t2, t3, t4 = profile.at(times)[:, :4].T
+    turned = np.diff(np.unwrap(np.arctan2(t3 - t1, t2 - t4)))
+    np.testing.assert_allclose(turned, turned.mean(), rtol=0.01)
+    assert abs(turned.sum()) > 2.0 * np.pi
+    assert not profile.tensions[:, 4:].any()
+
+
+@pytest.mark.parametrize('name', ANY_ARM)
+def test_tendons_are_pulled_one_by_one_up_to_their_highest(table4: Config, name: str) -> None:
+    highest = np.arange(1.0, 13.0).reshape(3, 4)
+    profile = find_profile(name, table4.arm, highest)
+    assert ((profile.tensions > 0.0).sum(axis=1) <= 1).all()
+    np.testing.assert_allclose(profile.tensions.max(axis=0), highest.ravel(), rtol=0.01)
+    first = np.argmax(profile.tensions > 0.0, axis=0)
+    assert (np.diff(first) > 0).all()
+
+
+def test_sweeps_sweep_up_in_frequency(prototype: Config) -> None:
+    profile = find_profile('sweeps', prototype.arm)
+    tensions = profile.tensions[:, 0]
+    inside = tensions[1:-1]
+    peaks = 1 + np.flatnonzero((inside > tensions[:-2]) & (inside >= tensions[2:]) & (inside > 0))
+    periods = np.diff(profile.times[peaks])
+    assert (np.diff(periods) < 0.0).all()
+    assert periods[-1] < 0.5 * periods[0]
+
+
+@pytest.mark.parametrize(
+    'highest', [-1.0, np.nan, np.inf, 'much', [1.0, 2.0], [[1.0], [2.0, 3.0]]]
+)
+def test_highest_tensions_that_are_none_are_refused(table4: Config, highest: object) -> None:
+    with pytest.raises(TensionError, match='highest'):
+        find_profile('ramps', table4.arm, highest)
+
+
+def test_an_unknown_name_is_answered_with_those_there_are(prototype: Config) -> None:
+    with pytest.raises(ProfileError) as caught:
+        find_profile('dance', prototype.arm)
+    assert str(caught.value) == (
+        "no profile 'dance', expected a .csv or .yaml file or one of rotating, ramps, steps, "
+        'sweeps'
+    )
