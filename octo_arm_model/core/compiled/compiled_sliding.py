@@ -17,7 +17,6 @@ from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.sliding import CUTS
 from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
 from octo_arm_model.core.rod.assembly import Results
-from octo_arm_model.core.rod.solution import TendonTensions
 
 _NOTHING = np.zeros((0, 0))
 
@@ -48,31 +47,31 @@ class CompiledSliding:
     ) -> list[int]:
         """As `Compiled.solve`; tendons slide from tensions ``before`` (tendons, points) [N]."""
         strains, (position, quaternion, residual, iterations) = results.batch
-        stations = np.zeros((*position.shape[:2], tensions.shape[1]))
-        level = 0 if before is None else self._rods.level_of(before)
-        known = None if before is None else self._kept.about(before)
+        count, tendons = tensions.shape
+        stations = np.zeros((count, position.shape[1], tendons))
+        level, known, held = 0, _NOTHING, _NOTHING
+        if before is not None:
+            level, held = self._rods.level_of(before), own(before)
+            kept = self._kept.about(before)
+            known = _NOTHING if kept is None else kept
+        memory = _NOTHING
         while True:
             tables = self._tables(level)
-            at_level = self._rods.at_level(before, level)
-            held = _NOTHING if at_level is None else own(at_level)
             points = np.empty(tables.transmission.shape)
-            memory = _NOTHING
             if results.is_one:
                 pulled = int(np.count_nonzero(tensions))
-                memory = np.empty((remembered(pulled), tables.lengths.size))
+                memory = np.empty((remembered(pulled), points[0].size))
             without = self._find_shapes(
-                tables, self._grid, own(tensions), held, level + 1 < len(CUTS), results.twist,
-                strains, position, quaternion, residual, iterations, points, stations,
-                _NOTHING if known is None or at_level is not before else known, memory,
+                tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist,
+                strains, position, quaternion, residual, iterations, points, stations, known,
+                memory,
             )  # fmt: skip
             if not without or not (iterations == UNRESOLVED).any():
                 break
-            level += 1
-        at_stations = stations.transpose(2, 0, 1)
-        if results.is_one:
-            if not without:
-                self._kept.keep(points, memory)
-            results.add_tendons((), TendonTensions(points, at_stations[:, 0]))
-        else:
-            results.add_tendons(slice(None), TendonTensions(points[:, np.newaxis], at_stations))
+            level, known = level + 1, _NOTHING
+            if before is not None:
+                held = own(self._rods.at_level(before, level))
+        if results.is_one and not without:
+            self._kept.keep(points, memory)
+        results.set_tendons(points, stations)
         return np.flatnonzero(iterations < 0).tolist() if without else []

@@ -79,7 +79,7 @@ class Collocation:
 
     def by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., points) as (..., elements, points of each)."""
-        return values.reshape(*values.shape[:-1], self.start.size, -1)
+        return values.reshape(*values.shape[:-1], self.start.size, self.rule.points.size)
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integral of ``values`` (..., points) from the base to each point."""

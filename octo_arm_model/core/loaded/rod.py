@@ -197,8 +197,10 @@ class LoadedRod:
         """`Slide` of the cross sections at the points."""
         friction = self.equilibrium.friction
         assert friction is not None
-        sections = ExactSections(self.equilibrium.energy)
-        return balance(friction, sections, tensions[np.newaxis], before).twist[:, 0]
+        rows = tensions[np.newaxis]
+        some = friction.pulled(rows)
+        held = None if before is None else before[some.pull]
+        return balance(some, ExactSections(some.energy), rows[:, some.pull], held).twist[:, 0]
 
     def _near_minimum(self, tensions: FloatArray) -> FloatArray:
         """`Minimum`, but for how tendons turn; of (..., tendons)."""
@@ -236,7 +238,8 @@ class LoadedRod:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
             tensions = sliding.tensions
-            if self._tail(tensions).max() > RESOLVED_TENSIONS * tensions.max():
+            most = RESOLVED_TENSIONS * tensions.max(initial=0.0)
+            if self._tail(tensions).max(initial=0.0) > most:
                 return False
         return bool(self.are_resolved(twist).all())
 

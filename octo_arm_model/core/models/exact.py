@@ -19,6 +19,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.settle import Settling
+from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
@@ -277,5 +278,5 @@ def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None)
     return start.shape or rod.unloaded(start.tensions.ravel(), before)
 
 
-def _sections(rod: LoadedRod) -> ExactSections:
-    return ExactSections(rod.equilibrium.energy)
+def _sections(_: LoadedRod, friction: Friction) -> ExactSections:
+    return ExactSections(friction.energy)

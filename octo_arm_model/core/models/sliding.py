@@ -10,6 +10,7 @@ from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
@@ -29,7 +30,7 @@ class Rods:
     def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
         """Of what makes, or keeps, the ``rod`` of a level."""
         self.rod = rod
-        self._kept: KeptBalances[Slid] = KeptBalances()
+        self._kept: KeptBalances[tuple[Friction, Slid]] = KeptBalances()
 
     def level_of(self, values: FloatArray) -> int:
         """Level of the rod at whose points ``values`` (..., points) are."""
@@ -57,44 +58,48 @@ class Rods:
 
     def slide(
         self,
-        sections: Callable[[LoadedRod], Sections],
+        sections: Callable[[LoadedRod, Friction], Sections],
         tensions: FloatArray,
         before: FloatArray | None,
     ) -> Solution:
         """Balance under ``tensions`` (batch, tendons) or (tendons,) [N] alone, with friction.
 
-        ``sections`` gives the twist of the cross sections of a rod; ``before`` is as in
-        `Friction.slide`.
+        ``sections`` gives the twist of the cross sections of a rod under the tendons of some
+        friction; ``before`` is as in `Friction.slide`.
 
         Raises:
             SolveError: if there is none.
         """
         level, rows = 0 if before is None else self.level_of(before), np.atleast_2d(tensions)
-        known = None
+        last = None
         if before is not None and tensions.ndim == 1:
-            known = self._kept.about(before)
-        if known is not None and not known.is_near(tensions):
-            known = None
+            last = self._kept.about(before)
         while True:
             rod = self.rod(level)
-            friction = rod.equilibrium.friction
-            assert friction is not None
-            answer, held = sections(rod), self.at_level(before, level)
+            assert rod.equilibrium.friction is not None
+            friction = rod.equilibrium.friction.pulled(rows)
+            answer, pull = sections(rod, friction), rows[:, friction.pull]
+            at_level, known = self.at_level(before, level), None
+            held = None if at_level is None else at_level[friction.pull]
+            if last is not None and last[0] is friction and last[1].is_near(pull[0]):
+                known = last[1]
             try:
-                slid = balance(friction, answer, rows, held, known)
+                slid = balance(friction, answer, pull, held, known)
             except SolveError:
                 if known is None:
                     raise
-                slid = balance(friction, answer, rows, held)
+                slid = balance(friction, answer, pull, held)
             if level + 1 == len(CUTS) or rod.resolves_twist(slid.twist, slid.sliding):
                 break
-            level, known = level + 1, None
-        energy, local_tensions = rod.equilibrium.energy, slid.sliding.tensions
+            level += 1
+        energy, local_tensions = friction.energy, slid.sliding.tensions
         strain = to_scaled(energy.law, slid.twist)
         energy.check_tendons(strain, local_tensions)
         energy.check_stable(strain, local_tensions)
+        along = np.zeros((friction.pull.size, *local_tensions.shape[1:]))
+        along[friction.pull] = local_tensions
         iterations = np.full(len(rows), slid.steps)
-        tendons = TendonTensions(local_tensions, rod.stations.interpolate(local_tensions))
+        tendons = TendonTensions(along, rod.stations.interpolate(along))
         solution = Solution(
             rod.nodes.interpolate(slid.twist), answer.residual, iterations, tendons=tendons
         )
@@ -102,5 +107,5 @@ class Rods:
             return solution
         one = solution.one()
         assert one.tendons is not None
-        self._kept.keep(one.tendons.points, slid)
+        self._kept.keep(one.tendons.points, (friction, slid))
         return one

@@ -5,11 +5,13 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.sliding.sliding_response import tension_changes
 from octo_arm_model.core.models.closed_form import ClosedForm
@@ -52,8 +54,8 @@ class SlidingClosedForm(UnloadedStatics):
         twist = self._at_nodes.local_twist(rod.nodes.interpolate(rows))
         return solution._replace(twist=twist.reshape(solution.twist.shape))
 
-    def _answer(self, rod: LoadedRod) -> _Sections:
-        return _Sections(self._closed_form(rod))
+    def _answer(self, rod: LoadedRod, friction: Friction) -> _Sections:
+        return _Sections(self._closed_form(rod), friction.pull)
 
     def _closed_form(self, rod: LoadedRod) -> ClosedForm:
         own = rod.equilibrium.collocation
@@ -118,10 +120,10 @@ def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatAr
 
 
 class _Sections:
-    """`Sections` of the closed form, whose residual is zero."""
+    """`Sections` of the closed form under the tendons that ``pull``; its residual is zero."""
 
-    def __init__(self, closed_form: ClosedForm) -> None:
-        self._closed_form = closed_form
+    def __init__(self, closed_form: ClosedForm, pull: NDArray[np.bool_]) -> None:
+        self._closed_form, self._pull = closed_form, pull
         self.residual: FloatArray = np.zeros(1)
 
     def begin(self, twist: FloatArray) -> None:
@@ -130,4 +132,6 @@ class _Sections:
     def __call__(self, local_tensions: FloatArray) -> FloatArray:
         """See `Sections`."""
         self.residual = np.zeros(local_tensions.shape[1])
-        return self._closed_form.local_twist(local_tensions)
+        along = np.zeros((self._pull.size, *local_tensions.shape[1:]))
+        along[self._pull] = local_tensions
+        return self._closed_form.local_twist(along)

@@ -84,7 +84,7 @@ class Results:
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
         if solution.tendons is not None:
-            self.add_tendons(part, solution.tendons)
+            self._add_tendons(part, solution.tendons)
         if solution.strains is not None and solution.frames is not None:
             # Of one arm, made for this result alone.
             self.position, self.quaternion = solution.frames
@@ -106,7 +106,14 @@ class Results:
             np.divide(angular[..., at_stations], stretch, out=strain[part])
         np.subtract(stretch, 1.0, out=q[part])
 
-    def add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
+    def set_tendons(self, points: FloatArray, stations: FloatArray) -> None:
+        """Take tensions at the ``points`` (tendons, points) of the last arm [N].
+
+        And at the ``stations`` (arms, stations, tendons) of all of them.
+        """
+        self._points, self._slid = points, stations[0] if self.is_one else stations
+
+    def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
         """Take the tensions along the tendons of the arms ``part``."""
         at_stations = np.moveaxis(tendons.stations, 0, -1)
         if self._slid is None:

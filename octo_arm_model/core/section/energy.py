@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
-_MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
+MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
 
 
 class SectionEnergy:
@@ -116,7 +116,7 @@ class SectionEnergy:
             for name in self._of_tendons:
                 setattr(some, name, getattr(self, name)[pull])
             some._levers, some._tabulated = self._levers[:, pull], None
-            if len(self._pulled) >= _MOST_PULLED:
+            if len(self._pulled) >= MOST_PULLED:
                 self._pulled.clear()
             self._pulled[key] = some
         return some, some.local_tensions(tensions[:, pull])

@@ -98,7 +98,7 @@ def improve(tables: FrictionTables, pulled: IntArray, turning: TurningState) -> 
     With half of what a point adds to the integrals counted there, which is exact enough.
 
     Returns:
-        The largest change; NaN where it is none.
+        The largest part by which tensions change; NaN where it is none.
     """
     several, count = turning.angle.shape
     by_angle, moved = np.empty((several, count)), np.empty((several, count))
@@ -121,9 +121,10 @@ def improve(tables: FrictionTables, pulled: IntArray, turning: TurningState) -> 
             total[j] += 2.0 * half * rate
     largest, sum_of_all = 0.0, 0.0
     for k in range(several):
+        mu = tables.coefficient[pulled[k]]
         for i in range(count):
             old = turning.angle[k, i]
             new = turning.angle[k, i] = max(old + moved[k, i], 0.0)
-            largest = max(largest, abs(new - old))
+            largest = max(largest, mu * abs(new - old))
             sum_of_all += moved[k, i]
     return largest if np.isfinite(sum_of_all) else np.nan

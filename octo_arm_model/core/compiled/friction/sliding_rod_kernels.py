@@ -46,7 +46,7 @@ from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 
 MOST_STEPS = 30
-SETTLED = 1e-9  # change of the angles by which tendons turn, with which tensions stay [rad]
+SETTLED = 1e-9  # parts by which tensions may still change
 SLOW = 0.2  # part of the residual that a step must leave less than, else the system is found anew
 STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
 

@@ -16,15 +16,18 @@ It is the play operator of hysteresis, and from slack, before = 0, the monotone 
 
 from __future__ import annotations
 
+import copy
+import itertools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.energy import MOST_PULLED, SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 from octo_arm_model.core.section.tendons.tendon_tangents import (
     Tangents,
@@ -86,6 +89,7 @@ class Friction:
         energy: of the cross sections at the points.
         collocation: the points.
         names: of the tendons.
+        pull: which tendons of the arm they are, (tendons of the arm,).
     """
 
     def __init__(self, arm: Arm, energy: SectionEnergy, collocation: Collocation) -> None:
@@ -98,6 +102,23 @@ class Friction:
         rule = collocation.rule
         self._ends = rule.interpolate(np.array([0.0, 1.0]))
         self._differentiate = rule.differentiation
+        self.pull: NDArray[np.bool_] = np.ones(self.coefficient.size, np.bool_)
+        self._pulled: dict[bytes, Friction] = {}
+
+    def pulled(self, tensions: FloatArray) -> Friction:
+        """That of the tendons alone that pull in any arm, of ``tensions`` (batch, tendons)."""
+        pull: NDArray[np.bool_] = np.asarray(tensions.any(axis=0))
+        key = pull.tobytes()
+        some = self._pulled.get(key)
+        if some is None:
+            some = copy.copy(self)
+            some.coefficient, some.mu, some.pull = self.coefficient[pull], self.mu[pull], pull
+            some.names = tuple(itertools.compress(self.names, pull))
+            some.energy = self.energy.pulled(tensions)[0]
+            if len(self._pulled) >= MOST_PULLED:
+                self._pulled.clear()
+            self._pulled[key] = some
+        return some
 
     def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
         """How tendons turn under ``twist`` (4 or 6, batch, points).

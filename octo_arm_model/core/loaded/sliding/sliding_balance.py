@@ -31,7 +31,7 @@ from octo_arm_model.core.section.strain_measures import (
     unscale_gradient,
 )
 
-TOLERANCE = 1e-9  # of the angles by which tendons turn [rad]
+TOLERANCE = 1e-9  # parts of the tensions along tendons
 MOST = 100  # steps
 # A change of the angles is found to this part of it, in so many iterations at most.
 EXACT, MOST_INNER = 1e-2, 20
@@ -116,7 +116,7 @@ def balance(
         rate = np.einsum('jkbn,kbn->jbn', known.coupling.rates, change)
         turned = known.angle + friction.collocation.integrate_from_base(rate)
         angle = next_angle(friction, known.angle, turned, known.coupling, sliding)
-        left = float(np.abs(angle - known.angle).max(initial=0.0))
+        left = change_of(friction, known.angle, angle)
     for steps in range(1, MOST + 1):
         sliding = Sliding(*friction.tensions(tensions, before, angle))
         if now is not None:
@@ -136,7 +136,7 @@ def balance(
             coupling = now.coupling  # which hardly changes
         now = Slid(twist, sliding, angle, coupling, steps)
         angle = next_angle(friction, now.angle, turning.angle, coupling, sliding)
-        last, left = left, float(np.abs(angle - now.angle).max(initial=0.0))
+        last, left = left, change_of(friction, now.angle, angle)
     raise ConvergenceError('the tension along the tendons', left, MOST)
 
 
@@ -173,6 +173,11 @@ def next_angle(
         if np.abs(moved - last).max(initial=0.0) <= small:
             break
     return np.asarray(np.maximum(angle + moved, 0.0))
+
+
+def change_of(friction: Friction, angle: FloatArray, new: FloatArray) -> float:
+    """Parts by which tensions change where tendons turn by ``new`` angles, not by ``angle``."""
+    return float((friction.mu * np.abs(new - angle)).max(initial=0.0))
 
 
 def has_converged(left: float, last: float) -> bool:
