@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.cli.options.shared import add_path, new_command
+from octo_arm_model.cli.output.files import check_out
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.page.document import Block, Picture
@@ -48,7 +49,7 @@ def _run(options: argparse.Namespace) -> int:
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
 
-    options.outdir.mkdir(parents=True, exist_ok=True)
+    check_out(options, 'outdir', folder=True)
     claims = [claim() for claim in CLAIMS]
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:

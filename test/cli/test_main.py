@@ -74,7 +74,7 @@ from octo_arm_model.cli.main import main
         (('solve', 'nothing', '--tensions', '[]'), "no preset arm 'nothing', expected one of "),
         (('solve', 'nowhere.yaml', '--tensions', '[]'), 'nowhere.yaml: No such file or directory'),
         (('solve', '.', '--tensions', '[]'), '.: Is a directory'),
-        (('reproduce', __file__), '[Errno 17] File exists:'),
+        (('reproduce', __file__), f'outdir is {__file__!r}, a file, expected a folder'),
         (('play', 'rotating', '--csv', '/proc/x.csv'), "--csv is '/proc/x.csv', cannot be writt"),
         (('compare', 'bag', '--out', '/proc'), "--out is '/proc', cannot be written: "),
         (('identify', 'bag', '--out', '/tmp', '--csv', '/tmp'), "--out is '/tmp', a folder, exp"),

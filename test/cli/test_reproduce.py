@@ -44,7 +44,7 @@ def test_a_folder_that_cannot_be_is_one_line_and_status_2(
     assert main(['reproduce', str(tmp_path / name)]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count('\n')) == ('', 1)
-    assert err.startswith('octo-arm: error: [Errno ')
+    assert err.startswith(f'octo-arm: error: outdir is {str(tmp_path / name)!r}, ')
 
 
 def test_without_matplotlib_it_says_what_to_install_and_makes_nothing(

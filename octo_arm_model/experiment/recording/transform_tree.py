@@ -52,7 +52,7 @@ class _Link:
         return np.array(self.stamps, np.int64), np.array(self.numbers).reshape(-1, _NUMBERS)
 
     def forget(self, history_ns: int) -> None:
-        """Forget transforms more than ``history_ns`` [ns] before the newest, see `TransformTree`."""
+        """Forget transforms over ``history_ns`` [ns] before the newest, see `TransformTree`."""
         stamp, numbers = self.stamps[-1], self.numbers[-_NUMBERS:]
         self._sort()
         if stamp < self.stamps[-1] - history_ns:
@@ -178,7 +178,7 @@ class TransformTree:
         return Pose((x, y, z), (qx, qy, qz, qw))
 
     def forget(self, history_ns: int) -> None:
-        """Forget what is more than ``history_ns`` [ns] older than the newest of the same transform.
+        """Forget what is over ``history_ns`` [ns] older than the newest of the same transform.
 
         Where the one that was added last is that old itself, all others are forgotten: their clock
         has begun anew, as that of a bag that is played again, or one stamp was far ahead.
