@@ -38,11 +38,14 @@ class Collocation:
         step: their lengths [m], (elements,).
         s: arc coordinate of the points [m], (points,).
         section: section of each point, (points,).
+        steps: length of the element of each point [m], (points,).
         weights: of the integral along the arm, (points,).
+        before: likewise of those from the base to the starts of elements, (points, elements).
         twice: from values at the points of an element to the matrix of the integrals to its end,
             of the values times the integral of others from its start, (each, each x each).
         at_end: from what is collocated at the points of an element to what it is at the end, both
             less what it is at the start, (each,).
+        at_start: from the matrix at the start to that at the end besides, (2, 2).
         length: of the arm [m].
     """
 
@@ -71,11 +74,16 @@ class Collocation:
         places = self.start[:, np.newaxis] + self.step[:, np.newaxis] * self.rule.points
         self.s = places.ravel()
         self.section = np.repeat(section, points)
+        self.steps = np.repeat(self.step, points)
         self.weights = (self.step[:, np.newaxis] * self.rule.weights).ravel()
         self.length = arm.length
+        number = np.arange(self.step.size)
+        element, weights = np.repeat(number, points)[:, np.newaxis], self.weights[:, np.newaxis]
+        self.before, self._beyond = weights * (element < number), weights * (element > number)
         twice = self.rule.to_end.T[:, :, np.newaxis] * self.rule.from_start[:, np.newaxis]
         self.twice = twice.reshape(points, -1)
         self.at_end = np.linalg.solve(self.rule.from_start.T, self.rule.weights)
+        self.at_start = (1.0 - self.at_end.sum()) * np.eye(2)
 
     def by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., points) as (..., elements, points of each)."""
@@ -83,25 +91,16 @@ class Collocation:
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integral of ``values`` (..., points) from the base to each point."""
-        return self._integrate(values, self.rule.from_start, slice(None), 1)
+        return self._integrate(values, self.rule.from_start, self.before)
 
     def integrate_from_tip(self, values: FloatArray) -> FloatArray:
         """Integral of ``values`` (..., points) from each point to the tip."""
-        return self._integrate(values, self.rule.to_end, slice(None, None, -1), -1)
+        return self._integrate(values, self.rule.to_end, self._beyond)
 
-    def _integrate(
-        self, values: FloatArray, within: FloatArray, order: slice, shift: int
-    ) -> FloatArray:
-        """Integrals ``within`` elements, and over all elements before in this ``order``."""
-        scaled = self.by_element(values) * self.step[:, np.newaxis]
-        total = scaled @ within.T
-        if self.step.size > 1:
-            whole = (scaled @ self.rule.weights)[..., order]
-            sums = np.add.accumulate(whole[..., :-1], axis=-1)[..., order]
-            if shift > 0:
-                total[..., 1:, :] += sums[..., np.newaxis]
-            else:
-                total[..., :-1, :] += sums[..., np.newaxis]
+    def _integrate(self, values: FloatArray, within: FloatArray, others: FloatArray) -> FloatArray:
+        """Integrals ``within`` elements, and by weights (points, elements) over ``others``."""
+        total: FloatArray = self.by_element(values * self.steps) @ within.T
+        total += (values @ others)[..., np.newaxis]
         return total.reshape(values.shape)
 
     def readout(self, s: FloatArray, stop: FloatArray) -> Readout:
@@ -164,11 +163,8 @@ class Readout:
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integrals (..., n) from the base, of values at the points (..., points)."""
         own = self._collocation
-        before = np.zeros((*values.shape[:-1], own.step.size))
-        whole = (own.by_element(values) @ own.rule.weights) * own.step
-        np.add.accumulate(whole[..., :-1], axis=-1, out=before[..., 1:])
         found = self._apply(self._by_element[1], values)
-        found += before[..., self.element]
+        found += (values @ own.before).take(self.element, axis=-1)
         return found
 
     def _spread(self, matrix: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.kinematics import frames, matrix_of
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
@@ -74,9 +74,12 @@ class Equilibrium:
         self.energy, self.collocation = energy, collocation
         self.loads, self.base = loads, base
         self.evaluate: Evaluate | None = None
-        # By the very tensions of the last call, as those of a search for balance stay.
+        # By the very tensions and condition of the last call, as a search for balance keeps them.
         self._pulled_last: tuple[FloatArray, _Pulled] | None = None
-        self.frames: Frames = functools.partial(frames, collocation=collocation, base=base)
+        self._resultants_last: tuple[Condition, FloatArray] | None = None
+        self.frames: Frames = functools.partial(
+            frames, collocation=collocation, base=matrix_of(base)
+        )
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
         # Without loads every balance is stable.
@@ -128,14 +131,8 @@ class Equilibrium:
             gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
         rotation = orientation.matrix()
         tangent = np.einsum('ik...,k...->i...', rotation[:, : len(twist) - 3], twist[3:])
-        loads = self.loads.resultants(RodPoints(self.collocation, orientation))
-        # Dead loads are those of all arms, the wrench on its tip is that of each.
-        on_tip = condition.tip_wrench.T[..., np.newaxis]
-        of_all = 3, *(1,) * (tangent.ndim - 2), -1
-        both = np.empty((2, *tangent.shape))
+        both = self._resultants(condition, orientation).copy()
         moment, force = both
-        np.add(condition.factor * loads.force.reshape(of_all), on_tip[:3], out=force)
-        np.add(condition.factor * loads.moment.reshape(of_all), on_tip[3:], out=moment)
         moment += self.collocation.integrate_from_tip(cross(tangent, force))
         wrench = np.einsum('ji...,kj...->ki...', rotation, both)
         wrench = wrench.reshape(6, *tangent.shape[1:])[: len(twist)]
@@ -147,6 +144,19 @@ class Equilibrium:
             condition, shape, rotation, tangent, moment, force, imbalance, residual, sliding,
             hessian,
         )  # fmt: skip
+
+    def _resultants(self, condition: Condition, orientation: Quaternions) -> FloatArray:
+        """Moment, without what forces have of it, and force of all loads, (2, 3, ..., points)."""
+        last = self._resultants_last
+        if last is None or last[0] is not condition or self.loads.others:
+            loads = self.loads.resultants(RodPoints(self.collocation, orientation))
+            # Dead loads are those of all arms, the wrench on its tip is that of each.
+            on_tip = condition.tip_wrench.T[..., np.newaxis]
+            of_all = 3, *(1,) * (on_tip.ndim - 2), -1
+            force, moment = (condition.factor * part.reshape(of_all) for part in loads)
+            last = condition, np.array([moment + on_tip[3:], force + on_tip[:3]])
+            self._resultants_last = last
+        return last[1]
 
     def _pulled(self, tensions: FloatArray) -> _Pulled:
         """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""

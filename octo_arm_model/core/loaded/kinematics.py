@@ -1,7 +1,8 @@
 """Frames at the points of a `Collocation`, from twists there.
 
 A quaternion Q follows Q' = 1/2 Q w with the angular twist w in the axes of the cross section.
-Written as a pair of complex numbers (see `quaternion`) that is linear, (a, b)' = (a, b) K / 2 with
+Written as the matrix M = ((a, b), (-conj(b), conj(a))) of its pair of complex numbers (see
+`quaternion`), whose products are those of quaternions, that is M' = M K / 2 with
 
     K = ((c, d), (-conj(d), conj(c)))    c = i w_t    d = w_n + i w_b
 
@@ -10,41 +11,69 @@ and collocated at the Gauss points, which keeps the length of Q at the ends of e
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product
+from octo_arm_model.core.numerics.gauss import gauss_rule
+from octo_arm_model.core.numerics.quaternion import Quaternions
+
+# Real and imaginary parts of -K, row by row, from t, n and b.
+_RATES = np.array([
+    [0, -1, 0, 0, 0, 0, 0, 1],
+    [0, 0, -1, 0, 1, 0, 0, 0],
+    [0, 0, 0, -1, 0, -1, 0, 0],
+], dtype=np.float64)  # fmt: skip
 
 
-def frames(angular: FloatArray, collocation: Collocation, base: Quaternions) -> Quaternions:
-    """Orientations (..., points) at the points under the ``angular`` twist (3, ..., points)."""
-    rule, step = collocation.rule, collocation.step
-    t, n, b = collocation.by_element(angular) * (0.5 * step[:, np.newaxis])
-    *lead, elements, points = t.shape
-    # From a and b at point j, one after the other, to a and b at point i of an element.
-    blocks = np.empty((*lead, elements, 2, points, 2, points), np.complex128)
-    same, other = 1j * t, n + 1j * b
-    for row, column, rate in (
-        (0, 0, -same), (1, 0, -other), (0, 1, other.conj()), (1, 1, same)
-    ):  # fmt: skip
-        np.multiply(rule.from_start, rate[..., np.newaxis, :], out=blocks[..., row, :, column, :])
-    size = 2 * points
-    system = blocks.reshape(*lead, elements, size, size)
-    system.reshape(*lead, elements, -1)[..., :: size + 1] += 1.0
-    start = np.zeros((*lead, elements, size, 1), np.complex128)
-    start[..., :points, :] = 1.0
-    found = np.asarray(np.linalg.solve(system, start), dtype=np.complex128)
-    found = found.reshape(*lead, elements, 2, points)
-    chain = Quaternions.empty(*lead, elements)
-    chain.a[..., 0], chain.b[..., 0] = base.a.item(), base.b.item()
-    at_end = found[..., :-1, :, :] @ collocation.at_end
-    chain.a[..., 1:] = at_end[..., 0] + (1.0 - collocation.at_end.sum())
-    chain.b[..., 1:] = at_end[..., 1]
-    first = cumulative_product(chain)
-    start_of = Quaternions(first.a[..., np.newaxis], first.b[..., np.newaxis])
-    at_points = start_of.times((found[..., 0, :], found[..., 1, :]))
-    return unit(Quaternions(*(part.reshape(*lead, -1) for part in at_points)))
+def matrix_of(orientation: Quaternions) -> ComplexArray:
+    """M of one ``orientation``, (2, 2)."""
+    a, b = orientation
+    return np.array([[a, b], [-np.conj(b), np.conj(a)]]).reshape(2, 2)
+
+
+def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) -> Quaternions:
+    """Orientations (..., points) at the points under the ``angular`` twist (3, ..., points).
+
+    ``base`` is `matrix_of` that of the base.
+    """
+    _, *lead, _ = angular.shape
+    elements, points = collocation.step.size, collocation.rule.points.size
+    from_start, start = _tables(points)
+    rates = ((0.5 * collocation.steps) * angular).reshape(3, -1).T @ _RATES
+    by_point = rates.view(np.complex128).reshape(-1, 1, points, 2, 2).transpose(0, 4, 1, 3, 2)
+    # Of a row of M, from a and b at point j, one after the other, to a and b at point i.
+    blocks = np.empty((len(by_point), 2, points, 2, points), np.complex128)
+    np.multiply(from_start, by_point, out=blocks)
+    system = blocks.reshape(-1, 2 * points, 2 * points)
+    diagonal = system.reshape(len(system), -1)[:, :: 2 * points + 1]
+    diagonal += 1.0
+    right = np.empty((len(system), *start.shape))
+    right[:] = start
+    within = np.linalg.solve(system, right).swapaxes(1, 2).reshape(*lead, elements, 2, -1)
+    # At the starts of all elements, as products of two, of four, and so on.
+    chain = np.empty((*lead, elements, 2, 2), np.complex128)
+    chain[..., 0, :, :] = base
+    at_end = within.reshape(*chain.shape, points) @ collocation.at_end
+    at_end += collocation.at_start
+    chain[..., 1:, :, :] = at_end[..., :-1, :, :]
+    done = 1
+    while done < elements:
+        chain[..., done:, :, :] = chain[..., :-done, :, :] @ chain[..., done:, :, :]
+        done *= 2
+    rows = (chain[..., :1, :] @ within).reshape(*lead, elements, 2, points)
+    pair = np.array([rows[..., 0, :], rows[..., 1, :]]).reshape(2, *lead, -1)
+    pair /= np.sqrt(np.add.reduce((pair * pair.conj()).real))
+    return Quaternions(*pair)
+
+
+@functools.cache
+def _tables(points: int) -> tuple[ComplexArray, FloatArray]:
+    """Integrals from the start of an element, (points, 1, points), and M there, (2 points, 2)."""
+    from_start = gauss_rule(points).from_start[:, np.newaxis].astype(np.complex128)
+    return from_start, np.repeat(np.eye(2), points, axis=0)
 
 
 def unit(orientation: Quaternions) -> Quaternions:

@@ -22,12 +22,12 @@ from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
+from octo_arm_model.core.numerics.gauss import gauss_rule
 from octo_arm_model.core.numerics.vectors import skew
 
 _BAND = 8  # rows and columns from the diagonal that two neighbouring ends reach
 _MIDDLE = 2 * _BAND  # row of the diagonal in a band as LAPACK has it
-# Phi_1 - Phi_0 = ..., d m_0 - d m_1 = ...; unknowns Phi_0, m_0, Phi_1, m_1.
-_ENDS = np.hstack([np.diag([-1.0] * 3 + [1.0] * 3), np.diag([1.0] * 3 + [-1.0] * 3)])
+_RIGID = -np.eye(6)
 
 
 class Response(NamedTuple):
@@ -73,11 +73,12 @@ class Linearised:
     """The linearised equilibrium about one state, or about those of several arms.
 
     Linear strains follow from rotations and curvatures at the same point, by the rows (a x n) for
-    their axes a and by what couples them to curvatures.
+    their axes a and by what couples them to curvatures. The unknowns are the curvatures at the
+    points, times the length h of their element.
 
     Attributes:
         axial: factors of the Hessian of the energy by the linear strains, (n, n, arms, points).
-        matrix: of each element, from k to what Phi at its first end and d m at its last leave,
+        matrix: of each element, from h k to what Phi at its first end and d m at its last leave,
             (arms, elements, 3 each, 3 each).
         ends: how much Phi at the last end of each element exceeds that at the first, and d m at
             the first that at the last, by Phi at the first and d m at the last, (arms, elements,
@@ -107,79 +108,70 @@ class Linearised:
         # From here on by arm and point of it, for one arm too.
         by_arm = -1, collocation.s.size
         hessian = hessian.reshape(*hessian.shape[:2], *by_arm)
-        self._rotation = rotation = rotation.reshape(3, 3, *by_arm)
+        rotation = rotation.reshape(3, 3, *by_arm)
         tangent, moment, force = (x.reshape(3, *by_arm) for x in (tangent, moment, force))
-        axes = rotation[:, : len(hessian) - 3]
         self.axial = factorise(hessian[3:, 3:])
         self._small = invert(self.axial)
         turned = np.einsum('ijan,jkan->ikan', rotation, hessian[:3])
-        across = np.einsum('jian,jkan->ikan', skew(force), axes)
-        self._rows = rows = np.concatenate([across, -turned[:, 3:]])
-        self._stretched = np.einsum('ikan,klan->ilan', rows, self._small)
-        condensed = np.einsum('ikan,jkan->ijan', self._stretched, rows)
-        bending = np.einsum('ikan,jkan->ijan', turned[:, :3], rotation)
-        bending -= condensed[3:, 3:]
+        across = np.einsum('jian,jkan->ikan', skew(force), rotation[:, : len(hessian) - 3])
+        rows = np.concatenate([across, -turned[:, 3:]])
+        # What wrenches in the axes of cross sections do to h d m' and to the balance of moments.
+        self._given = given = np.zeros((6, *hessian.shape[1:]))
+        given[3:, :3] = rotation
+        np.einsum('ikan,klan->ilan', rows, self._small, out=given[:, 3:])
+        # What Phi and k do to d m' and to that balance.
+        form = np.einsum('ikan,jkan->ijan', given[:, 3:], -rows)
+        by_turn, follow, bending, carried = form[:3, :3], form[3:, :3], form[3:, 3:], given[:3, 3:]
+        bending += np.einsum('ikan,jkan->ijan', turned[:, :3], rotation)
         # n x (u' x Phi) = u' (n . Phi) - Phi (n . u').
-        by_turn = -condensed[:3, :3] - tangent[:, np.newaxis] * force
-        by_turn.reshape(9, *by_arm)[::4] += np.add.reduce(tangent * force)
-        follow = skew(moment) + condensed[3:, :3]
-        self._factorise(by_turn, condensed[:3, 3:], follow, bending)
+        by_turn -= tangent[:, np.newaxis] * force
+        form.reshape(36, *by_arm)[:15:7] += np.add.reduce(tangent * force)
+        follow -= skew(moment)
+        # By Phi and h k.
+        by_turn *= collocation.steps
+        bending /= collocation.steps
+        carried *= collocation.steps
+        self._factorise(form)
 
-    def _factorise(
-        self, by_turn: FloatArray, by_bend: FloatArray, follow: FloatArray, bending: FloatArray
-    ) -> None:
-        """Of what Phi and k do to d m' and k at the points, each (3, 3, ..., points)."""
-        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis]
-        turn, bend = (self._collocation.by_element(x) * h for x in (by_turn, by_bend))
-        follow = self._collocation.by_element(follow)
-        arms, elements, points = turn.shape[2:]
-        system = ((turn * h) @ self._collocation.twice).reshape(*turn.shape, points)
-        system -= rule.to_end * bend[..., np.newaxis, :]
-        system -= rule.from_start * (follow * h)[..., np.newaxis]
-        diagonal = system.reshape(*turn.shape[:-1], -1)[..., :: points + 1]
-        diagonal += self._collocation.by_element(bending)
-        # Rows (row, point), columns (column, point).
-        matrix = system.transpose(2, 3, 0, 4, 1, 5)
-        self.matrix = matrix.reshape(arms, elements, 3 * points, 3 * points)
+    def _factorise(self, form: FloatArray) -> None:
+        """Of what Phi and h k do to h d m' and to the balance of moments, (6, 6, arms, points)."""
+        own, points, unit = self._collocation, self._collocation.rule.points.size, self._unit
+        sums, turned = _sums(points)
+        form = own.by_element(form.reshape(2, 3, 2, 3, *form.shape[2:]))
+        form = np.ascontiguousarray(form.transpose(4, 5, 1, 3, 0, 2, 6))
+        arms, elements = form.shape[:2]
+        # By row and column of each element, (arms, elements, 3, 3, ...).
+        found = (form.reshape(arms, elements, 9, -1) @ sums).reshape(*form.shape[:4], -1)
+        size, square = 3 * points, points * points
+        matrix = found[..., :square].reshape(*form.shape[:4], points, points)
+        self.matrix = matrix.swapaxes(3, 4).reshape(arms, elements, size, size)
         try:
             self._inverse = np.linalg.inv(self.matrix)
         except np.linalg.LinAlgError:
             raise _singular() from None
-        # k by Phi at the first end and by d m at the last.
-        sides = np.zeros((arms, elements, 3, points, 6))
-        sides[..., :3] = (follow - turn @ rule.to_end.T).transpose(2, 3, 0, 4, 1)
-        for i in range(3):
-            sides[..., i, :, 3 + i] = self._unit
-        bends = self._inverse @ sides.reshape(arms, elements, 3 * points, 6)
-        self._bends = bends
-        # From k to d m at the first end.
-        before = (turn * h) @ (rule.weights[:, np.newaxis] * rule.from_start) - bend * rule.weights
-        before = before.transpose(2, 3, 0, 1, 4).reshape(arms, elements, 3, 3 * points)
-        self._before = before / -self._unit
+        # h k by Phi at the first end and by d m at the last.
+        by_first = found[..., square : square + points].swapaxes(3, 4)
+        self._bends = bends = np.empty((arms, elements, size, 6))
+        bends[..., :3] = self._inverse @ by_first.reshape(arms, elements, size, 3)
+        by_last = self._inverse.reshape(-1, points) @ np.full(points, unit)
+        bends[..., 3:] = by_last.reshape(arms, elements, size, 3)
+        # From h k to Phi at the last end and d m at the first.
+        self._to_ends = np.empty((arms, elements, 6, size))
+        self._to_ends[:, :, :3] = turned
+        to_first = found[..., square + points : -1].reshape(arms, elements, 3, size)
+        np.divide(to_first, unit, out=self._to_ends[:, :, 3:])
         # From Phi at the first end and d m at the last to Phi at the last and d m at the first.
-        self.ends = np.concatenate([self._turned(bends), self._before @ bends], axis=2)
-        self.ends[..., 3:, :3] -= (turn @ rule.weights).transpose(2, 3, 0, 1) / self._unit
+        self.ends = self._to_ends @ bends
+        self.ends[..., 3:, :3] += found[..., -1] / unit
         self._link()
-
-    def _turned(self, bends: FloatArray) -> FloatArray:
-        """Change of Phi along elements, (arms, elements, 3, columns), by k at their points."""
-        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis, np.newaxis]
-        *lead, count, columns = bends.shape
-        by_row = bends.reshape(*lead, 3, count // 3, columns)
-        return np.asarray(h * (rule.weights @ by_row))
 
     def _link(self) -> None:
         """Factorise the banded system of Phi and d m at all ends of elements of all arms."""
         arms, elements = self.ends.shape[:2]
-        size = 6 * (elements + 1)
-        blocks = np.empty((arms, elements, *_ENDS.shape))
-        blocks[...] = _ENDS
-        blocks[..., :3] -= self.ends[..., :3]
-        blocks[..., 9:] -= self.ends[..., 3:]
-        band = np.zeros((arms, size, 3 * _BAND + 1))
-        band[:, [0, 1, 2, size - 3, size - 2, size - 1], _MIDDLE] = 1.0
-        places = _places(elements)
-        band.reshape(arms, -1)[:, places] = blocks.reshape(arms, -1)
+        rigid, places = _band(elements)
+        band = np.empty((arms, *rigid.shape))
+        band[:] = rigid
+        band.reshape(arms, -1)[:, places] = (_RIGID - self.ends).reshape(arms, -1)
         factors, pivots, singular = dgbtrf(
             band.reshape(-1, 3 * _BAND + 1).T, _BAND, _BAND, overwrite_ab=True
         )
@@ -187,7 +179,7 @@ class Linearised:
             raise _singular()
         self._band = factors.T.reshape(band.shape)
         # Pivots of each arm are numbers of its own rows.
-        self._pivots = pivots.reshape(arms, size) - _first_rows(arms, size)
+        self._pivots = pivots.reshape(arms, -1) - _first_rows(arms, len(rigid))
 
     @property
     def signs(self) -> IntArray:
@@ -207,37 +199,34 @@ class Linearised:
 
         The system of one arm also responds for several, each of one column.
         """
-        rule, h = self._collocation.rule, self._collocation.step[:, np.newaxis]
+        own, rule = self._collocation, self._collocation.rule
         arms, elements, rows, _ = self._inverse.shape
-        strains, points = len(imbalance), imbalance.shape[-1]
-        given = imbalance.reshape(strains, -1, arms, points)
+        given = imbalance.reshape(len(imbalance), -1, arms, imbalance.shape[-1])
         columns = given.shape[1]
-        stretched = np.einsum('ikan,kcan->ican', self._stretched, given[3:])
-        carried = self._collocation.by_element(stretched[:3]) * -h
-        sides = np.einsum('ijan,jcan->ican', self._rotation, given[:3]) + stretched[3:]
-        sides = self._collocation.by_element(sides) - carried @ rule.to_end.T
-        # (3, columns, arms, elements, points) to one system for each element.
+        by_point = 2, 3, columns, arms, elements, rule.points.size
+        carried, sides = np.einsum('ikan,kcan->ican', self._given, given).reshape(by_point)
+        sides += carried @ rule.to_end.T
+        # To one system for each element.
         sides = sides.transpose(2, 3, 0, 4, 1).reshape(arms, elements, rows, columns)
         bends = self._inverse @ sides
         right = np.zeros((arms, 6 * (elements + 1), columns))
         ends = right[:, 3:-3].reshape(arms, elements, 6, columns)
-        ends[:, :, :3] = self._turned(bends)
-        ends[:, :, 3:] = self._before @ bends
-        ends[:, :, 3:] -= (carried @ rule.weights).transpose(2, 3, 0, 1) / self._unit
-        found, _ = dgbtrs(
-            self._band.reshape(-1, 3 * _BAND + 1).T, _BAND, _BAND, right.reshape(-1, columns),
-            (self._pivots + _first_rows(*self._pivots.shape)).ravel(),
-        )  # fmt: skip
-        ends = found.reshape(arms, elements + 1, 6, columns)
-        bends += self._bends @ np.concatenate([ends[:, :-1, :3], ends[:, 1:, 3:]], axis=2)
-        k = bends.reshape(arms, elements, 3, -1, columns).transpose(2, 4, 0, 1, 3)
-        turn = h * (k @ rule.from_start.T)
-        turn += ends[:, :-1, :3].transpose(2, 3, 0, 1)[..., np.newaxis]
-        moved = np.concatenate([turn, k]).reshape(6, columns, arms, -1)
-        twist = np.empty(given.shape)
-        np.einsum('jian,jcan->ican', self._rotation, moved[3:], out=twist[:3])
-        linear = given[3:] + np.einsum('ikan,ican->kcan', self._rows, moved)
-        np.einsum('klan,lcan->kcan', self._small, linear, out=twist[3:])
+        np.matmul(self._to_ends, bends, out=ends)
+        moment = ends[:, :, 3:]
+        moment += (carried @ (rule.weights / self._unit)).transpose(2, 3, 0, 1)
+        band = self._band.reshape(-1, 3 * _BAND + 1).T
+        pivots = (self._pivots + _first_rows(*self._pivots.shape)).ravel()
+        found, _ = dgbtrs(band, _BAND, _BAND, right.reshape(-1, columns), pivots)
+        changes = found.reshape(arms, elements + 1, 6, columns)
+        bends += self._bends @ np.concatenate([changes[:, :-1, :3], changes[:, 1:, 3:]], axis=2)
+        moved: FloatArray = np.empty(by_point)
+        moved[1] = bends.reshape(arms, elements, 3, -1, columns).transpose(2, 4, 0, 1, 3)
+        turn = np.matmul(moved[1], rule.from_start.T, out=moved[0])
+        turn += changes[:, :-1, :3].transpose(2, 3, 0, 1)[..., np.newaxis]
+        moved = moved.reshape(6, columns, arms, -1)
+        twist = np.einsum('ikan,ican->kcan', self._given, moved)
+        twist /= own.steps
+        twist[3:] += np.einsum('klan,lcan->kcan', self._small, given[3:])
         return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
 
     def of(self, arms: IntArray) -> Linearised:
@@ -245,24 +234,62 @@ class Linearised:
         if len(self.matrix) == 1:
             return self
         part = copy.copy(self)
-        for name in ('_rotation', '_rows', '_stretched', '_small', 'axial'):
+        for name in ('_given', '_small', 'axial'):
             setattr(part, name, getattr(self, name)[:, :, arms])
-        for name in ('matrix', '_inverse', '_bends', '_before', 'ends', '_band', '_pivots'):
+        for name in ('matrix', '_inverse', '_bends', '_to_ends', 'ends', '_band', '_pivots'):
             setattr(part, name, getattr(self, name)[arms])
         return part
 
 
+@functools.cache
 def _first_rows(arms: int, size: int) -> IntArray:
     """The first of the ``size`` rows of each arm in the system of all, (arms, 1)."""
     return np.arange(0, arms * size, size)[:, np.newaxis]
 
 
 @functools.cache
-def _places(elements: int) -> IntArray:
-    """Where the rows of all ``elements`` are in the band of an arm, (elements, 6, 12)."""
-    row, column = np.indices((6, 12))
+def _sums(points: int) -> tuple[FloatArray, FloatArray]:
+    """What the equations of an element of so many ``points`` are made from.
+
+    From what Phi and k do to d m' and to the balance of moments, each, at the points, to what h k
+    at each does to that balance at each, (points, points), and Phi at the first end, (points,); to
+    what h k at each, (points,), and that Phi do to d m at that end. And from h k at the points,
+    (3 points,), to how much more Phi is at the last end.
+    """
+    rule, one = gauss_rule(points), np.eye(points)
+    sums = np.zeros((2, 2, points, points * points + 2 * points + 1))
+    square, ends = np.split(sums, [points * points], axis=-1)
+    square = square.reshape(2, 2, points, points, points)
+    square[0, 0] = rule.to_end.T[:, :, np.newaxis] * rule.from_start[:, np.newaxis]
+    square[0, 1] = np.einsum('pq,rq->rpq', rule.to_end, one)
+    square[1, 0] = np.einsum('pq,rp->rpq', rule.from_start, one)
+    square[1, 1] = np.einsum('rp,rq->rpq', one, one)
+    weighted = rule.weights[:, np.newaxis] * rule.from_start
+    ends[0, 0] = -np.hstack([rule.to_end.T, weighted, rule.weights[:, np.newaxis]])
+    ends[0, 1, :, points:-1] = -np.diag(rule.weights)
+    ends[1, 0, :, :points] = -one
+    turned = np.kron(np.eye(3), rule.weights)
+    return sums.reshape(4 * points, -1), turned.astype(np.float64)
+
+
+@functools.cache
+def _band(elements: int) -> tuple[FloatArray, IntArray]:
+    """The band of an arm of so many ``elements``, and where in it -1 - `Linearised.ends` belong.
+
+    Its rows are Phi_1 - Phi_0 = ... and d m_0 - d m_1 = ... of each element, between Phi = 0 at
+    the base and d m = 0 at the tip; its unknowns Phi_0, m_0, Phi_1, m_1, ...
+    """
+    size, width = 6 * (elements + 1), 3 * _BAND + 1
+    band, one = np.zeros((size, width)), np.arange(6)
+    band[[0, 1, 2, size - 3, size - 2, size - 1], _MIDDLE] = 1.0
     first = 6 * np.arange(elements)[:, np.newaxis, np.newaxis]
-    return ((first + column) * (3 * _BAND + 1) + _MIDDLE + 3 + row - column).ravel()
+
+    def places(row: IntArray, column: IntArray) -> IntArray:
+        return ((first + column) * width + _MIDDLE + 3 + row - column).ravel()
+
+    band.reshape(-1)[places(one, one + 6 * (one < 3))] = 1.0
+    row, column = np.indices((6, 6))
+    return band, places(row, column + 6 * (column > 2))
 
 
 def _singular() -> ConvergenceError:

@@ -8,7 +8,6 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.state import State
-from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
 from octo_arm_model.core.numerics.quaternion import product, rotation_matrices
 from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.strain_measures import derivatives_by_twist
@@ -67,5 +66,6 @@ def _at_stations(
     rotation = rotation_matrices(turn)
     wrench = np.einsum('ji...,kj...->ki...', rotation, at[:6].reshape(2, 3, *at.shape[1:]))
     wrench = wrench.reshape(6, *at.shape[1:])[: len(twist)]
-    step = substitute(factorise(hessian), wrench.reshape(batch.shape) - gradient)
+    left = (wrench.reshape(batch.shape) - gradient).transpose(1, 2, 0)[..., np.newaxis]
+    step = np.linalg.solve(hessian.transpose(2, 3, 0, 1), left)[..., 0].transpose(2, 0, 1)
     return np.asarray(twist + step.reshape(twist.shape))

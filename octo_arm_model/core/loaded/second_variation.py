@@ -9,6 +9,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.numerics.batched_ldlt import are_definite
 
+_ONE = np.eye(3)
+
 
 def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
     """Whether the second variation of the energy of each arm is seen to be positive, (arms,).
@@ -23,17 +25,16 @@ def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
     """
     ends, axial = system.ends, system.axial
     arms, elements = ends.shape[:2]
-    is_stretched = np.ones(arms, bool)
-    for row in range(len(axial)):
-        is_stretched &= (axial[row, row] > 0.0).all(axis=-1)
+    is_stretched = (np.einsum('kkan->kan', axial) > 0.0).all(axis=(0, 2))
     # The rows of an element are those of the form over the weights of their points.
-    are_free = are_definite(system.matrix * np.tile(weights, 3)[:, np.newaxis])
+    by_row = system.matrix.reshape(arms, elements, 3, weights.size, -1)
+    are_free = are_definite((by_row * weights[:, np.newaxis]).reshape(system.matrix.shape))
     try:
         stiffness = np.linalg.inv(ends[..., :3, 3:])
     except np.linalg.LinAlgError:
         return np.zeros(arms, bool)
     # Moments at both ends of an element by the rotations of both.
-    by_first, by_last = np.eye(3) + ends[..., :3, :3], np.eye(3) + ends[..., 3:, 3:]
+    by_first, by_last = _ONE + ends[..., :3, :3], _ONE + ends[..., 3:, 3:]
     before = by_last @ stiffness
     at_first = before @ by_first - ends[..., 3:, :3]
     form = np.zeros((arms, elements, 3, elements, 3))

@@ -9,7 +9,7 @@ from octo_arm_model.core.arm.loads import DeformedRod, Loads, Resultants, Tangen
 from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.kinematics import frames, matrix_of
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
@@ -83,7 +83,7 @@ class LoadTable:
         is_felt = any(point.s > 0.0 for point in points) or self._fixed.force.any()
         self.is_empty = not (is_felt or self.others or self.scaled)
         straight = np.zeros((3, collocation.s.size))
-        rod = RodPoints(collocation, frames(straight, collocation, base))
+        rod = RodPoints(collocation, frames(straight, collocation, matrix_of(base)))
         self.straight = self.resultants(rod)
         self.without_tangent = next(
             (type(load).__name__ for load in self.others if load.tangents(rod) is None), ''
