@@ -7,6 +7,8 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.cli.options.shared import (
@@ -21,6 +23,7 @@ from octo_arm_model.cli.options.shared import (
 from octo_arm_model.cli.output.solution import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.solver import Solver
 
@@ -66,8 +69,14 @@ def _run(options: argparse.Namespace) -> int:
     highest = read_highest(options)
     if highest is None:
         highest = default_highest(config.arm)
-    found = find_tensions(solver, _target(options), highest, stiffness=stiffness)
-    print(json.dumps(_as_dict(found, solver)) if options.json else _summary(found, config.arm))
+    target = _target(options)
+    found = find_tensions(solver, target, highest, stiffness=stiffness)
+    distance, angle = _errors(target, found.backbone)
+    if options.json:
+        given = {'distance_error': distance, 'angle_error': angle}
+        print(json.dumps(_as_dict(found, solver) | given))
+    else:
+        print(_summary(found, config.arm, distance, angle))
     return 0 if found.reached else 1
 
 
@@ -77,11 +86,24 @@ def _target(options: argparse.Namespace) -> Target:
     if options.bend is not None:
         if options.quaternion is not None:
             raise ConfigError('--quaternion goes with --tip, not with --bend')
-        plane, angle = (math.radians(value) for value in options.bend)
-        return Bending(plane, angle)
+        plane, angle = options.bend
+        if not 0.0 <= angle <= 180.0:
+            raise ConfigError(f'--bend: ANGLE is {angle:g}, expected 0 to 180 [deg]')
+        return Bending(math.radians(plane), math.radians(angle))
     if options.quaternion is not None:
         return TipPose(options.tip, options.quaternion)
     return TipPosition(options.tip)
+
+
+def _errors(target: Target, backbone: Backbone) -> tuple[float | None, float | None]:
+    """Distance [m] and angle [rad] from the target, None of what it does not ask for."""
+    error = target.error(backbone)
+    if isinstance(target, TipPosition):
+        return float(np.linalg.norm(error)), None
+    assert isinstance(target, TipPose | Bending)
+    count = 3 if isinstance(target, TipPose) else 0
+    angle = float(np.linalg.norm(error[count:])) / target.length_per_radian
+    return float(np.linalg.norm(error[:count])) if count else None, angle
 
 
 def _as_dict(found: Inverse, solver: Solver) -> dict[str, object]:
@@ -95,12 +117,14 @@ def _as_dict(found: Inverse, solver: Solver) -> dict[str, object]:
     }
 
 
-def _summary(found: Inverse, arm: Arm) -> str:
+def _summary(found: Inverse, arm: Arm, distance: float | None, angle: float | None) -> str:
     word = 'reached' if found.reached else 'NOT REACHED, this is as near as it was found to go'
+    errors = [] if distance is None else [f'{distance * 1e3:.4g} mm']
+    errors += [] if angle is None else [f'{math.degrees(angle):.4g} deg']
     lines = [
         word,
         f'model     {found.backbone.model}',
-        f'error     {found.error * 1e3:.4g} mm, after {found.iterations} solves',
+        f'error     {" and ".join(errors)}, after {found.iterations} solves',
         f'tip       {millimetres(found.backbone.tip)} mm',
     ]
     if found.stiffness is not None:
