@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import itertools
-import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,8 +41,8 @@ def check_out(
     try:
         if folder or not path.exists():
             tempfile.TemporaryFile(dir=place).close()
-        elif not os.access(path, os.W_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        else:
+            path.open('ab').close()
     except OSError as error:
         problem = f'cannot be written: {error.strerror}'
         raise ConfigError(f'{name} is {str(path)!r}, {problem}') from error
