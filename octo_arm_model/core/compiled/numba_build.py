@@ -40,7 +40,8 @@ from octo_arm_model.core.compiled.section.section_tables import no_exact
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
 _MOST_PROCESSES = 4
-_MADE: dict[str, Callable[[], Any]] = {}
+# What gives each, by its name.
+KERNELS: dict[str, Callable[[], Any]] = {}
 
 
 def _made(
@@ -51,7 +52,7 @@ def _made(
     It raises as `compiled`.
     """
     made = functools.cache(functools.partial(compiled, kernel, arguments))
-    _MADE[kernel.__name__] = made
+    KERNELS[kernel.__name__] = made
     return made
 
 
@@ -121,11 +122,6 @@ differentiate_tip = _made(
 )  # fmt: skip
 
 
-def make_all() -> dict[str, Any]:
-    """Every kernel, by its name; empty where there is no machine code."""
-    return {name: made() for name, made in _MADE.items()} if is_available() else {}
-
-
 def make_side_by_side() -> None:
     """Have every kernel kept, so that no process compiles it later.
 
@@ -137,12 +133,12 @@ def make_side_by_side() -> None:
     processes = min(_MOST_PROCESSES, os.cpu_count() or 1)
     with multiprocessing.get_context('spawn').Pool(processes) as pool:
         # The last ones take longest.
-        for _ in pool.imap_unordered(_make, reversed(_MADE)):
+        for _ in pool.imap_unordered(_make, reversed(KERNELS)):
             pass
 
 
 def _make(name: str) -> None:
-    _MADE[name]()
+    KERNELS[name]()
 
 
 def is_available() -> bool:

@@ -360,15 +360,18 @@ def test_one_compilation_is_for_every_arm_and_batch(papers_model: str, preset: C
     assert len(numba_build.find_shapes().signatures) == 1
 
 
+def all_kernels() -> dict[str, Any]:
+    return {name: made() for name, made in numba_build.KERNELS.items()}
+
+
 @pytest.fixture
 def loaded_anew() -> Iterator[dict[str, Any]]:
     """Every kernel as a process has it that has solved nothing yet, now and afterwards."""
-    names = list(numba_build.make_all())
-    for name in names:
-        getattr(numba_build, name).cache_clear()
-    yield numba_build.make_all()
-    for name in names:
-        getattr(numba_build, name).cache_clear()
+    for made in numba_build.KERNELS.values():
+        made.cache_clear()
+    yield all_kernels()
+    for made in numba_build.KERNELS.values():
+        made.cache_clear()
 
 
 class TipPull:
@@ -459,14 +462,14 @@ def test_nothing_that_is_compiled_is_left_out_of_that() -> None:
             if called is not None:
                 check(called, sources)
 
-    for machine in numba_build.make_all().values():
+    for machine in all_kernels().values():
         check(machine.py_func, set(kernel_compiler.sources(machine.py_func)))
     assert len(known) > 100
 
 
 def test_no_result_takes_python_to_be_made() -> None:
     # A signal's handler that raises there would end the process, see `rod_kernels.balance`.
-    for name, machine in numba_build.make_all().items():
+    for name, machine in all_kernels().items():
         (signature,) = machine.nopython_signatures
         assert not hasattr(signature.return_type, 'instance_class'), f'{name} gives a NamedTuple'
 
@@ -497,9 +500,9 @@ def test_what_one_process_compiles_another_loads() -> None:
     """A kernel whose first call fails would be compiled by every process again."""
     pytest.importorskip('numba')
     script = (
-        'from octo_arm_model.core.compiled.numba_build import make_all\n'
-        'for name, machine in make_all().items():\n'
-        '    print(name, sum(machine.stats.cache_misses.values()))\n'
+        'from octo_arm_model.core.compiled.numba_build import KERNELS\n'
+        'for name, made in KERNELS.items():\n'
+        '    print(name, sum(made().stats.cache_misses.values()))\n'
     )
     for _ in range(2):
         done = subprocess.run(
@@ -513,8 +516,8 @@ def test_what_one_process_compiles_another_loads() -> None:
 def test_kernels_are_compiled_side_by_side_and_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    few = {name: numba_build._MADE[name] for name in ('find_lengths', 'find_step')}
-    monkeypatch.setattr(numba_build, '_MADE', few)
+    few = {name: numba_build.KERNELS[name] for name in ('find_lengths', 'find_step')}
+    monkeypatch.setattr(numba_build, 'KERNELS', few)
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
     numba_build.make_side_by_side()
     kept = {path.name.split('.')[1].rsplit('_', 1)[0] for path in tmp_path.rglob('*.nbc')}
