@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.quaternion import product, rotation_matrices
@@ -49,6 +50,9 @@ def _at_stations(
     interpolated of the twist: one step of Newton's method balances it with the cross section.
     Along s moments change by what is ``carried`` (3, ..., points), with the integrals ``before``
     (3, ..., stations) from the base.
+
+    Raises:
+        ConvergenceError: if a cross section has a singular stiffness there.
     """
     stations, own = rod.stations, rod.equilibrium.collocation
     others = state.moment - own.integrate_from_tip(carried)
@@ -67,5 +71,8 @@ def _at_stations(
     wrench = np.einsum('ji...,kj...->ki...', rotation, at[:6].reshape(2, 3, *at.shape[1:]))
     wrench = wrench.reshape(6, *at.shape[1:])[: len(twist)]
     left = (wrench.reshape(batch.shape) - gradient).transpose(1, 2, 0)[..., np.newaxis]
-    step = np.linalg.solve(hessian.transpose(2, 3, 0, 1), left)[..., 0].transpose(2, 0, 1)
+    try:
+        step = np.linalg.solve(hessian.transpose(2, 3, 0, 1), left)[..., 0].transpose(2, 0, 1)
+    except np.linalg.LinAlgError:
+        raise ConvergenceError('the balance of a cross section', np.inf, 0) from None
     return np.asarray(twist + step.reshape(twist.shape))
