@@ -9,7 +9,7 @@ import pytest
 from helical_arm import helical_arm
 
 from octo_arm_model import Config, Solver, Wound, displacements_of, solve_displacements
-from octo_arm_model.analysis.winding.newton import newton as winding
+from octo_arm_model.analysis.winding import newton as winding
 from octo_arm_model.core.compiled.models.winding_kernels import find_step, solve_some
 from octo_arm_model.core.compiled.numba_build import is_available
 
