@@ -43,7 +43,10 @@ from octo_arm_model.cli.main import main
             ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--highest', '-1'),
             'highest tension of tendon_1_1 is -1.0 N, expected',
         ),
-        (('inverse', 'renda2012_table4', '--bend', '0', '200'), 'ANGLE is 200, expected 0 to 180'),
+        (
+            ('inverse', 'renda2012_table4', '--bend', '0', '200'),
+            '--bend: ANGLE is 200, expected 0 to 180 [deg]',
+        ),
         ((*SOLVE, 'much'), '--tensions is not JSON at character 1, expected rows of numbers'),
         ((*SOLVE, '[[0,0'), '--tensions is not JSON at character 6, expected rows of numbers'),
         ((*SOLVE, '[[1,2,3,4]]'), 'tensions have shape (1, 4), expected (..., 3, 4)'),

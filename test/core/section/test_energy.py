@@ -57,7 +57,7 @@ def test_slack_tendons_can_be_left_out(energy: SectionEnergy, pull: tuple[int, .
 
 
 def test_tables_are_kept_for_so_many_sets_of_tendons(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(energy_module, '_MOST_PULLED', 3)
+    monkeypatch.setattr(energy_module, 'MOST_PULLED', 3)
     energy = sections(HELICAL)
     for which in itertools.product([0.0, 1.0], repeat=6):
         tensions = np.array([which])
