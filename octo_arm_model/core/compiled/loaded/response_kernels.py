@@ -122,11 +122,11 @@ def link_changes(system: System, ends: FloatArray) -> None:
 
 def add_three(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Add the product of ``matrix`` (3, 3) with ``rows`` (3, columns) to ``out`` likewise."""
-    x, y, z = rows[0], rows[1], rows[2]
     for i in range(3):
-        row, a, b, c = out[i], matrix[i, 0], matrix[i, 1], matrix[i, 2]
-        for j in range(row.size):
-            row[j] += a * x[j] + b * y[j] + c * z[j]
+        a, b, c = matrix[i, 0], matrix[i, 1], matrix[i, 2]
+        # Without views of rows, which take longer to be made than one column does.
+        for j in range(out.shape[1]):
+            out[i, j] += a * rows[0, j] + b * rows[1, j] + c * rows[2, j]
 
 
 def tip_wrenches(tables: RodTables, state: RodState) -> FloatArray:
