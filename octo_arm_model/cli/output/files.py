@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import itertools
+import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,14 +40,16 @@ def check_out(
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
-    try:
-        if folder or not path.exists():
+    problem = None
+    if folder or not path.exists():
+        try:
             tempfile.TemporaryFile(dir=place).close()
-        else:
-            path.open('ab').close()
-    except OSError as error:
-        problem = f'cannot be written: {error.strerror}'
-        raise ConfigError(f'{name} is {str(path)!r}, {problem}') from error
+        except OSError as error:
+            problem = error.strerror
+    elif not os.access(path, os.W_OK):  # not opened: whoever reads a pipe would see its end
+        problem = os.strerror(errno.EACCES)
+    if problem is not None:
+        raise ConfigError(f'{name} is {str(path)!r}, cannot be written: {problem}')
 
 
 @contextlib.contextmanager
