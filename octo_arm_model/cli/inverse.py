@@ -71,12 +71,11 @@ def _run(options: argparse.Namespace) -> int:
         highest = default_highest(config.arm)
     target = _target(options)
     found = find_tensions(solver, target, highest, stiffness=stiffness)
-    distance, angle = _errors(target, found.backbone)
+    errors = _errors(target, found.backbone)
     if options.json:
-        given = {'distance_error': distance, 'angle_error': angle}
-        print(json.dumps(_as_dict(found, solver) | given))
+        print(json.dumps(_as_dict(found, solver, *errors)))
     else:
-        print(_summary(found, config.arm, distance, angle))
+        print(_summary(found, config.arm, *errors))
     return 0 if found.reached else 1
 
 
@@ -106,10 +105,14 @@ def _errors(target: Target, backbone: Backbone) -> tuple[float | None, float | N
     return float(np.linalg.norm(error[:count])) if count else None, angle
 
 
-def _as_dict(found: Inverse, solver: Solver) -> dict[str, object]:
+def _as_dict(
+    found: Inverse, solver: Solver, distance: float | None, angle: float | None
+) -> dict[str, object]:
     return {
         'reached': found.reached,
         'error': found.error,
+        'distance_error': distance,
+        'angle_error': angle,
         'stiffness': found.stiffness,
         'tensions': found.backbone.tensions.tolist(),
         'solves': found.iterations,
