@@ -23,8 +23,14 @@ from numpy.typing import ArrayLike
 from octo_arm_model.analysis.winding.newton import Winding, Wound
 from octo_arm_model.analysis.winding.sliding import SlidingWinding
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import LARGEST
-from octo_arm_model.core.errors import ContinuationError, SolveError, TensionError, shown
+from octo_arm_model.core.arm.validation import LARGEST, finite
+from octo_arm_model.core.errors import (
+    ArmDefinitionError,
+    ContinuationError,
+    SolveError,
+    TensionError,
+    shown,
+)
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 
@@ -91,9 +97,10 @@ def check_displacements(
         if name in tensions:
             raise TensionError(f'tendon {name} has both a displacement and a tension')
         # Of larger ones the squares are beyond the range of floats.
-        is_number = isinstance(value, (float, int, np.number)) and not isinstance(value, bool)
-        if not is_number or not -LARGEST <= value <= LARGEST:
+        try:
+            finite(name, value)
+        except ArmDefinitionError:
             raise TensionError(
                 f'displacement of {name} is {shown(value)} m, expected a finite number of at most '
                 f'{LARGEST:g}'
-            )
+            ) from None
