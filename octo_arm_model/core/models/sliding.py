@@ -96,8 +96,7 @@ class Rods:
         strain = to_scaled(energy.law, slid.twist)
         energy.check_tendons(strain, local_tensions)
         energy.check_stable(strain, local_tensions)
-        along = np.zeros((friction.pull.size, *local_tensions.shape[1:]))
-        along[friction.pull] = local_tensions
+        along = friction.of_all(local_tensions)
         iterations = np.full(len(rows), slid.steps)
         tendons = TendonTensions(along, rod.stations.interpolate(along))
         solution = Solution(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
@@ -55,7 +54,7 @@ class SlidingClosedForm(UnloadedStatics):
         return solution._replace(twist=twist.reshape(solution.twist.shape))
 
     def _answer(self, rod: LoadedRod, friction: Friction) -> _Sections:
-        return _Sections(self._closed_form(rod), friction.pull)
+        return _Sections(self._closed_form(rod), friction)
 
     def _closed_form(self, rod: LoadedRod) -> ClosedForm:
         own = rod.equilibrium.collocation
@@ -120,10 +119,10 @@ def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatAr
 
 
 class _Sections:
-    """`Sections` of the closed form under the tendons that ``pull``; its residual is zero."""
+    """`Sections` of the closed form under tendons of some ``friction``; its residual is zero."""
 
-    def __init__(self, closed_form: ClosedForm, pull: NDArray[np.bool_]) -> None:
-        self._closed_form, self._pull = closed_form, pull
+    def __init__(self, closed_form: ClosedForm, friction: Friction) -> None:
+        self._closed_form, self._friction = closed_form, friction
         self.residual: FloatArray = np.zeros(1)
 
     def begin(self, twist: FloatArray) -> None:
@@ -132,6 +131,4 @@ class _Sections:
     def __call__(self, local_tensions: FloatArray) -> FloatArray:
         """See `Sections`."""
         self.residual = np.zeros(local_tensions.shape[1])
-        along = np.zeros((self._pull.size, *local_tensions.shape[1:]))
-        along[self._pull] = local_tensions
-        return self._closed_form.local_twist(along)
+        return self._closed_form.local_twist(self._friction.of_all(local_tensions))

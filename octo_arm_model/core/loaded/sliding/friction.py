@@ -120,6 +120,12 @@ class Friction:
             self._pulled[key] = some
         return some
 
+    def of_all(self, local_tensions: FloatArray) -> FloatArray:
+        """Its ``local_tensions`` (tendons, ...) as of all tendons of the arm; others are slack."""
+        along = np.zeros((self.pull.size, *local_tensions.shape[1:]))
+        along[self.pull] = local_tensions
+        return along
+
     def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
         """How tendons turn under ``twist`` (4 or 6, batch, points).
 
