@@ -183,9 +183,10 @@ def change_of(friction: Friction, angle: FloatArray, new: FloatArray) -> float:
 def has_converged(left: float, last: float) -> bool:
     """Whether a next step would leave nothing, which makes this part of the one before, or less.
 
-    False for NaN.
+    Not a smaller part than `EXACT`, to which it is found. False for NaN.
     """
-    return left <= TOLERANCE or (left * left <= TOLERANCE * last and left < last)
+    next_left = left * max(left, EXACT * last)
+    return left <= TOLERANCE or (next_left <= TOLERANCE * last and left < last)
 
 
 class ExactSections:

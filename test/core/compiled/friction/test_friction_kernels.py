@@ -25,6 +25,7 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.core.loaded.sliding import sliding_balance
 from octo_arm_model.core.models import exact
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
@@ -87,6 +88,27 @@ def test_machine_code_follows_any_arm_as_numpy_does(
     machine = Solver(rough, model, 41, compiled=True)
     assert_same(machine.solve(tensions), pulled, arm.length)
     assert_same(machine.follow(part * tensions, pulled), released, arm.length)
+
+
+@pytest.mark.parametrize('compiled', [False, True])
+def test_tensions_of_a_movement_foretold_well_are_as_near_as_others(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first step leaves 1e-4 of what there was, which the next one does not."""
+    angles = tuple(0.5 * math.pi * turn for turn in range(4))
+    sections = (
+        Section(1.0, 0.03125, 0.015625, angles=angles),
+        Section(0.6, 0.03125, 0.015625, angles=angles),
+    )
+    arm = Arm(Material(1e4, 0.0), Body(1.0, 0.0625, 0.0625), sections, friction=(0.28125,))
+    tensions = np.array([[0.0, 0.0, 16.1, 0.0], [16.1, 0.0, 10.74, 0.0]])
+    pulled = Solver(arm, 'exact', 41).solve(tensions)
+    released = Solver(arm, 'exact', 41, compiled=compiled).follow(0.90625 * tensions, pulled)
+    monkeypatch.setattr(sliding_balance, 'TOLERANCE', 1e-13)
+    expected = Solver(arm, 'exact', 41).follow(0.90625 * tensions, pulled)
+    np.testing.assert_allclose(
+        released.tendon_tensions, expected.tendon_tensions, rtol=0.0, atol=1e-9 * 16.1
+    )
 
 
 def test_one_parallel_tendon_is_that_of_the_closed_form() -> None:
