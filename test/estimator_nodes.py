@@ -42,6 +42,8 @@ ARGUMENTS = [
     word
     for name, value in {
         'stations': STATIONS,
+        # A busy machine takes seconds from the last measurement to the diagnosis of it.
+        'diagnostics.silence_limit': 1e6,
         'tension_stddev': NOISE['tension'],
         'estimator.force_stddev': 0.01,
         'estimator.tension_rate': 0.05,
