@@ -185,8 +185,9 @@ def has_converged(left: float, last: float) -> bool:
 
     Not a smaller part than `EXACT`, to which it is found. False for NaN.
     """
-    next_left = left * max(left, EXACT * last)
-    return left <= TOLERANCE or (next_left <= TOLERANCE * last and left < last)
+    if left <= TOLERANCE:
+        return True
+    return left < last and left * max(left / last, EXACT) <= TOLERANCE
 
 
 class ExactSections:
