@@ -88,14 +88,12 @@ def check_displacements(
     Raises:
         TensionError: if not; the message names the tendon.
     """
-    names = frozenset(arm.tendon_names)
-    for name in [*displacements, *tensions]:
-        if name not in names:
-            known = ', '.join(arm.tendon_names)
-            raise TensionError(f'unknown tendon {name}; this arm has {known}')
+    if unknown := (displacements.keys() | tensions.keys()).difference(arm.tendon_names):
+        known = ', '.join(arm.tendon_names)
+        raise TensionError(f'unknown tendon {min(unknown)}; this arm has {known}')
+    if both := displacements.keys() & tensions.keys():
+        raise TensionError(f'tendon {min(both)} has both a displacement and a tension')
     for name, value in displacements.items():
-        if name in tensions:
-            raise TensionError(f'tendon {name} has both a displacement and a tension')
         # Of larger ones the squares are beyond the range of floats.
         try:
             finite(name, value)

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
+from octo_arm_model.analysis.winding.complementarity import complementary_step
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
     displacements_of,
     tendon_compliance,
 )
-from octo_arm_model.core.compiled.models.arm_tables import own
-from octo_arm_model.core.compiled.models.winding_kernels import Reeled
-from octo_arm_model.core.compiled.numba_build import find_step
+from octo_arm_model.core.compiled.models.winding_kernels import STAYS_SLACK, Reeled
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -82,9 +81,9 @@ class Winding:
 
         ``tensions`` (tendons,) [N] are those of ``start``, or others where tendons are not driven.
         """
-        self._is_near = self._solver.is_compiled
+        self._is_near = True
         moved = tensions - start.backbone.tensions.ravel()
-        if self._is_near:
+        if self._solver.is_compiled:
             found = self._follow_compiled(tensions, moved, start)
             if found is not None:
                 return found
@@ -145,7 +144,7 @@ class Winding:
     ) -> Wound | None:
         """`follow` in machine code, where that finds it, after tensions have ``moved`` [N]."""
         solver, changes = self._solver, start.changes.copy()
-        given = np.stack([self._wanted, tendon_compliance(solver), solver.rest_lengths.ravel()])
+        given = np.array([self._wanted, tendon_compliance(solver), solver.rest_lengths.ravel()])
         displacement = start.displacement.flatten()
         reeled = Reeled(tensions.copy(), moved, changes, displacement)
         wrench = np.zeros(6) if self._tip_wrench is None else self._tip_wrench
@@ -175,14 +174,14 @@ class Winding:
         self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
     ) -> FloatArray:
         """Newton's step of all tensions; zero but for those that are free."""
-        step = np.zeros_like(tensions)
         wrong = np.where(self._driven, self._wanted - displacement, 0.0)
-        if self._is_near and find_step()(
-            own(changes), wrong, tensions, self._driven, self._rounding, step
-        ):
-            return step
+        if self._is_near:
+            stays_slack = STAYS_SLACK * self._length
+            near = complementary_step(changes, wrong, tensions, self._driven, stays_slack)
+            if near is not None:
+                return near
         free = np.flatnonzero(self._free(tensions, displacement))
-        step[:] = 0.0
+        step = np.zeros_like(tensions)
         step[free] = np.linalg.lstsq(changes[np.ix_(free, free)], wrong[free], rcond=1e-10)[0]
         if (tensions + step >= 0.0).all():
             return step
@@ -205,11 +204,13 @@ class Winding:
         return displacements_by_tension(self._solver, self._solver.sensitivity(backbone))
 
     def _wound(self, backbone: Backbone, displacement: FloatArray, changes: FloatArray) -> Wound:
-        arm, is_slack = self._solver.arm, backbone.tensions.ravel() == 0.0
-        is_slack &= displacement > np.where(self._driven, self._wanted + self._met, np.inf)
-        slack = tuple(arm.tendon_names[tendon] for tendon in np.flatnonzero(is_slack))
+        arm, slack = self._solver.arm, list[str]()
+        for tendon in np.flatnonzero(backbone.tensions.ravel() == 0.0).tolist():
+            wanted = self._wanted[tendon] if self._driven[tendon] else np.inf
+            if displacement[tendon] > wanted + self._met:
+                slack.append(arm.tendon_names[tendon])
         whole = displacement.reshape(arm.tension_shape)
-        return Wound(backbone, whole, slack, self._driven, changes)
+        return Wound(backbone, whole, tuple(slack), self._driven, changes)
 
     def _error(self, left: float, iterations: int) -> ConvergenceError:
         what = 'the displacement of the tendons'

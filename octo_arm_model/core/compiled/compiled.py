@@ -29,7 +29,6 @@ from octo_arm_model.core.compiled.numba_build import (
     find_exact_shapes,
     find_minima,
     find_shapes,
-    find_step,
     find_turn,
     read_out,
     slide,
@@ -109,8 +108,6 @@ class Compiled:
     def measure(self, lengths: TendonLengths) -> None:
         """Have ``lengths`` of tendons that keep their places measured in machine code."""
         tables = self._tables if isinstance(self._tables, ExactTables) else None
-        if tables is not None:
-            _make(find_step)
         if not isinstance(lengths.sections, SheathedSections):
             self._lengths = CompiledLengths(lengths, tables, self._grid)
 

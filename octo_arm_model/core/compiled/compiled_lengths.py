@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
 from octo_arm_model.core.compiled.models.winding_kernels import (
     FOUND,
@@ -46,7 +47,8 @@ class CompiledLengths:
         self._find_lengths = find_lengths()
         self._tables, self._grid = tables, grid
         if tables is not None:
-            self._wind, self._first_step, self._next_step = wind(), first_step(), next_step()
+            kernels = wind(), first_step(), next_step()
+            self._wind, self._first_step, self._next_step = map(entry_point, kernels)
         lengths.under = self.under
 
     def under(self, twist: FloatArray, tensions: FloatArray | None) -> FloatArray:

@@ -85,15 +85,6 @@ wind = _made(
 )
 first_step = _made(winding_kernels.first_step, *_WINCHES, np.zeros(1))
 next_step = _made(winding_kernels.next_step, *_WINCHES, _FOUR, 1.0, 1.0, np.zeros(1))
-find_step = _made(
-    winding_kernels.find_step,
-    np.ones((1, 1)),
-    np.zeros(1),
-    np.zeros(1),
-    np.zeros(1, np.bool_),
-    1.0,
-    np.zeros(1),
-)
 evaluate_sections = _made(
     section_kernels.evaluate_sections, no_exact().sections, _NONE, _FOUR, _FOUR,
     np.zeros((4, 4, 0)), _FOUR,

@@ -516,7 +516,7 @@ def test_what_one_process_compiles_another_loads() -> None:
 def test_kernels_are_compiled_side_by_side_and_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    few = {name: numba_build.KERNELS[name] for name in ('find_lengths', 'find_step')}
+    few = {name: numba_build.KERNELS[name] for name in ('find_lengths', 'find_turn')}
     monkeypatch.setattr(numba_build, 'KERNELS', few)
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
     numba_build.make_side_by_side()

@@ -24,6 +24,9 @@ EXCHANGES = 40  # of slack and taut tendons in one step
 SINGULAR = 1e-10  # pivot over the largest, from which on tensions are not determined
 TENSIONS_MET = 1e-9  # change of tensions, relative, that is none
 MET, ROUNDING = 1e-9, 1e-13  # of the lengths: error that is none before such a change, and at all
+# Likewise by which the path of a slack tendon may be too short for it to stay so: tendons that
+# hold each other would be slack and taut by turns for less.
+STAYS_SLACK = 1e-10
 LOST, ON_THE_WAY, FOUND = -1, 0, 1  # what became of a step
 
 
@@ -69,7 +72,7 @@ def solve_some(
 
 def find_step(
     changes: FloatArray, wrong: FloatArray, tensions: FloatArray, driven: NDArray[np.bool_],
-    rounding: float, step: FloatArray,
+    stays_slack: float, step: FloatArray,
 ) -> bool:  # fmt: skip
     """Fill in Newton's ``step`` of the tensions, after which tendons are taut or slack.
 
@@ -94,7 +97,7 @@ def find_step(
         for k in range(step.size):
             if not driven[k]:
                 continue
-            excess = wrong[k] - rounding
+            excess = wrong[k] - stays_slack
             for j in range(step.size):
                 excess -= changes[k, j] * step[j]
             if taut[k]:
@@ -167,7 +170,7 @@ def first_step(winches: Winches, reeled: Reeled, step: FloatArray) -> float:
                 wrong[k] -= changes[k, j] * moved[j]
             if tensions[k] > 0.0 or wrong[k] > 0.0:
                 size = max(size, abs(wrong[k]))
-    if not find_step(changes, wrong, tensions, driven, ROUNDING * rest.max(), step):
+    if not find_step(changes, wrong, tensions, driven, STAYS_SLACK * rest.max(), step):
         return np.nan
     take_step(tensions, step)
     for k in range(step.size):
@@ -210,7 +213,7 @@ def next_step(
             left = max(left, abs(wrong[k]))
     if not (left <= progress * last or left <= MET * scale):
         return left, LOST
-    if not find_step(changes, wrong, tensions, winches.driven, ROUNDING * scale, step):
+    if not find_step(changes, wrong, tensions, winches.driven, STAYS_SLACK * scale, step):
         return left, LOST
     is_met = left <= MET * scale and np.abs(step).max() <= TENSIONS_MET * tensions.max()
     if is_met or left <= ROUNDING * scale:

@@ -10,6 +10,8 @@ from helical_arm import helical_arm
 
 from octo_arm_model import Config, Solver, Wound, displacements_of, solve_displacements
 from octo_arm_model.analysis.winding import newton as winding
+from octo_arm_model.analysis.winding.complementarity import complementary_step
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.compiled.models.winding_kernels import find_step, solve_some
 from octo_arm_model.core.compiled.numba_build import is_available
 
@@ -57,6 +59,24 @@ def test_tensions_that_hold_lengths_are_found_without_numpy(
         np.testing.assert_allclose(last.backbone.position, expected.position, atol=1e-10)
 
 
+def test_tendons_that_hold_each_other_are_followed_without_numpy(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of four parallel tendons two opposite lengths together are the other two: at the least error
+    # one of them would pull or be slack.
+    arm, pull = table4.arm, 0.5 * np.array(FETCHING_IN_SPACE)
+    solver = Solver(arm, 'exact', compiled=True)
+    phase = np.arange(pull.size).reshape(pull.shape)
+    last: Wound | None = None
+    for number in range(40):
+        part = 0.9 + 0.05 * (np.sin(0.03 * number) + np.cos(0.03 * number + phase))
+        lengths = displacements_of(solver, solver.solve(part * pull)).ravel()
+        wanted = dict(zip(arm.tendon_names, lengths.tolist()))
+        last = solve_displacements(solver, wanted, start=last)
+        assert np.abs(last.displacement.ravel() - lengths).max() <= 1e-9 * arm.length
+        monkeypatch.setattr(winding.Winding, 'solve', None)
+
+
 def test_tendons_that_get_taut_or_slack_are_found() -> None:
     arm = helical_arm()
     machine, plain = (Solver(arm, 'exact', compiled=compiled) for compiled in (True, False))
@@ -84,8 +104,11 @@ def test_a_step_leaves_tendons_taut_or_long_enough() -> None:
         root = rng.normal(size=(6, 6))
         changes, driven = root @ root.T + 0.1 * np.eye(6), rng.uniform(size=6) < 0.8
         tensions, wrong = rng.uniform(size=6) * rng.integers(0, 2, 6), rng.normal(size=6)
-        step = np.zeros(6)
+        wrong[~driven], step = 0.0, np.zeros(6)
         assert find_step(changes, wrong, tensions, driven, 0.0, step)
+        same = complementary_step(changes, wrong, tensions, driven, 0.0)
+        assert same is not None
+        np.testing.assert_allclose(same, step, rtol=1e-9, atol=1e-9)
         new, left = tensions + step, wrong - changes @ step
         np.testing.assert_array_equal(step[~driven], 0.0)
         assert (new[driven] >= -1e-12).all()
