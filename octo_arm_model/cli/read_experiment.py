@@ -9,12 +9,13 @@ from typing import TypeVar
 from octo_arm_model.cli.options.experiment import ALL
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
 from octo_arm_model.core.arm.validation import finite, not_negative
-from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.errors import ConfigError, MeasurementError, SolveError, shown
+from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
-from octo_arm_model.experiment.recording.csv_table import read_columns
 from octo_arm_model.experiment.recording.measured_points import Measured
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
@@ -50,7 +51,7 @@ def read_options(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit,
     )  # fmt: skip
-    columns = read_columns(options.columns)
+    columns = _columns(options.columns)
     with Bar('messages, rows and values') as bar:
         recording = read_recording(
             options.bag,
@@ -139,3 +140,30 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
         return Alignment.from_pose(Pose((x, y, z), (a, b, c, d)))
     except ConfigError as error:
         raise ConfigError(f'--align: {str(error).replace("base.", "")}') from error
+
+
+def _columns(words: Sequence[str]) -> dict[str, str]:
+    """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
+
+    Raises:
+        MeasurementError: if a word is neither, or the file cannot be read.
+    """
+    found: dict[str, str] = {}
+    for word in words:
+        name, equals, column = word.partition('=')
+        if equals and name and column:
+            found[name] = column
+            continue
+        if not word.endswith(('.yaml', '.yml')):
+            raise MeasurementError(
+                f'--columns has {shown(word)}, expected name=COLUMN or a YAML file'
+            )
+        with reading(word, MeasurementError):
+            content = load_yaml(read_text(word, MAX_YAML_BYTES))
+        if not isinstance(content, dict) or not all(
+            isinstance(value, (str, int, float)) and not isinstance(value, bool)
+            for value in content.values()
+        ):
+            raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
+        found.update({str(name): str(column) for name, column in content.items()})
+    return found

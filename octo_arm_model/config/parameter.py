@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.core.arm.validation import is_text
+from octo_arm_model.core.arm.validation import is_text, not_negative, positive, whole, within
 from octo_arm_model.core.errors import ConfigError, listed, shown
 from octo_arm_model.core.limits import MAX_NAME, MAX_TABLE_POINTS
 
@@ -15,6 +16,7 @@ Values = Mapping[str, Any]  # of all parameters, by their names
 
 # The end of the meaning of arc coordinates of a table.
 TABLE_BOUND = f'; at most {MAX_TABLE_POINTS}'
+_UNIT = re.compile(r'\[([^]]*)\]')
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,22 @@ class Parameter:
         if self.is_array and isinstance(value, (list, tuple)):
             return tuple(self._convert_one(element, value) for element in value)
         return self._convert_one(value, value) if not self.is_array else self._refuse(value)
+
+    def check(self, value: Any, what: str) -> None:
+        """Check ``value`` against its range, where that is '>= 0', '> 0' or 'in [0, 1]'.
+
+        Raises:
+            ArmDefinitionError: if it is outside; the error calls it ``what`` it is.
+        """
+        unit = ''.join(_UNIT.findall(self.description)[:1])
+        if self.range == '>= 0' and self.kind is int:
+            whole(self.name, value)
+        elif self.range == '>= 0':
+            not_negative(self.name, value, what, unit)
+        elif self.range == '> 0':
+            positive(self.name, value, unit)
+        elif self.range == 'in [0, 1]':
+            within(self.name, value, 0.0, 1.0, unit)
 
     def _convert_one(self, element: object, value: object) -> Any:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):

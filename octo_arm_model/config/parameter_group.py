@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
 
 Group = TypeVar('Group', bound='ParameterGroup')
-_UNIT = re.compile(r'\[(.*?)\]')
 
 
 def stated(description: str, default: Any, allowed: str = '', what: str = 'number') -> Any:
     """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
 
-    The ``description`` has its unit in brackets. Values are refused that are not ``allowed``, in
-    words, where these are '>= 0', '> 0' or 'in [0, 1]'; the error calls a value ``what`` it is.
+    The ``description`` has its unit in brackets. Values that are not ``allowed``, in words, are
+    refused by `Parameter.check`, whose error calls a value ``what`` it is.
     """
     is_array = isinstance(default, tuple)
     kind = float if is_array else type(default)
@@ -43,16 +40,7 @@ class ParameterGroup:
     def __post_init__(self) -> None:
         """Validate."""
         for parameter, field in zip(self.table(), dataclasses.fields(self), strict=True):
-            name, value = parameter.name, getattr(self, field.name)
-            unit = ''.join(_UNIT.findall(parameter.description)[:1])
-            if parameter.range == '>= 0' and parameter.kind is int:
-                whole(name, value)
-            elif parameter.range == '>= 0':
-                not_negative(name, value, field.metadata['what'], unit)
-            elif parameter.range == '> 0':
-                positive(name, value, unit)
-            elif parameter.range == 'in [0, 1]':
-                within(name, value, 0.0, 1.0, unit)
+            parameter.check(getattr(self, field.name), field.metadata['what'])
 
     @classmethod
     def table(cls) -> tuple[Parameter, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,7 +11,6 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import (
@@ -30,7 +28,6 @@ from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
 _RADII = 101  # that the mean is taken of
-_UNIT = re.compile(r'\[([^]]*)\]')
 
 
 @dataclass(frozen=True)
@@ -142,12 +139,7 @@ class EstimatorSettings:
 def _check(given: Mapping[str, Any], arm: Arm) -> None:
     """Check numbers against their ranges, and places against the arm."""
     for parameter in ESTIMATOR_PARAMETERS:
-        value = given[parameter.name.removeprefix(PREFIX)]
-        unit = ''.join(_UNIT.findall(parameter.description)[:1])
-        if parameter.range == '>= 0':
-            not_negative(parameter.name, value, 'value', unit)
-        elif parameter.range == '> 0':
-            positive(parameter.name, value, unit)
+        parameter.check(given[parameter.name.removeprefix(PREFIX)], 'value')
     contact, places = given['contact'], given['contact_s']
     if contact not in CONTACTS:
         raise ConfigError(

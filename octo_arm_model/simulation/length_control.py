@@ -9,11 +9,10 @@ import numpy as np
 from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
-from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.simulation.profiles.limits import are_beyond
+from octo_arm_model.simulation.profiles.limits import check_command
 
 
 class LengthControl:
@@ -38,15 +37,7 @@ class LengthControl:
             OctoArmError: as `solve_displacements`; what was held before still is.
         """
         wound = self._hold(displacements, tensions)
-        pulled = wound.backbone.tensions.ravel()
-        beyond = np.flatnonzero(are_beyond(pulled, self._limits))
-        if beyond.size:
-            number = int(beyond[0])
-            name = self._solver.arm.tendon_names[number]
-            raise TensionError(
-                f'{name} would be pulled with {pulled[number]:.4g} N, expected at most '
-                f'{self._limits[number]:.4g} N'
-            )
+        check_command(self._solver.arm, wound.backbone.tensions, self._limits)
         self.displacements, self._wound = dict(displacements), wound
 
     def tensions(self, tensions: FloatArray) -> FloatArray:

@@ -18,18 +18,21 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
+from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.experiment.estimating.camera_check import CameraCheck
-from octo_arm_model.experiment.estimating.read_camera import camera_topic, read_camera
+from octo_arm_model.experiment.estimating.camera_check import CameraCheck, CameraFrames
 from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
 from octo_arm_model.experiment.recording.count import Count
-from octo_arm_model.experiment.recording.recording import Stamped
+from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
+from octo_arm_model.experiment.recording.measured_topics import MIDLINES, MeasuredTopics
+from octo_arm_model.experiment.recording.recording import Stamped, assemble
 from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import Pairing, base_first, camera_offset
 from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
 from octo_arm_model.wire.refusals import Refusals
 
@@ -125,7 +128,7 @@ def read_recorded(
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
-    topic = camera_topic(reader, sources.midlines)
+    topic = _camera_topic(reader, sources.midlines)
     origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
     camera = None
     if topic is not None:
@@ -149,6 +152,14 @@ def _pose_of(alignment: Alignment | None) -> PoseOf | None:
     return lambda frame, stamp_ns: pose
 
 
+def _camera_topic(reader: BagReader, wanted: str | None) -> str | None:
+    """The ``wanted`` topic, or the one of the usual name with midlines; None if there is none."""
+    if wanted is not None:
+        return wanted
+    found = usual_topics(reader, MIDLINE, MIDLINES)
+    return found[0] if len(found) == 1 else None
+
+
 def _camera(
     reader: BagReader,
     topic: str,
@@ -159,17 +170,30 @@ def _camera(
     refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
-    """The camera's frames beside what the tensions alone tell.
+    """Midlines or tips on a ``topic``, beside what the tensions alone tell.
+
+    ``refusals`` count the messages left out, and ``notes`` are told of what was decided.
 
     Raises:
-        MeasurementError: if there is nothing to compare.
+        BagError: if there is no such topic, or of another type.
+        MeasurementError: if there is nothing to compare, or neither end is clearly the base.
     """
     if not len(tensions.rows):
         raise MeasurementError('there are no tensions to tell a shape without the estimator')
     stamped = Stamped(sensors.tensions, tensions.stamps_ns.tolist(), list(tensions.rows))
-    frames = read_camera(
-        reader, topic, config, stamped, sources.alignment, sources.clock_offset, refusals, notes
-    )
-    order = np.argsort(tensions.stamps_ns, kind='stable')
-    time = 1e-9 * (tensions.stamps_ns[order] - tensions.stamps_ns.min())
-    return CameraCheck(frames, config.solver('exact'), time, tensions.rows[order])
+    measured = Measured((topic,))
+    points = MeasuredPoints(measured, config.arm.length)
+    topics = MeasuredTopics(reader, measured, points, config.base_frame)
+    seen = list(topics.read(refusals, Count()))
+    recording = assemble({}, stamped, None, seen, topic, measured, points, refusals, notes)
+    alignment = sources.alignment
+    if alignment is None and recording.frame_id == config.base_frame:
+        alignment = Alignment.none()
+    elif alignment is None:
+        notes.append(f'the pose of {recording.frame_id!r} is fitted, to each of both shapes')
+    pairing = Pairing(offset=sources.clock_offset)
+    lines = base_first(recording, pairing, config, alignment, notes)
+    ahead = camera_offset(recording, pairing, config, lines, notes)
+    frames = CameraFrames(recording.frame_time + ahead, lines, alignment)
+    solver = config.solver('exact')
+    return CameraCheck(frames, solver, recording.tension_time, recording.tensions)

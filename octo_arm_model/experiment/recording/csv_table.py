@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.config.csv_files import NUMBER
-from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
+from octo_arm_model.config.yaml_files import read_text, reading
 from octo_arm_model.core.errors import MeasurementError, listed, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS, MAX_YAML_BYTES
+from octo_arm_model.core.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS
 from octo_arm_model.experiment.recording.count import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
@@ -189,30 +189,3 @@ def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column,
         if count > 1:
             raise MeasurementError(f'{path}, line {line}: two columns {shown(name)}')
     return tuple(columns)
-
-
-def read_columns(words: Sequence[str]) -> dict[str, str]:
-    """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
-
-    Raises:
-        MeasurementError: if a word is neither, or the file cannot be read.
-    """
-    found: dict[str, str] = {}
-    for word in words:
-        name, equals, column = word.partition('=')
-        if equals and name and column:
-            found[name] = column
-            continue
-        if not word.endswith(('.yaml', '.yml')):
-            raise MeasurementError(
-                f'--columns has {shown(word)}, expected name=COLUMN or a YAML file'
-            )
-        with reading(word, MeasurementError):
-            content = load_yaml(read_text(word, MAX_YAML_BYTES))
-        if not isinstance(content, dict) or not all(
-            isinstance(value, (str, int, float)) and not isinstance(value, bool)
-            for value in content.values()
-        ):
-            raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
-        found.update({str(name): str(column) for name, column in content.items()})
-    return found

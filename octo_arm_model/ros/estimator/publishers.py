@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from geometry_msgs.msg import WrenchStamped
-from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr.covariance import CovarianceWriter
-from octo_arm_model.wire.cdr.estimate import BIAS, CONTACT, TIP_WRENCH, EstimateWriter
+from octo_arm_model.wire.cdr.estimate import BESIDES, EstimateWriter
 from octo_arm_model.wire.cdr.uncertainty import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
@@ -24,10 +22,9 @@ class EstimatePublishers(BackbonePublishers):
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``; raises ConfigError as `BackbonePublishers`."""
         super().__init__(node)
-        self._covariance = self._open(BackboneCovariance, COVARIANCE)
-        self._tip_wrench = self._open(WrenchStamped, TIP_WRENCH)
-        self._contact = self._open(WrenchStamped, CONTACT)
-        self._bias = self._open(TendonTensions, BIAS)
+        self._besides = {
+            topic: self._open(message_class(kind), topic) for topic, kind in BESIDES.items()
+        }
 
     def describe(self, solver: Solver, config: Config) -> None:
         """Prepare the messages for estimates of ``solver``, with the frames of ``config``."""
@@ -35,8 +32,7 @@ class EstimatePublishers(BackbonePublishers):
             return
         super().describe(solver, config)
         self._tube = UncertaintyMarkersWriter(config.arm, solver.grid.s, config.base_frame)
-        self._covariances = CovarianceWriter(config.base_frame, solver.grid.s)
-        self._estimate_writer = EstimateWriter(config.base_frame, config.arm.tendon_names)
+        self._estimate_writer = EstimateWriter(config.base_frame, config.arm, solver.grid.s)
 
     def publish_estimate(self, estimate: Estimate, stamp: Stamp) -> None:
         """Publish an ``estimate`` of the arm that was described."""
@@ -53,12 +49,7 @@ class EstimatePublishers(BackbonePublishers):
 
         self.publish(backbone, covariance[-1], stamp, markers)
         self.publish_tensions(backbone, stamp)
-        if contact is not None:
-            publisher = self._tip_wrench if contact.is_at_tip else self._contact
-            publisher.publish(self._estimate_writer.wrench(contact.wrench, *stamp))
-        if self._covariance.get_subscription_count():
-            data = self._covariances.write(covariance, known.s, known.covariance, *stamp)
-            self._covariance.publish(data)
-        if estimate.tension_bias.size:
-            bias = self._estimate_writer.tension_bias(estimate.tension_bias, *stamp)
-            self._bias.publish(bias)
+        unheard = () if self._besides[COVARIANCE].get_subscription_count() else (COVARIANCE,)
+        messages = self._estimate_writer.write(estimate, contact, stamp, unheard)
+        for topic, data in messages.items():
+            self._besides[topic].publish(data)

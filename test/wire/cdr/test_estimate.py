@@ -70,9 +70,9 @@ def test_all_of_an_estimate_is_in_its_messages(unknowns: Unknowns, more: set[str
         assert covariance.contact_s == 0.12
 
 
-def test_other_sizes_are_refused() -> None:
-    writer = EstimateWriter('', ('a', 'b'))
-    with pytest.raises(ConfigError, match=r'wrench is of shape \(3,\), expected \(6,\)'):
-        writer.wrench(np.zeros(3), 0, 0)
-    with pytest.raises(ConfigError, match=r'bias is of shape \(3,\), expected \(2,\)'):
-        writer.tension_bias(np.zeros(3), 0, 0)
+def test_an_estimate_with_other_stations_is_refused() -> None:
+    model = rubber(AT)
+    found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
+    writer = EstimateWriter('', model.arm, model.solver.grid.s[1:])
+    with pytest.raises(ConfigError, match='covariances are of shape'):
+        writer.write(found, None, (0, 0))
