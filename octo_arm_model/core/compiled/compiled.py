@@ -142,12 +142,9 @@ class Compiled:
         """Whether the kernels cover the model and the arm.
 
         Of the paper's models they do where tendons make neither mixed second moment nor routing
-        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are,
-        but not of friction in sheaths that give way.
+        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
         """
         if isinstance(statics, Exact):
-            if statics.slides and isinstance(statics.sections, SheathedSections):
-                return False
             return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
         if isinstance(statics, SlidingClosedForm):
             return True

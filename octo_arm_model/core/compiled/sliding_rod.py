@@ -57,7 +57,7 @@ class SlidingRod(CompiledRod):
         found = super().newton(condition, shape, tolerance)
         if found.state.residual == np.inf:
             return self._by_numpy(condition, shape, tolerance)
-        along = self._tables.sections.transmission[:, np.newaxis].copy()
+        along = self._tensions_along(condition.tensions).copy()
         sliding = Sliding(along, self._slip[:, np.newaxis].copy())
         return found._replace(state=found.state._replace(sliding=sliding))
 
@@ -71,6 +71,10 @@ class SlidingRod(CompiledRod):
         along, stations = self._tables.sections, self._tables.station_sections
         tendons = TendonTensions(along.transmission.copy(), stations.transmission.copy())
         return solution._replace(tendons=tendons)
+
+    def _tensions_along(self, tensions: FloatArray) -> FloatArray:
+        """As that of `CompiledRod`, whatever ``tensions`` at the base they follow from."""
+        return self._tables.sections.transmission[:, np.newaxis]
 
     def _balance(
         self, condition: Condition, shape: Shape, tolerance: float, wanted: int,

@@ -109,13 +109,15 @@ def find_sliding_balance(
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
     turned, sign = 0.0, 0
     pulled = np.flatnonzero(tensions)
-    turning = empty_turning(pulled.size, count)
+    turning = empty_turning(friction.sections, pulled.size)
     new, current = empty_state(count), known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
     along, changed = tables.sections.transmission, np.inf
     along[:] = 0.0
+    # Where sheaths give way tendons stand as tensions have it, nearly those without turning.
+    find_tensions(friction, tensions, before, pulled, turning)
     find_turnings(friction, state.twist, pulled, turning)
     turning.angle[:] = turning.turned
     sticks = find_tensions(friction, tensions, before, pulled, turning)
@@ -131,7 +133,7 @@ def find_sliding_balance(
             at_stations[:] = 0.0
             each = tables.weights.size
             add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
-            is_fine = resolves_tensions(friction, tensions)
+            is_fine = resolves_tensions(friction)
             sign = sign if turned <= SAME else 0
             return residual, systems, sign, corrected, sticks, is_fine
         if is_slow:
