@@ -183,7 +183,7 @@ def _speed_up_sliding(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         sliding = SlidingRod(rod)
         rod.newton, rod.settle, rod.slide = sliding.newton, sliding.settle, sliding.slide
-        rod.equilibrium.frames = sliding.frames
+        rod.read_out, rod.equilibrium.frames = sliding.read_out, sliding.frames
 
 
 def _speed_up(rod: LoadedRod) -> None:
