@@ -3,8 +3,9 @@
     python benchmarks/effects.py
 
 For the prototype and the arm of Table 4, by NumPy and compiled, without loads and followed under
-a force on the tip. A sheath is of 7 G, friction of mu = 0.1; winches follow a movement in steps of
-about 0.3 %, each from the last solution, with the lengths of all tendons given.
+a force on the tip. A sheath is of 7 G, friction of mu = 0.1, and both are together; winches follow
+a movement in steps of about 0.3 %, each from the last solution, with the lengths of all tendons
+given.
 """
 
 from __future__ import annotations
@@ -72,17 +73,20 @@ def wind(
 
 def main() -> None:
     """Measure and print a table."""
-    print('| arm | loads | by | solve [ms] | sheath | friction | lengths |')
-    print('| --- | --- | --- | --- | --- | --- | --- |')
+    print('| arm | loads | by | solve [ms] | sheath | friction | both | lengths |')
+    print('| --- | --- | --- | --- | --- | --- | --- | --- |')
     for name, tensions in _ARMS:
         arm = find_config(name).arm
         stiffness = _SHEATH * arm.material.shear_modulus
         soft_arm = dataclasses.replace(arm, sheath_stiffness=(stiffness,))
-        rough_arm = dataclasses.replace(arm, friction=(_FRICTION,))
+        rough_arm, rough_soft_arm = (
+            dataclasses.replace(one, friction=(_FRICTION,)) for one in (arm, soft_arm)
+        )
         moved = movement(tensions)
         for compiled in (False, True):
-            plain, soft, rough = (
-                Solver(one, 'exact', compiled=compiled) for one in (arm, soft_arm, rough_arm)
+            plain, soft, rough, rough_soft = (
+                Solver(one, 'exact', compiled=compiled)
+                for one in (arm, soft_arm, rough_arm, rough_soft_arm)
             )
             for wrench in (None, _WRENCH):
                 lengths = [
@@ -94,11 +98,13 @@ def main() -> None:
                 solve = least(lambda: follow(plain, moved, wrench))
                 sheath = least(lambda: follow(soft, moved, wrench))
                 friction = least(lambda: follow(rough, moved, wrench))
+                both = least(lambda: follow(rough_soft, moved, wrench))
                 winches = least(lambda: wind(plain, lengths, wrench, first))
                 print(
                     f'| {name} | {"tip force" if wrench else "none"} | '
                     f'{"compiled" if compiled else "NumPy"} | {1e3 * solve / _STEPS:.2f} | '
-                    f'{sheath / solve:.1f} | {friction / solve:.1f} | {winches / solve:.1f} |'
+                    f'{sheath / solve:.1f} | {friction / solve:.1f} | {both / solve:.1f} | '
+                    f'{winches / solve:.1f} |'
                 )
 
 

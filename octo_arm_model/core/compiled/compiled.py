@@ -139,12 +139,9 @@ class Compiled:
         """Whether the kernels cover the model and the arm.
 
         Of the paper's models they do where tendons make neither mixed second moment nor routing
-        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are,
-        but not of friction in sheaths that give way.
+        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
         """
         if isinstance(statics, Exact):
-            if statics.slides and isinstance(statics.sections, SheathedSections):
-                return False
             return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
         if isinstance(statics, SlidingClosedForm):
             return True
@@ -183,7 +180,7 @@ def _speed_up_sliding(rod: LoadedRod) -> None:
     if not rod.equilibrium.loads.others:
         sliding = SlidingRod(rod)
         rod.newton, rod.settle, rod.slide = sliding.newton, sliding.settle, sliding.slide
-        rod.equilibrium.frames = sliding.frames
+        rod.read_out, rod.equilibrium.frames = sliding.read_out, sliding.frames
 
 
 def _speed_up(rod: LoadedRod) -> None:

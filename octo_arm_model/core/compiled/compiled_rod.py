@@ -122,11 +122,15 @@ class CompiledRod:
         energy = self._rod.equilibrium.energy
         if isinstance(energy, SheathedSections):
             strain = to_scaled(energy.law, found.twist[:, np.newaxis])
-            energy.check_tendons(strain, energy.local_tensions(wanted.tensions[np.newaxis]))
+            energy.check_tendons(strain, self._tensions_along(wanted.tensions))
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
             (readings.position, readings.quaternion), None, readings.strains,
         )  # fmt: skip
+
+    def _tensions_along(self, tensions: FloatArray) -> FloatArray:
+        """Of the tendons at the points in the balance found last, (tendons, 1, points) [N]."""
+        return self._rod.equilibrium.energy.local_tensions(tensions[np.newaxis])
 
     def differentiate(
         self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None

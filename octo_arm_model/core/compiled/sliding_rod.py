@@ -7,8 +7,8 @@ import numpy as np
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod, state_of
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
-from octo_arm_model.core.compiled.loaded.rod_kernels import Outcome
+from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
+from octo_arm_model.core.compiled.loaded.rod_kernels import READ_ONLY, Outcome
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.loaded.system_kernels import empty_system
 from octo_arm_model.core.compiled.models.arm_tables import own
@@ -18,7 +18,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Sliding
-from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 
@@ -26,7 +26,7 @@ _NOTHING = np.zeros((0, 0))
 
 
 class SlidingRod(CompiledRod):
-    """`Newton`, `Settle` and `Slide` of one rod."""
+    """`Newton`, `Settle`, `ReadOut` and `Slide` of one rod."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Tabulate ``rod``.
@@ -57,7 +57,7 @@ class SlidingRod(CompiledRod):
         found = super().newton(condition, shape, tolerance)
         if found.state.residual == np.inf:
             return self._by_numpy(condition, shape, tolerance)
-        along = self._tables.sections.transmission[:, np.newaxis].copy()
+        along = self._tensions_along(condition.tensions).copy()
         sliding = Sliding(along, self._slip[:, np.newaxis].copy())
         return found._replace(state=found.state._replace(sliding=sliding))
 
@@ -71,6 +71,21 @@ class SlidingRod(CompiledRod):
         along, stations = self._tables.sections, self._tables.station_sections
         tendons = TendonTensions(along.transmission.copy(), stations.transmission.copy())
         return solution._replace(tendons=tendons)
+
+    def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`ReadOut` of the rod."""
+        assert state.sliding is not None
+        along, condition = state.sliding.tensions[:, 0], state.condition
+        self._tables.sections.transmission[:] = along
+        self._tables.station_sections.transmission[:] = self._rod.stations.interpolate(along)
+        readings = empty_readings(self._nodes, self._stations)
+        held = condition._replace(tensions=np.sign(condition.tensions))
+        super()._balance(held, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
+        return readings.twist, readings.position, readings.quaternion
+
+    def _tensions_along(self, tensions: FloatArray) -> FloatArray:
+        """As that of `CompiledRod`, whatever ``tensions`` at the base they follow from."""
+        return self._tables.sections.transmission[:, np.newaxis]
 
     def _balance(
         self, condition: Condition, shape: Shape, tolerance: float, wanted: int,

@@ -398,6 +398,7 @@ def test_one_version_of_every_kernel_serves_all_work(loaded_anew: dict[str, Any]
     plain = HELICAL.with_density(1080.0)
     sheathed = dataclasses.replace(plain, sheath_stiffness=(2e6,) * len(plain.tendons))
     rough = dataclasses.replace(plain, friction=(0.2,))
+    both = dataclasses.replace(sheathed, friction=(0.2,))
     one = np.array([[0.3, 0.0, 0.1], [0.2, 0.4, 0.0]])
     one.setflags(write=False)
     several = np.asfortranarray(np.stack([one, 0.5 * one, 0.2 * one]))
@@ -408,7 +409,7 @@ def test_one_version_of_every_kernel_serves_all_work(loaded_anew: dict[str, Any]
         (plain, 'exact', Loads()), (plain, 'exact', weight),
         (plain, 'exact', Loads(others=(TipPull(),))), (sheathed, 'exact', Loads()),
         (sheathed, 'exact', weight), (rough, 'closed_form', Loads()), (rough, 'exact', Loads()),
-        (rough, 'exact', weight),
+        (rough, 'exact', weight), (both, 'exact', Loads()), (both, 'exact', weight),
     ]:  # fmt: skip
         solver = Solver(arm, model, 21, loads=loads, compiled=True)
         for batch in (several[:0], several[:1], several):

@@ -1,4 +1,7 @@
-"""Tendons with friction in sheaths that give way: closed form, limits, history, derivatives."""
+"""Tendons with friction in sheaths that give way: closed form, limits, history, derivatives.
+
+By NumPy and in machine code, whose shapes are the same.
+"""
 
 from __future__ import annotations
 
@@ -9,24 +12,30 @@ import numpy as np
 import pytest
 from differences import jacobian
 from helical_arm import PULL, helical_arm
+from hypothesis import assume, given, settings
 from scipy.optimize import brentq
+from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
     Arm,
+    Backbone,
     Body,
     ConfigError,
     Loads,
     Material,
+    PointLoad,
     Section,
     SolveError,
     Solver,
 )
+from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.models import exact, sliding
 
 YOUNG, RADIUS, LENGTH, OFFSET, MU, SHEATH = 1e5, 0.01, 0.4, 0.006, 0.3, 1.5e5
 BENDING = YOUNG * math.pi * RADIUS**4 / 4
 STRAIGHT = Arm(
-    Material(YOUNG, 0.5), Body(LENGTH, RADIUS, RADIUS),
+    Material(YOUNG, 0.5, 1080.0), Body(LENGTH, RADIUS, RADIUS),
     (Section(LENGTH, OFFSET, OFFSET, angles=(0.0,)),),
     friction=(MU,), sheath_stiffness=(SHEATH,),
 )  # fmt: skip
@@ -40,10 +49,23 @@ LOADS = [
     pytest.param(Loads(), id='free'),
     pytest.param(Loads(gravity=(0.0, 0.0, -9.81)), id='under gravity'),
 ]
+with_numba = pytest.mark.skipif(not is_available(), reason='numba is not installed')
+both_ways = pytest.mark.parametrize(
+    'compiled', [pytest.param(False, id='NumPy'), pytest.param(True, marks=with_numba, id='numba')]
+)
 
 
+def assert_same(found: Backbone, expected: Backbone, length: float) -> None:
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9 * length)
+    scale = max(float(expected.tensions.max()), 1e-9)
+    for name in ('tendon_tensions', 'point_tensions'):
+        one, other = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * scale)
+
+
+@both_ways
 @pytest.mark.parametrize('pull', [0.1, 1.0, 4.0])
-def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float) -> None:
+def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float, compiled: bool) -> None:
     # It stands off its path by T kappa / k, so that E J kappa = T (y + T kappa / k), and
     # T' = -mu T kappa is separable.
     def passed(tension: float) -> float:
@@ -51,19 +73,19 @@ def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float) -> None:
         bent = BENDING * (1.0 / tension - 1.0 / pull) - (pull - tension) / SHEATH
         return bent / (MU * OFFSET)
 
-    backbone = Solver(STRAIGHT, 'exact', material='linear').solve([[pull]])
+    backbone = Solver(STRAIGHT, 'exact', material='linear', compiled=compiled).solve([[pull]])
     expected = np.array([brentq(lambda t: passed(t) - s, 1e-3, pull) for s in backbone.s])
     np.testing.assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-7)
     bent = expected * OFFSET / (BENDING - expected**2 / SHEATH)
     np.testing.assert_allclose(backbone.k * (1.0 + backbone.q), bent, rtol=1e-6)
 
 
+@both_ways
 @pytest.mark.parametrize('loads', LOADS)
-def test_limits_are_friction_alone_and_sheaths_alone(loads: Loads) -> None:
+def test_limits_are_friction_alone_and_sheaths_alone(loads: Loads, compiled: bool) -> None:
     def tip(**changes: tuple[float, ...]) -> FloatArray:
-        return (
-            Solver(dataclasses.replace(HELICAL, **changes), 'exact', loads=loads).solve(PULL).tip
-        )
+        arm = dataclasses.replace(HELICAL, **changes)
+        return Solver(arm, 'exact', loads=loads, compiled=compiled).solve(PULL).tip
 
     both = tip()
     rough, soft = tip(sheath_stiffness=()), tip(friction=())
@@ -72,9 +94,10 @@ def test_limits_are_friction_alone_and_sheaths_alone(loads: Loads) -> None:
     np.testing.assert_allclose(tip(friction=(1e-10,)), soft, atol=1e-8)
 
 
+@both_ways
 @pytest.mark.parametrize('loads', LOADS)
-def test_a_loop_closes_and_encloses_something(loads: Loads) -> None:
-    solver = Solver(HELICAL, 'exact', loads=loads)
+def test_a_loop_closes_and_encloses_something(loads: Loads, compiled: bool) -> None:
+    solver = Solver(HELICAL, 'exact', loads=loads, compiled=compiled)
     last, tips = solver.solve(PULL), []
     for part in (0.7, 0.4, 0.7, 1.0, 0.7, 0.4, 0.7, 1.0):
         last = solver.follow(part * PULL, last)
@@ -83,11 +106,12 @@ def test_a_loop_closes_and_encloses_something(loads: Loads) -> None:
     assert np.linalg.norm(tips[0] - tips[2]) > 2e-3 * HELICAL.length
 
 
+@both_ways
 @pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
 @pytest.mark.parametrize('loads', LOADS)
-def test_derivatives_are_those_of_differences(material: str, loads: Loads) -> None:
+def test_derivatives_are_those_of_differences(material: str, loads: Loads, compiled: bool) -> None:
     def outcome(arm: Arm, pull: FloatArray = PULL) -> FloatArray:
-        solver = Solver(arm, 'exact', 41, material=material, loads=loads)
+        solver = Solver(arm, 'exact', 41, material=material, loads=loads, compiled=compiled)
         backbone = solver.solve(pull)
         return np.concatenate([
             backbone.position[::8].ravel(), backbone.xi[::8],
@@ -105,7 +129,7 @@ def test_derivatives_are_those_of_differences(material: str, loads: Loads) -> No
     def tighter(x: FloatArray) -> FloatArray:
         return outcome(dataclasses.replace(HELICAL, sheath_stiffness=tuple(stiffness * (1.0 + x))))
 
-    solver = Solver(HELICAL, 'exact', 41, material=material, loads=loads)
+    solver = Solver(HELICAL, 'exact', 41, material=material, loads=loads, compiled=compiled)
     found = solver.sensitivity(solver.solve(PULL))
     assert found.by_friction is not None and found.by_sheath_stiffness is not None
     mu, stiffness = np.array(HELICAL.friction), np.array(HELICAL.sheath_stiffness)
@@ -146,12 +170,81 @@ def test_offsets_have_derivatives_too() -> None:
     np.testing.assert_allclose(got, expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_sheaths_too_soft_are_refused_by_the_tension_that_friction_leaves() -> None:
+@both_ways
+def test_sheaths_too_soft_are_refused_by_the_tension_that_friction_leaves(compiled: bool) -> None:
     soft = dataclasses.replace(STRAIGHT, sheath_stiffness=(5e3,))
     with pytest.raises(SolveError, match='tensions'):
-        Solver(soft, 'exact').solve([[20.0]])
+        Solver(soft, 'exact', compiled=compiled).solve([[20.0]])
 
 
 def test_the_closed_form_keeps_tendons_in_their_places() -> None:
     with pytest.raises(ConfigError, match=r'tendons\.sheath_stiffness goes with model exact'):
         Solver(STRAIGHT, 'closed_form')
+
+
+# In machine code --------------------------------------------------------------------------------
+
+
+@with_numba
+@pytest.mark.parametrize('loads', [*LOADS, Loads(points=(PointLoad(0.2, force=(0.01, 0.02, 0)),))])
+@pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
+def test_machine_code_pulls_and_releases_as_numpy_does(material: str, loads: Loads) -> None:
+    machine, plain = (
+        Solver(HELICAL, 'exact', 41, material=material, loads=loads, compiled=compiled)
+        for compiled in (True, False)
+    )
+    assert machine.is_compiled and not plain.is_compiled
+    one = other = None
+    for part in (1.0, 0.7, 0.75, 0.751, 0.2, 0.0, 0.4):
+        one, other = machine.follow(part * PULL, one), plain.follow(part * PULL, other)
+        assert_same(one, other, HELICAL.length)
+        # Each may go on from what the other has found.
+        one, other = other, one
+
+
+@with_numba
+@pytest.mark.parametrize('wrench', [None, [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]])
+def test_a_movement_is_followed_without_numpy(
+    wrench: list[float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Followed by one solver, and by another that knows of each backbone no more than it has."""
+    machine, plain = (
+        Solver(HELICAL, 'exact', 41, compiled=compiled) for compiled in (True, False)
+    )
+    one = machine.solve(PULL, wrench)
+    expected, other = [], one
+    parts = 1.0 + 0.02 * np.sin(np.arange(8.0))
+    for part in parts:
+        other = plain.follow(part * PULL, other, wrench)
+        expected.append(other)
+    monkeypatch.setattr(exact, 'follow', None)
+    monkeypatch.setattr(sliding, 'balance', None)
+    for part, other in zip(parts, expected):
+        one = machine.follow(part * PULL, one, wrench)
+        assert_same(one, other, HELICAL.length)
+        assert one.residual <= 1e-11
+        assert one.iterations <= 5
+
+
+@with_numba
+@settings(max_examples=20, deadline=None)
+@given(
+    loaded_arms(3), fractions(0.01, 0.6), fractions(2.0, 30.0), fractions(0.0, 1.0),
+    fractions(-1.0, 1.0),
+)  # fmt: skip
+def test_machine_code_follows_any_arm_as_numpy_does(
+    case: tuple[Arm, np.ndarray], friction: float, sheath: float, part: float, pushed: float
+) -> None:
+    arm, tensions = case
+    stiffness = sheath * float(arm.material.shear_modulus)
+    rough = dataclasses.replace(arm, friction=(friction,), sheath_stiffness=(stiffness,))
+    plain, machine = (Solver(rough, 'exact', 41, compiled=compiled) for compiled in (False, True))
+    force = 0.3 * pushed * float(np.max(tensions)) * np.array([0.1, 1.0, -0.5])
+    for wrench in (np.zeros(6), np.concatenate([force, np.zeros(3)])):
+        try:
+            pulled = plain.solve(tensions, wrench)
+            released = plain.follow(part * tensions, pulled, wrench)
+        except SolveError:
+            assume(False)
+        assert_same(machine.solve(tensions, wrench), pulled, arm.length)
+        assert_same(machine.follow(part * tensions, pulled, wrench), released, arm.length)

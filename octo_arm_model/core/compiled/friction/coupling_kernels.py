@@ -7,8 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.friction_kernels import TurningState, integrate
+from octo_arm_model.core.compiled.friction.friction_kernels import (
+    TurningState,
+    find_strain,
+    integrate,
+)
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.friction.placing_kernels import add_yielding, place_of
 from octo_arm_model.core.compiled.numerics.dense_kernels import (
     eliminate_definite,
     substitute_definite,
@@ -26,6 +31,8 @@ def find_couplings(
     Under ``twist`` (4, points), with the ``hessian`` (4, 4, points) of the energy there.
     """
     sections, count, unit = tables.sections, twist.shape[1], turning.unit
+    strain = np.empty((5, count))
+    find_strain(sections, twist, strain)
     width, slope = np.ones(count), np.zeros(count)
     if sections.widens:
         for i in range(count):
@@ -35,7 +42,7 @@ def find_couplings(
     t, n, b = twist[0], twist[1], twist[2]
     for k in range(pulled.size):
         e_t, e_n, e_b = unit[0, k], unit[1, k], unit[2, k]
-        x, y = sections.x[pulled[k]], sections.y[pulled[k]]
+        x, y = place_of(sections, pulled[k], k, turning.offset)
         dx, dy = sections.dx[pulled[k]], sections.dy[pulled[k]]
         bends = turning.by_pull[k]
         for i in range(count):
@@ -47,6 +54,8 @@ def find_couplings(
                 + (dx[i] - t[i] * y[i]) * e_n[i]
                 + (dy[i] + t[i] * x[i]) * e_b[i]
             )
+        if turning.offset.size:
+            add_yielding(sections, pulled[k], x, y, twist, strain, slope, bends)
         substitute_definite(factors, bends)
     across = np.empty((3, count))
     for j in range(pulled.size):

@@ -10,6 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.friction.placing_kernels import (
+    no_offsets,
+    place_of,
+    place_tendons,
+)
 from octo_arm_model.core.compiled.loaded.resolution_kernels import largest_tail
 from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
@@ -21,7 +26,7 @@ from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_
 
 
 class TurningState(NamedTuple):
-    """How the tendons that are pulled turn; all (pulled, points) but for the last four.
+    """How the tendons that are pulled turn; all (pulled, points) but for the last five.
 
     Attributes:
         angle: by which each has turned since the base, nearly [rad].
@@ -33,6 +38,7 @@ class TurningState(NamedTuple):
         curvature: derivative of this, likewise [1/m].
         by_pull: change of the twist with each tension at the same place, (pulled, 4, points).
         coupling: likewise of each ``rate``, see `couplings`, (pulled, pulled, points).
+        offset: of the tendons in their sheaths [m], see `placing_kernels`.
     """
 
     angle: FloatArray
@@ -44,15 +50,18 @@ class TurningState(NamedTuple):
     curvature: FloatArray
     by_pull: FloatArray
     coupling: FloatArray
+    offset: FloatArray
 
 
-def empty_turning(pulled: int, points: int) -> TurningState:
-    """Room for tendons that are drawn in and do not turn."""
+def empty_turning(sections: SectionTables, pulled: int) -> TurningState:
+    """Room for ``pulled`` tendons that are drawn in and do not turn."""
+    points = sections.axial.size
     return TurningState(
         np.zeros((pulled, points)), np.empty((pulled, points)), np.empty((pulled, points)),
         np.full((pulled, points), -1.0), np.zeros((pulled, points)),
         np.empty((3, pulled, points)), np.empty((3, pulled, points)),
         np.empty((pulled, 4, points)), np.empty((pulled, pulled, points)),
+        no_offsets(sections, pulled),
     )  # fmt: skip
 
 
@@ -94,18 +103,22 @@ def find_tensions(
 def find_turnings(
     tables: FrictionTables, twist: FloatArray, pulled: IntArray, turning: TurningState
 ) -> None:
-    """Fill in how the tendons turn under ``twist`` (4, points): see `Turning`."""
+    """Fill in how the tendons turn under ``twist`` (4, points): see `Turning`.
+
+    Where sheaths give way tendons stand as the tensions at the points have it.
+    """
     sections, several, count = tables.sections, pulled.size, twist.shape[1]
     elements, s = tables.step.size, len(tables.end_columns)
     unit, slope, rate, turned = turning.unit, turning.curvature, turning.rate, turning.turned
     strain = np.empty((5, count))
     find_strain(sections, twist, strain)
     t, n, b, stretch, width = strain[0], strain[1], strain[2], strain[3], strain[4]
+    if turning.offset.size:
+        place_tendons(sections, strain, pulled, turning.offset)
     for number in range(several):
         tendon = pulled[number]
-        x, y, dx, dy = (
-            sections.x[tendon], sections.y[tendon], sections.dx[tendon], sections.dy[tendon]
-        )  # fmt: skip
+        x, y = place_of(sections, tendon, number, turning.offset)
+        dx, dy = sections.dx[tendon], sections.dy[tendon]
         e_t, e_n, e_b = unit[0, number], unit[1, number], unit[2, number]
         for i in range(count):
             u_t, u_n, u_b, length = tendon_direction(
@@ -161,13 +174,14 @@ def integrate(tables: FrictionTables, rate: FloatArray, total: FloatArray) -> No
             start += whole
 
 
-def resolves_tensions(tables: FrictionTables, tensions: FloatArray) -> bool:
-    """Whether points resolve those along tendons of ``tensions`` at the base, which do not stick.
+def resolves_tensions(tables: FrictionTables) -> bool:
+    """Whether points resolve the tensions at them, of tendons that do not stick.
 
     As `LoadedRod.resolves_twist`.
     """
-    for tendon in np.flatnonzero(tensions):
-        along = tables.sections.transmission[tendon]
-        if largest_tail(tables.tail, along) > RESOLVED_TENSIONS * tensions.max():
+    along = tables.sections.transmission
+    most = RESOLVED_TENSIONS * along.max() if along.size else 0.0
+    for tendon in range(len(along)):
+        if largest_tail(tables.tail, along[tendon]) > most:
             return False
     return True

@@ -29,11 +29,13 @@ from octo_arm_model.core.compiled.section.minimum_kernels import (
     NEXT_T,
     ROWS,
     find_next,
+    is_least,
     set_twist,
 )
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections, set_scales
-from octo_arm_model.core.compiled.section.section_rows import WIDTH, T, set_strain
+from octo_arm_model.core.compiled.section.section_rows import OFFSET_LEFT, WIDTH, T, set_strain
 from octo_arm_model.core.compiled.section.section_tables import LANES, SectionTables
+from octo_arm_model.core.compiled.section.sheath_kernels import OFFSET_TOLERANCE, are_inside
 from octo_arm_model.core.compiled.section.start_kernels import set_start
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.sliding.friction import NO_FRICTION
@@ -67,22 +69,22 @@ def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatA
 
 def find_sections(
     tables: FrictionTables, ones: FloatArray, pulled: IntArray, is_guess: bool,
-    twist: FloatArray, rows: FloatArray,
+    twist: FloatArray, offsets: FloatArray, rows: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
     """Bring the ``twist`` (4, points) nearer to balance with the tensions that are at the points.
 
-    By a step of Newton's method, or as `set_start` has it; ``rows`` are to work in.
+    By a step of Newton's method, or as `set_start` has it; with the ``offsets`` of tendons in
+    their sheaths, see `placing_kernels`. ``rows`` are to work in.
 
     Returns:
         What was left of the balance before, relative, NaN where there is none, and whether no
-        fibre is compressed to nothing.
+        fibre is compressed to nothing, no tendon pressed out of the body and the energy least.
     """
     sections, residual, is_possible = tables.sections, 0.0, True
     if not tables.is_exact:
         for i in range(twist.shape[1]):
             closed_form(sections, i, pulled, twist)
         return residual, True
-    offsets = np.zeros((pulled.size, 2 * LANES))
     for block in range(len(sections.blocks)):
         first, count = sections.blocks[block]
         own = twist[:, first : first + count]
@@ -91,12 +93,21 @@ def find_sections(
         else:
             set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
             set_scales(sections, block, ones, pulled, rows)
-            find_next(sections, block, ones, pulled, rows, offsets)
+            find_next(sections, block, ones, pulled, rows, offsets[block])
             for i in range(4 * LANES):
                 rows[T + i] += rows[NEXT_T + i]
             for i in range(count):
                 left = rows[LEFT + i]
                 residual = max(residual, left) if np.isfinite(left) else np.nan
+            if offsets.size:
+                for i in range(count):
+                    left = rows[OFFSET_LEFT + i] * (TOLERANCE / OFFSET_TOLERANCE)
+                    residual = max(residual, left)
+                is_possible = (
+                    is_least(count, rows)
+                    and are_inside(sections, block, pulled, offsets[block])
+                    and is_possible
+                )
         is_possible = set_twist(sections, block, rows, own) and is_possible
     return residual, is_possible
 
@@ -116,7 +127,7 @@ def slide(
     """
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
     along, is_known = tables.sections.transmission, known.size > 0
-    turning = empty_turning(pulled.size, twist.shape[1])
+    turning = empty_turning(tables.sections, pulled.size)
     rows = np.zeros(ROWS)
     rows[WIDTH : WIDTH + LANES] = 1.0
     last, left, is_found = 0.0, 0.0, False
@@ -133,10 +144,12 @@ def slide(
         if is_known or sweep > 1:
             follow_tensions(tables, turning, twist, False)
         elif sweep == 0:
-            find_sections(tables, ones, pulled, True, twist, rows)
+            find_sections(tables, ones, pulled, True, twist, turning.offset, rows)
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
-            residual, is_possible = find_sections(tables, ones, pulled, False, twist, rows)
+            residual, is_possible = find_sections(
+                tables, ones, pulled, False, twist, turning.offset, rows
+            )
             if residual <= (TOLERANCE if is_found else ROUGH):
                 break
         if is_found and residual <= TOLERANCE:
@@ -203,14 +216,9 @@ def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None
     turning.by_pull[:], turning.coupling[:] = by_pull, coupling
 
 
-def resolves(tables: FrictionTables, twist: FloatArray, tensions: FloatArray) -> bool:
-    """Whether points resolve ``twist`` and tensions along tendons, as `LoadedRod.resolves_twist`.
-
-    For ``tensions`` at the base; of tendons that do not stick.
-    """
-    return resolves_tensions(tables, tensions) and resolves_twist(
-        tables.tail, tables.step.sum(), twist
-    )
+def resolves(tables: FrictionTables, twist: FloatArray) -> bool:
+    """Whether points resolve ``twist`` and `resolves_tensions`, as `LoadedRod.resolves_twist`."""
+    return resolves_tensions(tables) and resolves_twist(tables.tail, tables.step.sum(), twist)
 
 
 def find_sliding_shapes(
@@ -240,7 +248,7 @@ def find_sliding_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        if may_refine and not sticks and not resolves(tables, at_points, tensions[arm]):
+        if may_refine and not sticks and not resolves(tables, at_points):
             iterations[arm] = UNRESOLVED
             without += 1
             continue

@@ -1,15 +1,18 @@
 """Loaded rods whose tendons have friction: what `numba_build` compiles.
 
 Steps of Newton's method at tensions that stay, each followed by those tensions along the tendons
-that the new shape leaves. How far tendons turn depends most on the tensions at the same place,
-which `coupling_kernels.improve` takes into account, so that few steps more are enough.
+that the new shape leaves, and by what these change at the same place, as without loads.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.coupling_kernels import find_couplings, improve
+from octo_arm_model.core.compiled.friction.coupling_kernels import (
+    find_couplings,
+    follow_tensions,
+    improve,
+)
 from octo_arm_model.core.compiled.friction.friction_kernels import (
     empty_turning,
     find_tensions,
@@ -97,8 +100,8 @@ def find_sliding_balance(
     These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
     they end as the ``transmission`` of the sections, which both tables have in common, and of
     those at the stations, with their ``slip`` (tendons, points). If ``is_known``, the ``known``
-    system of a balance nearby makes steps for as long as these leave little; then one that is
-    linearised anew, which ``system`` ends as.
+    system of a balance nearby makes the first step; then one that is linearised anew does, which
+    ``system`` ends as, and the next for as long as these leave little.
 
     Returns:
         The residual; how many systems it took, as iterations of Newton's method count, -1 where
@@ -109,13 +112,15 @@ def find_sliding_balance(
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
     turned, sign = 0.0, 0
     pulled = np.flatnonzero(tensions)
-    turning = empty_turning(pulled.size, count)
+    turning = empty_turning(friction.sections, pulled.size)
     new, current = empty_state(count), known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
     along, changed = tables.sections.transmission, np.inf
     along[:] = 0.0
+    # Where sheaths give way tendons stand as tensions have it, nearly those without turning.
+    find_tensions(friction, tensions, before, pulled, turning)
     find_turnings(friction, state.twist, pulled, turning)
     turning.angle[:] = turning.turned
     sticks = find_tensions(friction, tensions, before, pulled, turning)
@@ -131,7 +136,7 @@ def find_sliding_balance(
             at_stations[:] = 0.0
             each = tables.weights.size
             add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
-            is_fine = resolves_tensions(friction, tensions)
+            is_fine = resolves_tensions(friction)
             sign = sign if turned <= SAME else 0
             return residual, systems, sign, corrected, sticks, is_fine
         if is_slow:
@@ -141,17 +146,19 @@ def find_sliding_balance(
                 break
         find_step(tables, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
-        turn_by(turn, state.turn, new.turn)
-        find_turn(tables, new.twist, DEFECTS, new.turn)
         find_turnings(friction, new.twist, pulled, turning)
         changed = improve(friction, pulled, turning)
         sticks = find_tensions(friction, tensions, before, pulled, turning)
+        follow_tensions(friction, turning, new.twist, False)
+        turn_by(turn, state.turn, new.turn)
+        find_turn(tables, new.twist, DEFECTS, new.turn)
         found = find_state(tables, held, tip_wrench, factor, new)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
             break
-        is_slow, residual = found > SLOW * residual, found
+        # A new system is asked for in the end anyway, to see whether the balance is stable.
+        is_slow, residual = found > SLOW * residual or (is_known and number == 0), found
+        angle = turn_of(tables, new.twist - state.twist)
         copy_state(new, state)
-        angle = turn_of(tables, step)
         turned += angle
         if number:
             corrected += angle

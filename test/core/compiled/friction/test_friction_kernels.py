@@ -25,8 +25,11 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.core.loaded.continuation import TOLERANCE
+from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.sliding import sliding_balance
 from octo_arm_model.core.models import exact
+from octo_arm_model.core.models.exact import Exact
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
 MODELS = ('closed_form', 'exact')
@@ -223,3 +226,17 @@ def test_derivatives_under_loads_of_what_machine_code_has_found() -> None:
     )
     assert got is not None and expected is not None
     np.testing.assert_allclose(got.pose, expected.pose, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize('sheath', [(), (3e5,)])
+def test_balances_are_read_out_as_by_numpy(sheath: tuple[float, ...]) -> None:
+    """Also after machine code has balanced others."""
+    solver = Solver(helical_arm(friction=(0.2,), sheath_stiffness=sheath), 'exact', compiled=True)
+    wrench = [0.0, 0.01, 0.01, 0.0, 0.0, 0.0]
+    backbone = solver.solve(PULL, wrench)
+    assert isinstance(solver._statics, Exact)
+    rod, condition, shape = solver._statics._balance_of(backbone)
+    state = rod.newton(condition, shape, TOLERANCE).state
+    solver.solve(0.5 * PULL, wrench)
+    for found, expected in zip(rod.read_out(state), read_out(rod, state)):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
