@@ -19,7 +19,7 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_of,
     tendon_compliance,
 )
-from octo_arm_model.core.compiled.models.winding_kernels import STAYS_SLACK, Reeled
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled, lacking
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
@@ -176,8 +176,8 @@ class Winding:
         """Newton's step of all tensions; zero but for those that are free."""
         wrong = np.where(self._driven, self._wanted - displacement, 0.0)
         if self._is_near:
-            stays_slack = STAYS_SLACK * self._length
-            near = complementary_step(changes, wrong, tensions, self._driven, stays_slack)
+            slack = lacking(wrong, self._length)
+            near = complementary_step(changes, wrong, tensions, self._driven, slack)
             if near is not None:
                 return near
         free = np.flatnonzero(self._free(tensions, displacement))

@@ -24,9 +24,10 @@ EXCHANGES = 40  # of slack and taut tendons in one step
 SINGULAR = 1e-10  # pivot over the largest, from which on tensions are not determined
 TENSIONS_MET = 1e-9  # change of tensions, relative, that is none
 MET, ROUNDING = 1e-9, 1e-13  # of the lengths: error that is none before such a change, and at all
-# Likewise by which the path of a slack tendon may be too short for it to stay so: tendons that
-# hold each other would be slack and taut by turns for less.
-STAYS_SLACK = 1e-10
+# By how much the path of a slack tendon may be too short for it to stay so, of the lengths or of
+# what is wrong, which no step is as exact as: tendons that hold each other would be slack and taut
+# by turns for less.
+STAYS_SLACK, UNSURE = 1e-10, 1e-4
 LOST, ON_THE_WAY, FOUND = -1, 0, 1  # what became of a step
 
 
@@ -110,6 +111,11 @@ def find_step(
     return False
 
 
+def lacking(wrong: FloatArray, scale: float) -> float:
+    """What a slack tendon may lack of lengths of that ``scale`` and stay slack [m]."""
+    return max(STAYS_SLACK * scale, UNSURE * np.abs(wrong).max())
+
+
 def take_step(tensions: FloatArray, step: FloatArray) -> None:
     """Move ``tensions`` by a ``step``, which ends where they are zero."""
     for k in range(step.size):
@@ -170,7 +176,7 @@ def first_step(winches: Winches, reeled: Reeled, step: FloatArray) -> float:
                 wrong[k] -= changes[k, j] * moved[j]
             if tensions[k] > 0.0 or wrong[k] > 0.0:
                 size = max(size, abs(wrong[k]))
-    if not find_step(changes, wrong, tensions, driven, STAYS_SLACK * rest.max(), step):
+    if not find_step(changes, wrong, tensions, driven, lacking(wrong, rest.max()), step):
         return np.nan
     take_step(tensions, step)
     for k in range(step.size):
@@ -213,7 +219,7 @@ def next_step(
             left = max(left, abs(wrong[k]))
     if not (left <= progress * last or left <= MET * scale):
         return left, LOST
-    if not find_step(changes, wrong, tensions, winches.driven, STAYS_SLACK * scale, step):
+    if not find_step(changes, wrong, tensions, winches.driven, lacking(wrong, scale), step):
         return left, LOST
     is_met = left <= MET * scale and np.abs(step).max() <= TENSIONS_MET * tensions.max()
     if is_met or left <= ROUNDING * scale:
