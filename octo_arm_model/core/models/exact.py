@@ -21,6 +21,7 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
+from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
@@ -215,7 +216,7 @@ class Exact:
             state = found.state
             spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
             if state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
-                stability = fine.equilibrium.stability(state, found.system)
+                stability = stability_of(fine.equilibrium, state, found.system)
                 if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
                     return wanted, state.shape
         shape = coarse.unloaded(wanted.tensions)
