@@ -9,6 +9,7 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.newton import Newton
 from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
+from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.solution import Shape
 
@@ -70,7 +71,7 @@ def follow(
                 raise _unbalanced(state, spending.iterations)
         elif state.residual <= limit and (corrected <= MOST_CORRECTED or step <= _SMALLEST_STEP):
             # Where two branches are near, Newton's method may converge to an unstable one.
-            stability = problem.stability(state, system)
+            stability = stability_of(problem, state, system)
             is_found = bool(stability.is_stable)
             if stability.is_stable is None:
                 is_found = stability.sign == sign or step <= _SMALLEST_STEP
@@ -126,7 +127,7 @@ def _levenberg_marquardt(
     for _ in range(_PER_DESCENT):
         spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
-            stability = problem.stability(state)
+            stability = stability_of(problem, state)
             if stability.softest_mode is None:
                 return state
             # Unstable equilibrium: perturb along the softest mode, in either direction.

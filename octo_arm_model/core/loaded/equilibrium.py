@@ -18,22 +18,17 @@ from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames, matrix_of
-from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
+from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
-from octo_arm_model.core.loaded.second_variation import are_least
 from octo_arm_model.core.loaded.sliding.friction import Friction
-from octo_arm_model.core.loaded.state import Condition, Stability, State
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
 from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
-
-# A compliance this many times the others is that of a rigid-body motion.
-_FREE = 1e6
-
 
 # From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
 # (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
@@ -206,63 +201,6 @@ class Equilibrium:
             raise LoadError(
                 f'{self.loads.without_tangent} states no tangent stiffness, which {what} needs'
             )
-
-    def stability(
-        self, state: State, answer: System | TipAnswer | Stability | None = None
-    ) -> Stability:
-        """Whether a balanced ``state`` is stable.
-
-        It is where the second variation of the energy is seen to be positive. Elsewhere the
-        compliance at the tip tells: that of a stable arm is positive definite, and the determinant
-        of its equations has the sign it has without loads: one unstable mode reverses the sign,
-        two at once leave it and show in the compliance alone. ``answer`` is that to wrenches on
-        the tip or a system linearised about nearly the same state, if there is, or the stability
-        where that is known already.
-
-        Raises:
-            LoadError: if a load states no tangent stiffness.
-        """
-        self.require_tangents('the stability check')
-        if isinstance(answer, Stability):
-            return answer
-        # Without an energy nothing follows from compliance.
-        is_known = self.loads.has_energy(state.condition.tip_wrench)
-        if not isinstance(answer, TipAnswer):
-            system = answer or self.linearised(state)
-            if is_known and isinstance(system, Linearised):
-                if are_least(system, self.collocation.rule.weights).all():
-                    return Stability(True, 1, None)
-            answer = self.tip_answer(state, system)
-        if answer.sign > 0 and (answer.is_definite or not is_known):
-            return Stability(True if is_known else None, answer.sign, None)
-        compliance = answer.compliance
-        values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
-        # A direction of unbounded compliance is neutrally stable, such as the rotation of an arm
-        # that may turn about the vertical. Rounding gives that any sign.
-        size = np.sort(np.abs(values))
-        is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
-        is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
-        if not is_free.any() and answer.sign < 0:
-            is_stable = False
-        if not is_known:
-            is_stable = None
-        if is_stable is not False:
-            return Stability(is_stable, answer.sign, None)
-        worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
-        twist = np.einsum('icn,c->in', answer.twist, vectors[:, worst])[:, np.newaxis]
-        softest_mode = Response(twist, np.zeros((3, *twist.shape[1:])))
-        softest_mode = Response(twist / self.turn(softest_mode), softest_mode.turn)
-        return Stability(is_stable, answer.sign, softest_mode)
-
-    def tip_answer(self, state: State, system: System) -> TipAnswer:
-        """Response of ``state`` to wrenches on its tip, by its linearised ``system``."""
-        count = len(state.imbalance)
-        wrench = self.tip_wrenches(state)[:count]
-        wrench[:, 3:] *= self.collocation.length
-        twist = system.solve(wrench).twist
-        compliance = np.tensordot(wrench * self.collocation.weights, twist, axes=([0, 2], [0, 2]))
-        is_definite = bool(np.linalg.eigvalsh(0.5 * (compliance + compliance.T))[0] > 0.0)
-        return TipAnswer(compliance, twist, system.sign * self.unloaded_sign, is_definite)
 
     def tip_wrenches(self, state: State) -> FloatArray:
         """Resultants of unit forces and moments on the tip at all cross sections, (6, 6, points).

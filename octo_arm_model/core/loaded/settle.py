@@ -14,7 +14,7 @@ from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
-from octo_arm_model.core.loaded.second_variation import are_least
+from octo_arm_model.core.loaded.stability import are_least
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution

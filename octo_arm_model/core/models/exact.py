@@ -1,7 +1,7 @@
 """Beyond the paper: no small-stretch approximation, loads, and a choice of elastic laws.
 
 Without loads every cross section is in balance by itself, see `unloaded_exact`. Under loads that
-is where continuation begins.
+is where continuation begins, see `loaded_exact`.
 """
 
 from __future__ import annotations
@@ -13,30 +13,24 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Spending
-from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.loaded_exact import LoadedExact
 from octo_arm_model.core.models.sliding import CUTS, Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded_exact import UnloadedExact
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions, stacked
+from octo_arm_model.core.rod.solution import Shape, Solution, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.sheaths.sheath import sections_of
-from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.by_loads import by_loads
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
 from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
-
-_FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
-COARSE = 3  # points in each of the elements in which an arm is followed from its unloaded shape
 
 
 class Exact:
@@ -75,6 +69,7 @@ class Exact:
         self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         self.unloaded = UnloadedExact(setup)
+        self._loaded = LoadedExact(self._rod, self.rods, setup.budget)
 
     def use(self, compiled: Callable[[LoadedRod], None]) -> None:
         """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
@@ -110,7 +105,7 @@ class Exact:
         """
         is_loaded = self.is_loaded(tip_wrench)
         if is_loaded and tensions.ndim == 1:
-            return self._solve_loaded(tensions, tip_wrench, start, before)
+            return self._loaded.solve(tensions, tip_wrench, start, before)
         if self.slides and not is_loaded:
             return self.rods.slide(_sections, tensions, before)
         rows = np.atleast_2d(tensions)
@@ -118,117 +113,17 @@ class Exact:
             solution = self.unloaded.solve(rows)
         else:
             wrenches = np.broadcast_to(tip_wrench, (len(rows), 6))
-            settled = self._settle_all(rows, wrenches, start)
+            settled = self._loaded.settle_all(rows, wrenches, start)
             found = []
             for number, (row, wrench) in enumerate(zip(rows, wrenches)):
                 try:
                     one = settled[number]
-                    found.append(one or self._solve_loaded(row, wrench, start, before))
+                    found.append(one or self._loaded.solve(row, wrench, start, before))
                 except SolveError as error:
                     error.number = number
                     raise
             solution = stacked(found)
         return solution if tensions.ndim > 1 else solution.one()
-
-    def _settle_all(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
-    ) -> list[Solution | None]:
-        """`solve` of loaded arms, ``tensions`` (arms, tendons) [N] and ``tip_wrench`` (arms, 6).
-
-        None for those that are to be solved one by one, as Newton's method alone does not lead
-        them to a stable balance, or takes more than the budget.
-        """
-        rod = self._rod(self._level_of(start))
-        nothing: list[Solution | None] = [None] * len(tensions)
-        if not isinstance(rod.settle, Settling):
-            return nothing
-        shape = rod.near_unloaded(tensions) if start is None else _shape_of(start, rod)
-        found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
-        most = self._setup.budget.iterations
-        return [one if one is not None and one.iterations <= most else None for one in found]
-
-    def _level_of(self, start: Backbone | None) -> int:
-        """Level of the rod on which a ``start`` was found, or on which to begin."""
-        return 0 if start is None or start.shape is None else self.rods.level_of(start.shape.twist)
-
-    def _solve_loaded(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Backbone | None,
-        before: FloatArray | None,
-    ) -> Solution:
-        """`solve` for one arm."""
-        level = self._level_of(start)
-        wanted = Condition(tensions, tip_wrench, 1.0, self.rods.at_level(before, level))
-        spending, rod = Spending(self._setup.budget), self._rod(level)
-        shape, found = None if start is None else _shape_of(start, rod, wanted.before), None
-        if rod.settle is not None:
-            begin = shape or rod.near_unloaded(tensions, wanted.before)
-            found = rod.settle(wanted, begin, spending)
-        if isinstance(found, Solution):
-            return found
-        if found is not None:
-            known, shape = wanted, found
-        elif start is None or shape is None:
-            known, shape = self._nearly(wanted, spending)
-        else:
-            known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
-        state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
-        while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
-            level, coarser = level + 1, rod
-            rod = self._rod(level)
-            shape = rod.from_coarser(coarser, state.shape)
-            wanted = wanted._replace(before=self.rods.at_level(before, level))
-            state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
-        energy = rod.equilibrium.energy
-        strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
-        check_fibres(energy, strain)
-        local_tensions, tendons = energy.local_tensions(tensions[np.newaxis]), None
-        if state.sliding is not None:
-            local_tensions = state.sliding.tensions
-            along = local_tensions[:, 0]
-            tendons = TendonTensions(along, rod.stations.interpolate(along))
-        energy.check_tendons(strain, local_tensions)
-        twist, position, quaternion = rod.read_out(state)
-        return Solution(
-            twist, state.residual, spending.iterations, state.shape, (position, quaternion),
-            tendons,
-        )  # fmt: skip
-
-    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
-        """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
-
-        That is ``wanted`` itself where Newton's method or few points lead there, else that of the
-        unloaded shape.
-
-        Raises:
-            SolveError: if there is none.
-        """
-        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
-        fine, coarse = self._rod(0), self._rod(0, COARSE)
-        is_plain = not (self.slides or fine.equilibrium.loads.without_tangent)
-        if not (is_plain and coarse.points < fine.points):
-            return known, fine.unloaded(wanted.tensions, wanted.before)
-        if fine.settle is None:
-            found = fine.newton(wanted, fine.unloaded(wanted.tensions), TOLERANCE)
-            state = found.state
-            spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
-            if state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
-                stability = fine.equilibrium.stability(state, found.system)
-                if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
-                    return wanted, state.shape
-        shape = coarse.unloaded(wanted.tensions)
-        try:
-            state = follow(
-                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY,
-                _FIRST_STEP,
-            )  # fmt: skip
-        except ContinuationError:
-            raise  # Its budget is spent.
-        except ConvergenceError:
-            return known, fine.unloaded(wanted.tensions)  # Too few points, perhaps.
-        return wanted, fine.from_coarser(coarse, state.shape)
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon at every node, see `Statics`."""
@@ -267,15 +162,6 @@ class Exact:
         else:
             level = self.rods.level_of(shape.twist)
         return self._rod(level), condition, shape
-
-
-def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None) -> Shape:
-    """The shape of a ``start`` at the points of a ``rod``; tensions ``before`` are of the next.
-
-    Raises:
-        SolveError: if there is none.
-    """
-    return start.shape or rod.unloaded(start.tensions.ravel(), before)
 
 
 def _sections(_: LoadedRod, friction: Friction) -> ExactSections:

@@ -12,6 +12,7 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.stability import tip_answer
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.sensitivity.imbalance import Imbalance
@@ -40,7 +41,7 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
     local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
     imbalance = Imbalance(energy, rod.parameters, shape.twist, local_tensions)
     state = problem.state(condition, shape)
-    answer = problem.tip_answer(state, problem.linearised(state))
+    answer = tip_answer(problem, state, problem.linearised(state))
     by_wrench = answer.twist * own.weights
     by_wrench[:, 3:] /= own.length
 

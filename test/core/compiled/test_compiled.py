@@ -44,6 +44,7 @@ from octo_arm_model.core.compiled.section.section_tables import section_tables
 from octo_arm_model.core.loaded.budget import Budget, Spending
 from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.linearised import TipAnswer
+from octo_arm_model.core.loaded.stability import stability_of, tip_answer
 from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.models.picard import TOLERANCE
@@ -655,7 +656,7 @@ def test_newtons_method_of_a_loaded_rod_is_that_of_numpy() -> None:
     pairs = [(getattr(one.state, name), getattr(other.state, name)) for name in names]
     for a, b in (*pairs, (one.state.hessian, problem.hessian(other.state))):
         np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
-    assert one.system == problem.stability(other.state) == Stability(True, 1, None)
+    assert one.system == stability_of(problem, other.state) == Stability(True, 1, None)
 
 
 def test_without_an_energy_the_tip_answers_wrenches_as_by_numpy() -> None:
@@ -671,7 +672,7 @@ def test_without_an_energy_the_tip_answers_wrenches_as_by_numpy() -> None:
     # Nothing is left to do.
     again = rod.newton(condition, shape, 1e-11)
     state = problem.state(condition, shape)
-    answer = problem.tip_answer(state, problem.linearised(state))
+    answer = tip_answer(problem, state, problem.linearised(state))
     assert again.iterations == 0 and isinstance(again.system, TipAnswer)
     assert again.system.sign == answer.sign == 1
     for name in ('compliance', 'twist'):

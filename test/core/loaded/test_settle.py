@@ -52,7 +52,7 @@ def test_an_arm_is_the_same_alone_and_in_a_batch(
     assert isinstance(solver._statics, Exact)
     wrenches = np.broadcast_to(solver._wrench, (20, 6))
     with np.errstate(invalid='ignore'):  # as for every solve
-        settled = solver._statics._settle_all(batch.reshape(20, 12), wrenches, start)
+        settled = solver._statics._loaded.settle_all(batch.reshape(20, 12), wrenches, start)
     if is_warm:
         assert sum(isinstance(one, Solution) for one in settled) > 10
 

@@ -9,6 +9,7 @@ from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solve
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.models.exact import Exact
 
@@ -28,8 +29,10 @@ def test_a_straight_column_is_one_of_least_energy_below_eulers_load(part: float)
     found = rod.newton(condition, shape, 1e-11)
     assert found.state.residual <= 1e-11
     assert isinstance(found.system, Stability if part < 1.0 else TipAnswer)
-    stability = rod.equilibrium.stability(found.state, found.system)
-    assert stability.is_stable == rod.equilibrium.stability(found.state).is_stable == (part < 1.0)
+    stability = stability_of(rod.equilibrium, found.state, found.system)
+    assert (
+        stability.is_stable == stability_of(rod.equilibrium, found.state).is_stable == (part < 1.0)
+    )
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import ArmDefinitionError, Backbone, Config, LoadError, Loads, Solver
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.vectors import skew
@@ -137,7 +138,7 @@ def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stabilit
     assert backbone.shape is not None
     condition = Condition(backbone.tensions.ravel(), np.zeros(6), 1.0)
     with pytest.raises(LoadError, match=says.format('the stability check')):
-        problem.stability(problem.state(condition, backbone.shape))
+        stability_of(problem, problem.state(condition, backbone.shape))
 
 
 def test_they_are_bounded_and_lie_on_the_arm_like_all_loads(table4: Config) -> None:

@@ -8,7 +8,7 @@ import pytest
 from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solver
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.second_variation import are_least
+from octo_arm_model.core.loaded.stability import are_least, stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.gauss import gauss_rule
@@ -42,7 +42,7 @@ def test_a_straight_column_is_one_of_least_energy_below_eulers_load(
     system = problem.linearised(found.state)
     assert isinstance(system, Linearised)
     assert are_least(system, WEIGHTS).tolist() == [part < 1.0]
-    assert problem.stability(found.state).is_stable == (part < 1.0)
+    assert stability_of(problem, found.state).is_stable == (part < 1.0)
 
 
 @pytest.mark.parametrize('seed', range(4))

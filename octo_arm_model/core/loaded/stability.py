@@ -1,0 +1,115 @@
+"""Whether balances of loaded rods are stable: of least energy, as far as loads have one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.linearised import Linearised, Response, System, TipAnswer
+from octo_arm_model.core.loaded.state import Stability, State
+from octo_arm_model.core.numerics.batched_ldlt import are_definite
+
+_ONE = np.eye(3)
+# A compliance this many times the others is that of a rigid-body motion.
+_FREE = 1e6
+
+
+def stability_of(
+    problem: Equilibrium, state: State, answer: System | TipAnswer | Stability | None = None
+) -> Stability:
+    """Whether a balanced ``state`` of a ``problem`` is stable.
+
+    It is where the second variation of the energy is seen to be positive. Elsewhere the
+    compliance at the tip tells: that of a stable arm is positive definite, and the determinant
+    of its equations has the sign it has without loads: one unstable mode reverses the sign,
+    two at once leave it and show in the compliance alone. ``answer`` is that to wrenches on
+    the tip or a system linearised about nearly the same state, if there is, or the stability
+    where that is known already.
+
+    Raises:
+        LoadError: if a load states no tangent stiffness.
+    """
+    problem.require_tangents('the stability check')
+    if isinstance(answer, Stability):
+        return answer
+    # Without an energy nothing follows from compliance.
+    is_known = problem.loads.has_energy(state.condition.tip_wrench)
+    if not isinstance(answer, TipAnswer):
+        system = answer or problem.linearised(state)
+        if is_known and isinstance(system, Linearised):
+            if are_least(system, problem.collocation.rule.weights).all():
+                return Stability(True, 1, None)
+        answer = tip_answer(problem, state, system)
+    if answer.sign > 0 and (answer.is_definite or not is_known):
+        return Stability(True if is_known else None, answer.sign, None)
+    compliance = answer.compliance
+    values, vectors = np.linalg.eigh(0.5 * (compliance + compliance.T))
+    # A direction of unbounded compliance is neutrally stable, such as the rotation of an arm
+    # that may turn about the vertical. Rounding gives that any sign.
+    size = np.sort(np.abs(values))
+    is_free = np.abs(values) > _FREE * 0.5 * (size[2] + size[3])
+    is_stable: bool | None = bool(values[~is_free].min(initial=1.0) > 0.0)
+    if not is_free.any() and answer.sign < 0:
+        is_stable = False
+    if not is_known:
+        is_stable = None
+    if is_stable is not False:
+        return Stability(is_stable, answer.sign, None)
+    worst = int(np.argmin(values)) if values.min() <= 0.0 else int(np.argmax(values))
+    twist = np.einsum('icn,c->in', answer.twist, vectors[:, worst])[:, np.newaxis]
+    softest_mode = Response(twist, np.zeros((3, *twist.shape[1:])))
+    softest_mode = Response(twist / problem.turn(softest_mode), softest_mode.turn)
+    return Stability(is_stable, answer.sign, softest_mode)
+
+
+def tip_answer(problem: Equilibrium, state: State, system: System) -> TipAnswer:
+    """Response of ``state`` to wrenches on its tip, by its linearised ``system``."""
+    count = len(state.imbalance)
+    wrench = problem.tip_wrenches(state)[:count]
+    wrench[:, 3:] *= problem.collocation.length
+    twist = system.solve(wrench).twist
+    compliance = np.tensordot(wrench * problem.collocation.weights, twist, axes=([0, 2], [0, 2]))
+    is_definite = bool(np.linalg.eigvalsh(0.5 * (compliance + compliance.T))[0] > 0.0)
+    return TipAnswer(compliance, twist, system.sign * problem.unloaded_sign, is_definite)
+
+
+def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
+    """Whether the second variation of the energy of each arm is seen to be positive, (arms,).
+
+    From the ``system`` linearised about balances under loads that have an energy; ``weights`` are
+    of the integral over an element of length one, (each,).
+
+    The variation is a quadratic form of the bends k at all points. It is positive if that of each
+    element with its end free is, and what is left of it as the bends are eliminated with the
+    rotations of all ends held, a form of these rotations (inertia is additive, Haynsworth 1968).
+    False where an element with its end free is unstable: other ways have to tell.
+    """
+    ends, axial = system.ends, system.axial
+    arms, elements = ends.shape[:2]
+    is_stretched = (np.einsum('kkan->kan', axial) > 0.0).all(axis=(0, 2))
+    # The rows of an element are those of the form over the weights of their points.
+    by_row = system.matrix.reshape(arms, elements, 3, weights.size, -1)
+    are_free = are_definite((by_row * weights[:, np.newaxis]).reshape(system.matrix.shape))
+    try:
+        stiffness = np.linalg.inv(ends[..., :3, 3:])
+    except np.linalg.LinAlgError:
+        return np.zeros(arms, bool)
+    # Moments at both ends of an element by the rotations of both.
+    by_first, by_last = _ONE + ends[..., :3, :3], _ONE + ends[..., 3:, 3:]
+    before = by_last @ stiffness
+    at_first = before @ by_first - ends[..., 3:, :3]
+    form = np.zeros((arms, elements, 3, elements, 3))
+    _diagonal(form)[:] = stiffness
+    _diagonal(form[:, :-1, :, :-1])[:] += at_first[:, 1:]
+    _diagonal(form[:, :-1, :, 1:])[:] = -before[:, 1:]
+    _diagonal(form[:, 1:, :, :-1])[:] = -(stiffness @ by_first)[:, 1:]
+    are_held = are_definite(form.reshape(arms, 3 * elements, -1))
+    return np.asarray(is_stretched & are_free & are_held)
+
+
+def _diagonal(blocks: FloatArray) -> FloatArray:
+    """View of the blocks (..., n, 3, 3) on the diagonal of all, (..., n, 3, n, 3)."""
+    view: FloatArray = np.einsum('aipiq->aipq', blocks)
+    return view

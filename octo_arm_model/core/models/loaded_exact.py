@@ -1,0 +1,149 @@
+"""The model exact under loads: balances of a rod, near known ones or followed from these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
+from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.settle import Settling
+from octo_arm_model.core.loaded.stability import stability_of
+from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.models.sliding import CUTS, Rods
+from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
+
+_FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
+_COARSE = 3  # points in each of the elements in which an arm is followed from its unloaded shape
+
+
+class LoadedExact:
+    """Balances of one arm under loads."""
+
+    def __init__(self, rod: Callable[..., LoadedRod], rods: Rods, budget: Budget) -> None:
+        """Of what makes, or keeps, the ``rod`` of a level, perhaps of fewer points, and ``rods``.
+
+        ``budget`` is what one solve may take.
+        """
+        self._rod, self._rods, self._budget = rod, rods, budget
+
+    def settle_all(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
+    ) -> list[Solution | None]:
+        """`solve` of many arms, ``tensions`` (arms, tendons) [N] and ``tip_wrench`` (arms, 6).
+
+        None for those that are to be solved one by one, as Newton's method alone does not lead
+        them to a stable balance, or takes more than the budget.
+        """
+        rod = self._rod(self._level_of(start))
+        nothing: list[Solution | None] = [None] * len(tensions)
+        if not isinstance(rod.settle, Settling):
+            return nothing
+        shape = rod.near_unloaded(tensions) if start is None else _shape_of(start, rod)
+        found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
+        most = self._budget.iterations
+        return [one if one is not None and one.iterations <= most else None for one in found]
+
+    def _level_of(self, start: Backbone | None) -> int:
+        """Level of the rod on which a ``start`` was found, or on which to begin."""
+        shape = None if start is None else start.shape
+        return 0 if shape is None else self._rods.level_of(shape.twist)
+
+    def solve(
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Solution:
+        """Balance under ``tensions`` (tendons,) [N] and ``tip_wrench`` (6,), as `Exact.solve`.
+
+        Raises:
+            SolveError: if there is no trustworthy answer.
+        """
+        level = self._level_of(start)
+        wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
+        spending, rod = Spending(self._budget), self._rod(level)
+        shape, found = None if start is None else _shape_of(start, rod, wanted.before), None
+        if rod.settle is not None:
+            begin = shape or rod.near_unloaded(tensions, wanted.before)
+            found = rod.settle(wanted, begin, spending)
+        if isinstance(found, Solution):
+            return found
+        if found is not None:
+            known, shape = wanted, found
+        elif start is None or shape is None:
+            known, shape = self._nearly(wanted, spending)
+        else:
+            known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
+        state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
+        while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
+            level, coarser = level + 1, rod
+            rod = self._rod(level)
+            shape = rod.from_coarser(coarser, state.shape)
+            wanted = wanted._replace(before=self._rods.at_level(before, level))
+            state = follow(rod.equilibrium, rod.newton, wanted, shape, wanted, spending)
+        energy = rod.equilibrium.energy
+        strain = to_scaled(energy.law, state.shape.twist[:, np.newaxis])
+        check_fibres(energy, strain)
+        local_tensions, tendons = energy.local_tensions(tensions[np.newaxis]), None
+        if state.sliding is not None:
+            local_tensions = state.sliding.tensions
+            along = local_tensions[:, 0]
+            tendons = TendonTensions(along, rod.stations.interpolate(along))
+        energy.check_tendons(strain, local_tensions)
+        twist, position, quaternion = rod.read_out(state)
+        return Solution(
+            twist, state.residual, spending.iterations, state.shape, (position, quaternion),
+            tendons,
+        )  # fmt: skip
+
+    def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
+        """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
+
+        That is ``wanted`` itself where Newton's method or few points lead there, else that of the
+        unloaded shape.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        fine, coarse = self._rod(0), self._rod(0, _COARSE)
+        problem = fine.equilibrium
+        is_plain = problem.friction is None and not problem.loads.without_tangent
+        if not (is_plain and coarse.points < fine.points):
+            return known, fine.unloaded(wanted.tensions, wanted.before)
+        if fine.settle is None:
+            found = fine.newton(wanted, fine.unloaded(wanted.tensions), TOLERANCE)
+            state = found.state
+            spending.add(found.iterations, 0.0, state.residual, state.shape.twist)
+            if state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
+                stability = stability_of(problem, state, found.system)
+                if stability.is_stable or (stability.is_stable is None and stability.sign > 0):
+                    return wanted, state.shape
+        shape = coarse.unloaded(wanted.tensions)
+        try:
+            state = follow(
+                coarse.equilibrium, coarse.newton, known, shape, wanted, spending, ON_THE_WAY,
+                _FIRST_STEP,
+            )  # fmt: skip
+        except ContinuationError:
+            raise  # Its budget is spent.
+        except ConvergenceError:
+            return known, fine.unloaded(wanted.tensions)  # Too few points, perhaps.
+        return wanted, fine.from_coarser(coarse, state.shape)
+
+
+def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None) -> Shape:
+    """The shape of a ``start`` at the points of a ``rod``; tensions ``before`` are of the next.
+
+    Raises:
+        SolveError: if there is none.
+    """
+    return start.shape or rod.unloaded(start.tensions.ravel(), before)
