@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from octo_arm_model.core.errors import MessageError
+
 
 class Stamp(NamedTuple):
     """Seconds and nanoseconds, as in builtin_interfaces/Time, which is slow to construct."""
@@ -25,3 +27,19 @@ class Stamp(NamedTuple):
     def ns(self) -> int:
         """The time [ns]."""
         return self.sec * 10**9 + self.nanosec
+
+
+def stamp_or(stamp: Stamp | None, now: Stamp) -> Stamp:
+    """The ``stamp`` of a message; ``now``, where it has none or an unset one.
+
+    Raises:
+        MessageError: if it is no time: clocks of those who are told of it end at such a stamp.
+    """
+    if stamp is None or not any(stamp):
+        return now
+    if stamp.sec < 0 or stamp.nanosec >= 10**9:
+        raise MessageError(
+            f'its stamp is {stamp.sec} s and {stamp.nanosec} ns, expected s >= 0 and '
+            'ns < 1000000000'
+        )
+    return stamp

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.node import Node
 
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.stamp import Stamp, stamp_or
 
 _BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew
 
@@ -31,12 +31,12 @@ class Stamps:
         """The ``stamp`` of a message; the time of receipt where it has none.
 
         Raises:
+            MessageError: if it is no time.
             MeasurementError: if it is ahead of the clock: all that is measured until then would be
                 late.
         """
         now = Stamp(*self._clock.now().seconds_nanoseconds())
-        if stamp is None or not any(stamp):
-            return now
+        stamp = stamp_or(stamp, now)
         ahead = 1e-9 * (stamp.ns - now.ns)
         if any(now) and ahead > self.ahead:
             raise MeasurementError(

@@ -21,7 +21,7 @@ from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
 from octo_arm_model.wire import displacement_messages
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.stamp import Stamp, stamp_or
 
 
 class ArmServer(Server[Prepared, BackbonePublishers]):
@@ -93,7 +93,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         assert outbox is not None
         self._tip_wrench.update()
         self._diagnostics.received(topic, stamp)
-        at = self._stamp(stamp)
+        at = stamp_or(stamp, Stamp(*self._node.get_clock().now().seconds_nanoseconds()))
         began = time.perf_counter()
         tensions = None
         if readings is not None:
@@ -123,9 +123,3 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         now = self._node.get_clock().now().to_msg()
         frame = self._arm.config.base_frame
         return answer_find_tensions(request, response, self._arm.solver, frame, now)
-
-    def _stamp(self, stamp: Stamp | None) -> Stamp:
-        """The ``stamp`` of the input; the time of receipt where it has none or an unset one."""
-        if stamp is not None and any(stamp):
-            return stamp
-        return Stamp(*self._node.get_clock().now().seconds_nanoseconds())

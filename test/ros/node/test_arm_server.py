@@ -35,6 +35,17 @@ def test_input_without_a_stamp_gets_the_time_of_receipt(client):
     assert all(answer.header.stamp == stamp for answer in answers)
 
 
+@pytest.mark.parametrize('stamp', [(-5, 0), (1, 4 * 10**9)])
+def test_a_stamp_that_is_no_time_is_not_passed_on(client, stamp):
+    message = TendonTensions(name=list(NAMES), tension=np.ravel(FETCHING_IN_SPACE))
+    message.header.stamp.sec, message.header.stamp.nanosec = stamp
+    client.forget()
+    client.publishers['tendon_tensions'].publish(message)
+    client.ask('tendon_tensions/array', FETCHING_IN_SPACE)
+    assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+    assert {name: len(got) for name, got in client.answers.items()} == dict.fromkeys(OUTPUTS, 2)
+
+
 def tensions_with(value):
     tensions = np.array(FETCHING_IN_PLANE)
     tensions[1, 2] = value
