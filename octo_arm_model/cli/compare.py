@@ -13,7 +13,7 @@ import numpy as np
 
 from octo_arm_model.cli.options.experiment import EPILOG, add_recording
 from octo_arm_model.cli.options.shared import add_json, add_path, new_command
-from octo_arm_model.cli.output.files import check_out, refuse_inside
+from octo_arm_model.cli.output.files import check_out, refuse_inside, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
 from octo_arm_model.config.config import Config
@@ -76,12 +76,12 @@ def _run(options: argparse.Namespace) -> int:
         from octo_arm_model.experiment.csv_output import write_tables
         from octo_arm_model.experiment.figure_files import save_all
 
-        (out / 'compare.json').write_text(json.dumps(result, indent=1) + '\n', encoding='utf-8')
-        write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
-        pictures = pictures_of(comparisons)
-        with Bar('pictures') as bar:
+        pictures, whole = pictures_of(comparisons), json.dumps(result, indent=1)
+        with writing(out), Bar('pictures') as bar:
+            (out / 'compare.json').write_text(whole + '\n', encoding='utf-8')
+            write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
             save_all(pictures, out, bar.on_terminal)
-        tables = write_tables(out, comparisons, config.arm.tendon_names)
+            tables = write_tables(out, comparisons, config.arm.tendon_names)
         files = ', '.join(['compare.csv', *tables, 'compare.json'])
         notes.append(f'{files} and {len(pictures)} pictures are in {out}')
     print(json.dumps(result) if options.json else summary(comparisons, notes))

@@ -24,7 +24,7 @@ from octo_arm_model.cli.options.shared import (
     read_config_option,
 )
 from octo_arm_model.cli.output.estimate import as_dict, summary
-from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten
+from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
 from octo_arm_model.core.arm.validation import finite, not_negative
@@ -147,6 +147,7 @@ def _run(options: argparse.Namespace) -> int:
         if options.csv is not None:
             from octo_arm_model.experiment.estimating.tables import EstimateTables
 
+            opened.enter_context(writing(options.csv))
             tables = opened.enter_context(EstimateTables(options.csv, recorded.models))
             outputs.append(tables.write)
 
@@ -220,4 +221,6 @@ def _draw(path: Path, result: Result) -> None:
     from octo_arm_model.experiment.estimating.figures import draw_estimate
     from octo_arm_model.experiment.figure_files import save
 
-    save(draw_estimate(result.moments, result.touches, result.camera), path)
+    figure = draw_estimate(result.moments, result.touches, result.camera)
+    with writing(path):
+        save(figure, path)

@@ -8,7 +8,7 @@ from typing import Any
 
 from octo_arm_model.cli.options.experiment import ALL, EPILOG, add_recording
 from octo_arm_model.cli.options.shared import add_json, add_path, new_command
-from octo_arm_model.cli.output.files import check_out, refuse_inside
+from octo_arm_model.cli.output.files import check_out, refuse_inside, writing
 from octo_arm_model.cli.output.fit import as_dict, summary
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
@@ -113,13 +113,13 @@ def _run(options: argparse.Namespace) -> int:
         from octo_arm_model.experiment.identify_figures import pictures_of
 
         pictures = pictures_of(fitted, observations.shapes)
-        with Bar('pictures') as bar:
+        with writing(options.pictures), Bar('pictures') as bar:
             save_all(pictures, options.pictures, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
-        options.out.write_text(
-            as_config(best, str(options.bag or options.tension_csv)), encoding='utf-8'
-        )
+        text = as_config(best, str(options.bag or options.tension_csv))
+        with writing(options.out):
+            options.out.write_text(text, encoding='utf-8')
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
@@ -130,7 +130,8 @@ def _run(options: argparse.Namespace) -> int:
                 shapes, best.parameters, best.model, best.alignment, bar.on_terminal
             )
         names = Config.from_parameters(best.parameters).arm.tendon_names
-        tables = write_tables(options.csv, [fitted_arm], names)
+        with writing(options.csv):
+            tables = write_tables(options.csv, [fitted_arm], names)
         notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
     elif options.csv is not None:
         notes.append(f'{options.csv} stays empty: the data do not determine the arm')

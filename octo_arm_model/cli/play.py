@@ -18,7 +18,7 @@ from octo_arm_model.cli.options.shared import (
     new_command,
     read_highest,
 )
-from octo_arm_model.cli.output.files import check_out
+from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.arm.arm import Arm
@@ -117,13 +117,14 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
     times = np.linspace(0.0, duration, max(2, 1 + round(duration * options.rate)))
     tensions = profile.at(options.speed * times)
     if options.csv:
-        with options.csv.open('w', encoding='utf-8', newline='') as file:
+        with writing(options.csv), options.csv.open('w', encoding='utf-8', newline='') as file:
             write_csv(file, times, tensions, arm)
         print(options.csv)
     if options.plot:
         from octo_arm_model.simulation.profiles.profile_figure import draw_profile
 
-        draw_profile(times, tensions, arm, options.profile, options.plot)
+        with writing(options.plot):
+            draw_profile(times, tensions, arm, options.profile, options.plot)
         print(options.plot)
 
 

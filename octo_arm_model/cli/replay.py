@@ -21,7 +21,7 @@ from octo_arm_model.cli.options.shared import (
     new_command,
     read_config_option,
 )
-from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten
+from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.output.progress import Bar
 
 if TYPE_CHECKING:
@@ -106,6 +106,7 @@ def _run(options: argparse.Namespace) -> None:
             writer = open_files.enter_context(BagWriter(options.out, options.storage, custom))
             table = None
             if options.csv is not None:
+                open_files.enter_context(writing(options.csv))
                 table = open_files.enter_context(CsvAnswers(options.csv, topics))
             report = replay(
                 reader,

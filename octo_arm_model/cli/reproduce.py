@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.cli.options.shared import add_path, new_command
-from octo_arm_model.cli.output.files import check_out
+from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.page.document import Block, Picture
@@ -54,7 +54,8 @@ def _run(options: argparse.Namespace) -> int:
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:
         page = as_html(_counting(content.blocks(claims), bar))
-    html.write_text(page, encoding='utf-8')
+    with writing(html):
+        html.write_text(page, encoding='utf-8')
     print(html, content.summary(claims), sep='\n')
     failed = [claim for claim in claims if claim.fails]
     for claim in failed:

@@ -19,7 +19,7 @@ from octo_arm_model.cli.options.shared import (
     read_config,
     read_highest,
 )
-from octo_arm_model.cli.output.files import check_out
+from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
@@ -89,7 +89,8 @@ def _run(options: argparse.Namespace) -> None:
     if picture is not None:
         from octo_arm_model.analysis.workspace_figure import draw_workspace
 
-        draw_workspace(workspace, config.solver(), picture)
+        with writing(picture):
+            draw_workspace(workspace, config.solver(), picture)
     print(
         json.dumps(as_dict(workspace, config.model, options.seed))
         if options.json

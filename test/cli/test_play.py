@@ -34,6 +34,13 @@ def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
     np.testing.assert_allclose(profile.tensions, expected.at(2.0 * profile.times), atol=1e-6)
 
 
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='needs a device that is full')
+def test_a_file_that_a_full_disk_cuts_short_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = run(capsys, 'play', 'fetching', '--csv', '/dev/full')
+    assert (status, out) == (2, '')
+    assert err.startswith('octo-arm: error: /dev/full: cannot be written whole: ')
+
+
 def test_folders_of_a_profile_are_made_before_anything_is_written(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

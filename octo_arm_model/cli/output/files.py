@@ -80,6 +80,25 @@ def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
 
 
 @contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say of what ends the block that ``path``, a file or folder written in it, is not whole.
+
+    Raises:
+        ConfigError: for an error that names no file, such as that of a full disk.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f'{path} is not whole') from None
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise ConfigError(f'{path}: cannot be written whole: {error.strerror}') from error
+
+
+@contextlib.contextmanager
 def unwritten(out: Path) -> Iterator[None]:
     """Add to a KeyboardInterrupt that ``out`` is not written."""
     try:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import select
 from pathlib import Path
 
-from octo_arm_model.cli.output.files import check_out
+import pytest
+
+from octo_arm_model.cli.output.files import check_out, writing
+from octo_arm_model.core.errors import ConfigError
 
 
 def test_a_pipe_is_not_opened_before_the_work(tmp_path: Path) -> None:
@@ -22,3 +26,17 @@ def test_a_pipe_is_not_opened_before_the_work(tmp_path: Path) -> None:
         assert not heard.poll(0)
     finally:
         os.close(reader)
+
+
+def test_what_ends_the_writing_says_what_is_not_whole(tmp_path: Path) -> None:
+    path = tmp_path / 'tables'
+    with pytest.raises(ConfigError, match='tables: cannot be written whole: Disk is full'):
+        with writing(path):
+            raise OSError(errno.ENOSPC, 'Disk is full')
+    with pytest.raises(KeyboardInterrupt, match='tables is not whole'), writing(path):
+        raise KeyboardInterrupt
+    # What names its file, and the end of a reader, are said elsewhere.
+    with pytest.raises(FileNotFoundError), writing(path):
+        (path / 'none').write_text('')
+    with pytest.raises(BrokenPipeError), writing(path):
+        raise BrokenPipeError(errno.EPIPE, 'nobody reads')
