@@ -30,7 +30,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.models import exact, sliding
+from octo_arm_model.core.models import loaded_exact, sliding
 
 YOUNG, RADIUS, LENGTH, OFFSET, MU, SHEATH = 1e5, 0.01, 0.4, 0.006, 0.3, 1.5e5
 BENDING = YOUNG * math.pi * RADIUS**4 / 4
@@ -217,7 +217,7 @@ def test_a_movement_is_followed_without_numpy(
     for part in parts:
         other = plain.follow(part * PULL, other, wrench)
         expected.append(other)
-    monkeypatch.setattr(exact, 'follow', None)
+    monkeypatch.setattr(loaded_exact, 'follow', None)
     monkeypatch.setattr(sliding, 'balance', None)
     for part, other in zip(parts, expected):
         one = machine.follow(part * PULL, one, wrench)

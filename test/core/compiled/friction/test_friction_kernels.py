@@ -28,7 +28,7 @@ from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.sliding import sliding_balance
-from octo_arm_model.core.models import exact
+from octo_arm_model.core.models import loaded_exact
 from octo_arm_model.core.models.exact import Exact
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
@@ -190,7 +190,7 @@ def test_a_movement_under_loads_is_followed_without_numpy(monkeypatch: pytest.Mo
     for part in parts:
         other = plain.follow(part * PULL, other, wrench)
         expected.append(other)
-    monkeypatch.setattr(exact, 'follow', None)
+    monkeypatch.setattr(loaded_exact, 'follow', None)
     for part, other in zip(parts, expected):
         one = machine.follow(part * PULL, one, wrench)
         assert_same(one, other, arm.length)
