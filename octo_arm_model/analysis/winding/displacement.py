@@ -88,11 +88,11 @@ def check_displacements(
     Raises:
         TensionError: if not; the message names the tendon.
     """
-    if unknown := (displacements.keys() | tensions.keys()).difference(arm.tendon_names):
+    for unknown in (displacements.keys() | tensions.keys()).difference(arm.tendon_names):
         known = ', '.join(arm.tendon_names)
-        raise TensionError(f'unknown tendon {min(unknown)}; this arm has {known}')
-    if both := displacements.keys() & tensions.keys():
-        raise TensionError(f'tendon {min(both)} has both a displacement and a tension')
+        raise TensionError(f'unknown tendon {unknown}; this arm has {known}')
+    for name in displacements.keys() & tensions.keys():
+        raise TensionError(f'tendon {name} has both a displacement and a tension')
     for name, value in displacements.items():
         # Of larger ones the squares are beyond the range of floats.
         try:
