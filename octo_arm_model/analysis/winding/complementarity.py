@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from octo_arm_model.core.compiled.models.winding_kernels import EXCHANGES, SINGULAR
+from octo_arm_model.core.compiled.models.tension_step_kernels import EXCHANGES, SINGULAR
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -19,8 +19,8 @@ def complementary_step(
 ) -> FloatArray | None:
     """Step (tendons,) of ``tensions`` [N] that takes out what is ``wrong`` [m].
 
-    As `winding_kernels.find_step`, which explains it; None where there is none. ``wrong`` is zero
-    of tendons that are not ``driven``.
+    As `tension_step_kernels.find_step`, which explains it; None where there is none. ``wrong`` is
+    zero of tendons that are not ``driven``.
     """
     taut, diagonal = driven & (tensions > 0.0), changes.diagonal()
     for _ in range(EXCHANGES):

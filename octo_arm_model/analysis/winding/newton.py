@@ -19,7 +19,8 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_of,
     tendon_compliance,
 )
-from octo_arm_model.core.compiled.models.winding_kernels import Reeled, lacking
+from octo_arm_model.core.compiled.models.tension_step_kernels import lacking
+from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone

@@ -13,7 +13,7 @@ from octo_arm_model import Config, Solver, Wound, displacements_of, solve_displa
 from octo_arm_model.analysis.winding import newton as winding
 from octo_arm_model.analysis.winding.complementarity import complementary_step
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.core.compiled.models.winding_kernels import find_step, solve_some
+from octo_arm_model.core.compiled.models.tension_step_kernels import find_step, solve_some
 from octo_arm_model.core.compiled.numba_build import is_available
 
 pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not installed')
