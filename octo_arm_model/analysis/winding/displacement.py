@@ -88,12 +88,14 @@ def check_displacements(
     Raises:
         TensionError: if not; the message names the tendon.
     """
-    for unknown in (displacements.keys() | tensions.keys()).difference(arm.tendon_names):
-        known = ', '.join(arm.tendon_names)
-        raise TensionError(f'unknown tendon {unknown}; this arm has {known}')
-    for name in displacements.keys() & tensions.keys():
-        raise TensionError(f'tendon {name} has both a displacement and a tension')
+    names = frozenset(arm.tendon_names)
+    for name in [*displacements, *tensions]:
+        if name not in names:
+            known = ', '.join(arm.tendon_names)
+            raise TensionError(f'unknown tendon {name}; this arm has {known}')
     for name, value in displacements.items():
+        if name in tensions:
+            raise TensionError(f'tendon {name} has both a displacement and a tension')
         # Of larger ones the squares are beyond the range of floats.
         try:
             finite(name, value)
