@@ -29,14 +29,14 @@ class Stamp(NamedTuple):
         return self.sec * 10**9 + self.nanosec
 
 
-def stamp_or(stamp: Stamp | None, now: Stamp) -> Stamp:
-    """The ``stamp`` of a message; ``now``, where it has none or an unset one.
+def time_of(stamp: Stamp | None) -> Stamp | None:
+    """The ``stamp`` of a message; None where it has none or an unset one.
 
     Raises:
         MessageError: if it is no time: clocks of those who are told of it end at such a stamp.
     """
     if stamp is None or not any(stamp):
-        return now
+        return None
     if stamp.sec < 0 or stamp.nanosec >= 10**9:
         raise MessageError(
             f'its stamp is {stamp.sec} s and {stamp.nanosec} ns, expected s >= 0 and '

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.node import Node
 
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.wire.stamp import Stamp, stamp_or
+from octo_arm_model.wire.stamp import Stamp, time_of
 
 _BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew
 
@@ -36,7 +36,7 @@ class Stamps:
                 late.
         """
         now = Stamp(*self._clock.now().seconds_nanoseconds())
-        stamp = stamp_or(stamp, now)
+        stamp = time_of(stamp) or now
         ahead = 1e-9 * (stamp.ns - now.ns)
         if any(now) and ahead > self.ahead:
             raise MeasurementError(
