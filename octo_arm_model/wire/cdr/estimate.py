@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
@@ -46,7 +47,7 @@ class EstimateWriter:
             ConfigError: if a name is not one that UTF-8 can hold.
         """
         frame = text_field('frame_id', frame_id)
-        self._covariance = CovarianceWriter(frame_id, s)
+        self._covariance, self._tendons = CovarianceWriter(frame_id, s), len(arm.tendon_names)
         wrench = Layout(frame)
         wrench.numbers(6)
         self._wrench = Template(wrench)
@@ -65,20 +66,40 @@ class EstimateWriter:
         written for the topics ``without``.
 
         Raises:
-            ConfigError: if a ROS stamp cannot hold the time.
+            ConfigError: if it is of another arm, or a ROS stamp cannot hold the time.
         """
         messages = {}
         if contact is not None:
             topic = TIP_WRENCH if contact.is_at_tip else CONTACT
-            messages[topic] = self._wrench.write(*stamp, contact.wrench)
+            messages[topic] = self.wrench(contact.wrench, *stamp)
         if COVARIANCE not in without:
             known = contact or NO_CONTACT
             messages[COVARIANCE] = self._covariance.write(
                 estimate.pose_covariance, known.s, known.covariance, *stamp
             )
         if estimate.tension_bias.size:
-            messages[BIAS] = self._bias.write(*stamp, estimate.tension_bias)
+            messages[BIAS] = self.tension_bias(estimate.tension_bias, *stamp)
         return messages
+
+    def wrench(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message geometry_msgs/WrenchStamped: force [N] and moment [N m], (6,).
+
+        Raises:
+            ConfigError: if there are not six, or a ROS stamp cannot hold the time.
+        """
+        if values.shape != (6,):
+            raise ConfigError(f'wrench is of shape {values.shape}, expected (6,)')
+        return self._wrench.write(sec, nanosec, values)
+
+    def tension_bias(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message octo_arm_msgs/TendonTensions: what each load cell shows too much [N].
+
+        Raises:
+            ConfigError: if there is not one for each tendon, or no stamp can hold the time.
+        """
+        if values.shape != (self._tendons,):
+            raise ConfigError(f'bias is of shape {values.shape}, expected ({self._tendons},)')
+        return self._bias.write(sec, nanosec, values)
 
 
 class EstimateMessages:

@@ -70,6 +70,16 @@ def test_all_of_an_estimate_is_in_its_messages(unknowns: Unknowns, more: set[str
         assert covariance.contact_s == 0.12
 
 
+def test_other_sizes_are_refused() -> None:
+    model = rubber(AT)
+    writer = EstimateWriter('', model.arm, model.solver.grid.s)
+    count = len(model.arm.tendons)
+    with pytest.raises(ConfigError, match=r'wrench is of shape \(3,\), expected \(6,\)'):
+        writer.wrench(np.zeros(3), 0, 0)
+    with pytest.raises(ConfigError, match=rf'bias is of shape \(1,\), expected \({count},\)'):
+        writer.tension_bias(np.zeros(1), 0, 0)
+
+
 def test_an_estimate_with_other_stations_is_refused() -> None:
     model = rubber(AT)
     found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
