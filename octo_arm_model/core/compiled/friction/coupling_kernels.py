@@ -7,11 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.friction_kernels import (
-    TurningState,
-    find_strain,
-    integrate,
-)
+from octo_arm_model.core.compiled.friction.friction_kernels import TurningState, integrate
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.friction.placing_kernels import add_yielding, place_of
 from octo_arm_model.core.compiled.numerics.dense_kernels import (
@@ -31,8 +27,6 @@ def find_couplings(
     Under ``twist`` (4, points), with the ``hessian`` (4, 4, points) of the energy there.
     """
     sections, count, unit = tables.sections, twist.shape[1], turning.unit
-    strain = np.empty((5, count))
-    find_strain(sections, twist, strain)
     width, slope = np.ones(count), np.zeros(count)
     if sections.widens:
         for i in range(count):
@@ -55,7 +49,7 @@ def find_couplings(
                 + (dy[i] + t[i] * x[i]) * e_b[i]
             )
         if turning.offset.size:
-            add_yielding(sections, pulled[k], x, y, twist, strain, slope, bends)
+            add_yielding(sections, pulled[k], x, y, twist, width, slope, bends)
         substitute_definite(factors, bends)
     across = np.empty((3, count))
     for j in range(pulled.size):

@@ -76,19 +76,19 @@ def place_of(
 
 def add_yielding(
     sections: SectionTables, tendon: int, x: FloatArray, y: FloatArray, twist: FloatArray,
-    strain: FloatArray, slope: FloatArray, force: FloatArray,
+    width: FloatArray, slope: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
     """Add to the ``force`` (4, points) per tension of a ``tendon`` what its sheath takes from it.
 
-    It stands at ``x`` and ``y``, in balance under the ``twist`` (4, points) and the scaled
-    ``strain`` (5, points), and moves in its sheath with its tension.
+    It stands at ``x`` and ``y``, in balance under the ``twist`` (4, points), by which sections
+    widen by ``width`` with that ``slope`` (points,), and moves in its sheath with its tension.
     """
     dx, dy = sections.dx[tendon], sections.dy[tendon]
     compliance, along = sections.sheath_compliance[tendon], sections.transmission[tendon]
-    t, n, b, width = strain[0], strain[1], strain[2], strain[4]
+    t, n, b = width * twist[0], width * twist[1], width * twist[2]
     for i in range(x.size):
         u_t, u_n, u_b, length = tendon_direction(
-            t[i], n[i], b[i], strain[3, i], width[i], x[i], y[i], dx[i], dy[i]
+            t[i], n[i], b[i], twist[3, i], width[i], x[i], y[i], dx[i], dy[i]
         )
         over, local, soft = 1.0 / length, along[i], compliance[i]
         e_t, e_n, e_b, weight = u_t * over, u_n * over, u_b * over, local * over

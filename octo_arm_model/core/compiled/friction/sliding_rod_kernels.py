@@ -119,8 +119,9 @@ def find_sliding_balance(
     held[pulled] = 1.0
     along, changed = tables.sections.transmission, np.inf
     along[:] = 0.0
-    # Where sheaths give way tendons stand as tensions have it, nearly those without turning.
-    find_tensions(friction, tensions, before, pulled, turning)
+    if turning.offset.size:
+        # Tendons stand as tensions have it, nearly those without turning.
+        find_tensions(friction, tensions, before, pulled, turning)
     find_turnings(friction, state.twist, pulled, turning)
     turning.angle[:] = turning.turned
     sticks = find_tensions(friction, tensions, before, pulled, turning)
