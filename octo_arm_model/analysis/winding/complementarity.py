@@ -19,8 +19,7 @@ def complementary_step(
 ) -> FloatArray | None:
     """Step (tendons,) of ``tensions`` [N] that takes out what is ``wrong`` [m].
 
-    As `tension_step_kernels.find_step`, which explains it; None where there is none. ``wrong`` is
-    zero of tendons that are not ``driven``.
+    As `tension_step_kernels.find_step`, which explains it; None where there is none.
     """
     taut, diagonal = driven & (tensions > 0.0), changes.diagonal()
     for _ in range(EXCHANGES):
