@@ -14,11 +14,11 @@ from differences import jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from scipy.optimize import brentq
+from sliding_arms import assert_pulled_alike, assert_same
 from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
     Arm,
-    Backbone,
     Body,
     ConfigError,
     Loads,
@@ -53,14 +53,6 @@ with_numba = pytest.mark.skipif(not is_available(), reason='numba is not install
 both_ways = pytest.mark.parametrize(
     'compiled', [pytest.param(False, id='NumPy'), pytest.param(True, marks=with_numba, id='numba')]
 )
-
-
-def assert_same(found: Backbone, expected: Backbone, length: float) -> None:
-    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9 * length)
-    scale = max(float(expected.tensions.max()), 1e-9)
-    for name in ('tendon_tensions', 'point_tensions'):
-        one, other = getattr(found, name), getattr(expected, name)
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * scale)
 
 
 @both_ways
@@ -193,13 +185,7 @@ def test_machine_code_pulls_and_releases_as_numpy_does(material: str, loads: Loa
         Solver(HELICAL, 'exact', 41, material=material, loads=loads, compiled=compiled)
         for compiled in (True, False)
     )
-    assert machine.is_compiled and not plain.is_compiled
-    one = other = None
-    for part in (1.0, 0.7, 0.75, 0.751, 0.2, 0.0, 0.4):
-        one, other = machine.follow(part * PULL, one), plain.follow(part * PULL, other)
-        assert_same(one, other, HELICAL.length)
-        # Each may go on from what the other has found.
-        one, other = other, one
+    assert_pulled_alike(machine, plain, (1.0, 0.7, 0.75, 0.751, 0.2, 0.0, 0.4))
 
 
 @with_numba

@@ -10,11 +10,11 @@ import pytest
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from sliding_arms import assert_pulled_alike, assert_same
 from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
     Arm,
-    Backbone,
     Body,
     Config,
     Loads,
@@ -35,14 +35,6 @@ pytestmark = pytest.mark.skipif(not is_available(), reason='numba is not install
 MODELS = ('closed_form', 'exact')
 
 
-def assert_same(found: Backbone, expected: Backbone, length: float) -> None:
-    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9 * length)
-    scale = max(float(expected.tensions.max()), 1e-9)
-    for name in ('tendon_tensions', 'point_tensions'):
-        one, other = getattr(found, name), getattr(expected, name)
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * scale)
-
-
 @pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
 @pytest.mark.parametrize('model', MODELS)
 def test_machine_code_pulls_and_releases_as_numpy_does(model: str, material: str) -> None:
@@ -50,13 +42,7 @@ def test_machine_code_pulls_and_releases_as_numpy_does(model: str, material: str
     machine, plain = (
         Solver(arm, model, material=material, compiled=compiled) for compiled in (True, False)
     )
-    assert machine.is_compiled and not plain.is_compiled
-    one = other = None
-    for part in (1.0, 0.7, 0.75, 0.2, 0.0, 0.4):
-        one, other = machine.follow(part * PULL, one), plain.follow(part * PULL, other)
-        assert_same(one, other, arm.length)
-        # Each may go on from what the other has found.
-        one, other = other, one
+    assert_pulled_alike(machine, plain, (1.0, 0.7, 0.75, 0.2, 0.0, 0.4))
 
 
 @pytest.mark.parametrize('compiled', [False, True])
