@@ -57,6 +57,8 @@ class BatchSolver:
             # NumPy solves the few that the kernels do not converge for, or reports them.
             parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]
         else:
+            if lead:
+                results.make_room()
             size = self._size
             parts = [slice(i, min(i + size, batch)) for i in range(0, batch, size)]
         for part in parts:

@@ -61,6 +61,8 @@ class CompiledRod:
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._no_system = empty_system(self._tables)
         self._no_readings = empty_readings(0, 0)
+        # Of a state, what is not kept; kernels run one at a time.
+        self._room = empty_state(rod.points)[1:]
         self._find_turn = find_turn()
         self._minimum = rod.minimum  # which says why there is none
 
@@ -145,7 +147,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), force, moment, pose, strain, length,
+                self._state_of(shape), force, moment, pose, strain, length,
             )
         )  # fmt: skip
         return pose, strain, length
@@ -157,7 +159,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate_tip())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), tip,
+                self._state_of(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -180,10 +182,10 @@ class CompiledRod:
             answer = TipAnswer(
                 compliance, change.transpose(0, 2, 1), outcome.sign, outcome.is_definite
             )
-        rotation = state.rotation
+        rotation, force, moment, imbalance, hessian = map(np.copy, state[2:])
         balanced = State(
-            condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
-            state.force, state.imbalance, outcome.residual, None, state.hessian,
+            condition, found, rotation, rotation[:, 0] * state.twist[3], moment, force, imbalance,
+            outcome.residual, None, hessian,
         )  # fmt: skip
         return Iterate(balanced, outcome.iterations, outcome.corrected, answer)
 
@@ -192,10 +194,9 @@ class CompiledRod:
         readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """`rod_kernels.balance`, the state that it ends in, and the shape of this."""
-        state = empty_state(shape.twist.shape[1])
         # Arrays of a `Backbone`, which is followed from, cannot be written.
         orientation = np.array(shape.orientation)
-        state.twist[:] = shape.twist
+        state = RodState(np.array(shape.twist), *self._room)
         tip_wrench = own(condition.tip_wrench)
         known, system = self.system_about(shape), self._no_system
         if wanted != READ_ONLY:
@@ -210,18 +211,15 @@ class CompiledRod:
             self._kept.keep(state.twist, system)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
+    def _state_of(self, shape: Shape) -> RodState:
+        """Room for a state, of which ``shape`` is known and its twist is kept."""
+        (a, b), turn = shape.orientation, self._room[0]
+        turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+        return RodState(np.array(shape.twist), *self._room)
+
     def system_about(self, shape: Shape) -> System | None:
         """The system linearised about a balance that has this ``shape``, if it is kept."""
         return self._kept.about(shape.twist)
-
-
-def state_of(shape: Shape) -> RodState:
-    """Room for a state, of which ``shape`` is known."""
-    state = empty_state(shape.twist.shape[1])
-    a, b = shape.orientation
-    state.twist[:], turn = shape.twist, state.turn
-    turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
-    return state
 
 
 def quaternions_of(turn: FloatArray) -> Quaternions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, state_of
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
@@ -98,7 +98,7 @@ class SlidingRod(CompiledRod):
         near = self.system_about(shape)
         system = self._kept.oldest() or empty_system(self._tables)
         for known in (None,) if near is None else (near, None):
-            state = state_of(shape)
+            state = self._state_of(shape)
             found = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
                 float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,

@@ -20,7 +20,7 @@ ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], 
 
 
 class Results:
-    """Arrays of the shapes of a batch, filled part by part.
+    """Arrays of the shapes of a batch, filled part by part once there is room.
 
     Attributes:
         position: of the stations [m], (..., stations, 3).
@@ -38,13 +38,21 @@ class Results:
         base: Frame,
         read_out: ReadOut | None = None,
     ) -> None:
-        """Allocate arrays for arms at the stations of ``grid``, their base in the pose ``base``.
+        """Of arms at the stations of ``grid``, their base in the pose ``base``.
 
         ``lead`` is (batch,), or () for one arm, which takes NumPy less time than (1,).
         ``read_out`` integrates twists instead of NumPy.
         """
-        self._read_out = read_out
+        self._read_out, self._lead = read_out, lead
         self._grid, self._base = grid, base
+        self._has_room = False
+        self._shape: Shape | None = None
+        self._points: FloatArray | None = None
+        self._slid: FloatArray | None = None
+
+    def make_room(self) -> None:
+        """Allocate the arrays, as `add` does for one arm whose solution does not bring them."""
+        lead, grid, self._has_room = self._lead, self._grid, True
         if lead and lead[0] > 1:
             keep_freed_memory()
         count = grid.s.size
@@ -53,9 +61,6 @@ class Results:
         self.strains = np.empty((4, *lead, count))
         self.residual, self.iterations = np.empty(lead), np.empty(lead, np.int64)
         self.twist = np.empty((4, grid.nodes.size))
-        self._shape: Shape | None = None
-        self._points: FloatArray | None = None
-        self._slid: FloatArray | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray | IntArray, ...]:
@@ -72,7 +77,7 @@ class Results:
     @property
     def is_one(self) -> bool:
         """Whether there is one arm, without the axis of a batch."""
-        return self.residual.ndim == 0
+        return not self._lead
 
     def add(self, part: slice | tuple[()], solution: Solution) -> None:
         """Fill in the arms ``part`` of the batch, or the one arm, ().
@@ -81,15 +86,20 @@ class Results:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
         twist = solution.twist
-        self.residual[part], self.iterations[part] = solution.residual, solution.iterations
-        self.twist, self._shape = twist, solution.shape
         if solution.tendons is not None:
             self._add_tendons(part, solution.tendons)
         if solution.strains is not None and solution.frames is not None:
             # Of one arm, made for this result alone.
             self.position, self.quaternion = solution.frames
-            self.strains = solution.strains
+            self.strains, self.twist, self._shape = solution.strains, twist, solution.shape
+            self.residual, self.iterations = (
+                np.array(solution.residual), np.array(solution.iterations)
+            )  # fmt: skip
             return
+        if not self._has_room:
+            self.make_room()
+        self.residual[part], self.iterations[part] = solution.residual, solution.iterations
+        self.twist, self._shape = twist, solution.shape
         self._check(twist[3])
         if solution.frames is not None:
             self.position[part], self.quaternion[part] = solution.frames
@@ -118,7 +128,7 @@ class Results:
         # Quicker than np.moveaxis, and the same.
         at_stations = tendons.stations.transpose(*range(1, tendons.stations.ndim), 0)
         if self._slid is None:
-            self._slid = np.empty((*self.residual.shape, *at_stations.shape[-2:]))
+            self._slid = np.empty((*self._lead, *at_stations.shape[-2:]))
         self._slid[part] = at_stations
         self._points = tendons.points
 

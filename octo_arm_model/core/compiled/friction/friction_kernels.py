@@ -174,14 +174,14 @@ def integrate(tables: FrictionTables, rate: FloatArray, total: FloatArray) -> No
             start += whole
 
 
-def resolves_tensions(tables: FrictionTables) -> bool:
+def resolves_tensions(tables: FrictionTables, pulled: IntArray) -> bool:
     """Whether points resolve the tensions at them, of tendons that do not stick.
 
     As `LoadedRod.resolves_twist`.
     """
     along = tables.sections.transmission
     most = RESOLVED_TENSIONS * along.max() if along.size else 0.0
-    for tendon in range(len(along)):
+    for tendon in pulled:
         if largest_tail(tables.tail, along[tendon]) > most:
             return False
     return True

@@ -216,9 +216,11 @@ def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None
     turning.by_pull[:], turning.coupling[:] = by_pull, coupling
 
 
-def resolves(tables: FrictionTables, twist: FloatArray) -> bool:
+def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
     """Whether points resolve ``twist`` and `resolves_tensions`, as `LoadedRod.resolves_twist`."""
-    return resolves_tensions(tables) and resolves_twist(tables.tail, tables.step.sum(), twist)
+    return resolves_twist(tables.tail, tables.step.sum(), twist) and (
+        resolves_tensions(tables, pulled)
+    )
 
 
 def find_sliding_shapes(
@@ -248,7 +250,7 @@ def find_sliding_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        if may_refine and not sticks and not resolves(tables, at_points):
+        if may_refine and not sticks and not resolves(tables, pulled, at_points):
             iterations[arm] = UNRESOLVED
             without += 1
             continue

@@ -47,9 +47,9 @@ from octo_arm_model.core.compiled.numerics.products import add_runs
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
+from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
 
 MOST_STEPS = 30
-SETTLED = 1e-9  # parts by which tensions may still change
 SLOW = 0.2  # part of the residual that a step must leave less than, else the system is found anew
 STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
 
@@ -129,7 +129,7 @@ def find_sliding_balance(
     find_couplings(friction, state.twist, state.hessian, pulled, turning)
     is_slow = not is_known
     for number in range(MOST_STEPS):
-        if residual <= tolerance and changed <= SETTLED:
+        if residual <= tolerance and changed <= TOLERANCE:
             slip[:] = -1.0
             for place in range(pulled.size):
                 slip[pulled[place]] = turning.slip[place]
@@ -137,7 +137,7 @@ def find_sliding_balance(
             at_stations[:] = 0.0
             each = tables.weights.size
             add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
-            is_fine = resolves_tensions(friction)
+            is_fine = resolves_tensions(friction, pulled)
             sign = sign if turned <= SAME else 0
             return residual, systems, sign, corrected, sticks, is_fine
         if is_slow:

@@ -111,7 +111,7 @@ class LoadTable:
 
         A moment that keeps its direction does not.
         """
-        return not (self.has_moments or tip_wrench[3:].any())
+        return not (self.has_moments or any(tip_wrench[3:].tolist()))
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
         """How they change with the shape, where that is known; see ``without_tangent``."""
