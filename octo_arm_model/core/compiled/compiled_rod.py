@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +45,18 @@ from octo_arm_model.core.section.strain_measures import to_scaled
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
+class KnownSystem(NamedTuple):
+    """The system about a balance.
+
+    Attributes:
+        system: linearised about nearly the same state.
+        turned: how far the arm has turned from that to the balance [rad].
+    """
+
+    system: System
+    turned: float
+
+
 class CompiledRod:
     """`Newton`, `Settle` and `ReadOut` of one rod."""
 
@@ -56,11 +69,12 @@ class CompiledRod:
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = entry_point(balance()), rod.equilibrium.loads
-        self._kept: KeptBalances[System] = KeptBalances()
+        self._kept: KeptBalances[KnownSystem] = KeptBalances()
         # What is filled in where nobody asks for it.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
-        self._no_system = empty_system(self._tables)
+        self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
         self._no_readings = empty_readings(0, 0)
+        self._is_differentiated = False  # the balance found last, as the next will be
         # Of a state, what is not kept; kernels run one at a time.
         self._room = empty_state(rod.points)[1:]
         self._find_turn = find_turn()
@@ -147,7 +161,8 @@ class CompiledRod:
         self._check(
             entry_point(differentiate())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                self._state_of(shape), force, moment, pose, strain, length,
+                self._state_of(shape), *self._exact_about(shape), force, moment, pose, strain,
+                length,
             )
         )  # fmt: skip
         return pose, strain, length
@@ -159,7 +174,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate_tip())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                self._state_of(shape), tip,
+                self._state_of(shape), *self._exact_about(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -198,17 +213,17 @@ class CompiledRod:
         orientation = np.array(shape.orientation)
         state = RodState(np.array(shape.twist), *self._room)
         tip_wrench = own(condition.tip_wrench)
-        known, system = self.system_about(shape), self._no_system
-        if wanted != READ_ONLY:
-            system = self._kept.oldest() or empty_system(self._tables)
+        known = self.known_about(shape) or self._nothing_known
+        system = self._nothing_known.system if wanted == READ_ONLY else self._room_for_system()
         found = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
-            tolerance, self._loads.has_energy(tip_wrench), wanted, known is not None,
-            known or self._no_system, orientation, state, system, compliance, change, readings,
+            tolerance, self._loads.has_energy(tip_wrench), wanted,
+            known is not self._nothing_known, known.system, self._is_differentiated, orientation,
+            state, system, compliance, change, readings,
         )  # fmt: skip
-        outcome = Outcome(*found)
+        outcome, self._is_differentiated = Outcome(*found), False
         if outcome.sign:
-            self._kept.keep(state.twist, system)
+            self._kept.keep(state.twist, KnownSystem(system, outcome.turned))
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
     def _state_of(self, shape: Shape) -> RodState:
@@ -217,9 +232,20 @@ class CompiledRod:
         turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
         return RodState(np.array(shape.twist), *self._room)
 
-    def system_about(self, shape: Shape) -> System | None:
-        """The system linearised about a balance that has this ``shape``, if it is kept."""
+    def _room_for_system(self) -> System:
+        """Room for a system, where possible that of one no longer kept."""
+        oldest = self._kept.oldest()
+        return empty_system(self._tables) if oldest is None else oldest.system
+
+    def known_about(self, shape: Shape) -> KnownSystem | None:
+        """The system about a balance that has this ``shape``, if it is kept."""
         return self._kept.about(shape.twist)
+
+    def _exact_about(self, shape: Shape) -> tuple[bool, System]:
+        """Whether the system linearised about this very ``shape`` is known, and if so, that."""
+        self._is_differentiated = True
+        known = self.known_about(shape) or self._nothing_known
+        return known.turned == 0.0, known.system
 
 
 def quaternions_of(turn: FloatArray) -> Quaternions:

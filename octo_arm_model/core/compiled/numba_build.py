@@ -93,7 +93,7 @@ find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FO
 find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, 1.0, _FOUR)
 _NO_SYSTEM = system_kernels.system_of(0, 0)
 balance = _made(
-    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM,
+    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, False,
     np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)), np.zeros((4, 0, 6)),
     readout_kernels.empty_readings(0, 0),
 )  # fmt: skip
@@ -104,12 +104,12 @@ slide_rod = _made(
 )  # fmt: skip
 # An arm without tendons has 8 columns in the one, and 2 in the other.
 differentiate = _made(
-    sensitivity_kernels.differentiate, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE, _DEAD,
-    _DEAD, np.zeros((0, 6, 8)), np.zeros((0, 4, 8)), np.zeros((0, 8)),
+    sensitivity_kernels.differentiate, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE, False,
+    _NO_SYSTEM, _DEAD, _DEAD, np.zeros((0, 6, 8)), np.zeros((0, 4, 8)), np.zeros((0, 8)),
 )  # fmt: skip
 differentiate_tip = _made(
     sensitivity_kernels.differentiate_tip, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE,
-    np.zeros((6, 2)),
+    False, _NO_SYSTEM, np.zeros((6, 2)),
 )  # fmt: skip
 
 

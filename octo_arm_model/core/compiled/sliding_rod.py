@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
 from octo_arm_model.core.compiled.loaded.rod_kernels import READ_ONLY, Outcome
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState
-from octo_arm_model.core.compiled.loaded.system_kernels import empty_system
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
@@ -95,19 +94,19 @@ class SlidingRod(CompiledRod):
         before = _NOTHING if condition.before is None else own(condition.before)
         tensions, tip_wrench = own(condition.tensions), own(condition.tip_wrench)
         orientation = np.empty((2, self._rod.points), complex)
-        near = self.system_about(shape)
-        system = self._kept.oldest() or empty_system(self._tables)
-        for known in (None,) if near is None else (near, None):
+        near, nothing = self.known_about(shape), self._nothing_known
+        system = self._room_for_system()
+        for known in (nothing,) if near is None else (near, nothing):
             state = self._state_of(shape)
             found = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
                 float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,
-                known is not None, known or self._no_system, orientation, state, self._slip,
-                system, compliance, change, readings,
+                known is not nothing, known.system, orientation, state, self._slip, system,
+                compliance, change, readings,
             )  # fmt: skip
             outcome = Outcome(*found)
             if outcome.residual < np.inf:
                 break
         if outcome.sign:
-            self._kept.keep(state.twist, system)
+            self._kept.keep(state.twist, KnownSystem(system, outcome.turned))
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

@@ -169,6 +169,28 @@ def test_sensitivities_of_its_solutions_are_those_of_numpy(papers_model: str) ->
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
 
 
+@pytest.mark.parametrize('part', [1e-5, 1e-3, 1e-2])
+def test_derivatives_of_a_followed_arm_are_those_found_anew(part: float) -> None:
+    arm, loads = TABLE_4.arm.with_density(1080.0), Loads(gravity=(0.0, 0.0, -9.81))
+    followed, anew, numpy = (
+        Solver(arm, 'exact', loads=loads, compiled=flag) for flag in (True, True, False)
+    )
+    tensions = np.array(FETCHING_IN_SPACE)
+    last = followed.solve(tensions)
+    for step in range(4):
+        last = followed.follow((1.0 + part * step) * tensions, last)
+        found = followed.sensitivity(last)
+        for other, relative in ((anew.sensitivity(last), 1e-12), (numpy.sensitivity(last), 1e-9)):
+            for one, two in (
+                (found.by_tension, other.by_tension),
+                (found.by_offset, other.by_offset),
+            ):
+                assert one is not None and two is not None
+                scale = np.abs(two.pose).max()
+                np.testing.assert_allclose(one.pose, two.pose, atol=relative * scale)
+        assert last.residual <= 1e-11
+
+
 @pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
 @pytest.mark.parametrize('arm', [TABLE_4.arm, HELICAL], ids=['table 4', 'helical'])
 @pytest.mark.parametrize(
@@ -708,7 +730,7 @@ def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it(
     assert isinstance(settle, types.MethodType)
     for part in np.linspace(1.0, 1.1, 40):
         solver.solve(part * tensions, start=last)
-    assert settle.__self__.system_about(last.shape) is not None
+    assert settle.__self__.known_about(last.shape) is not None
 
 
 def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:

@@ -59,7 +59,7 @@ def slide_rod(
     tip_wrench: FloatArray, factor: float, tolerance: float, has_energy: bool, wanted: int,
     is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
     system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
-) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
+) -> tuple[float, int, float, float, int, bool, bool, bool]:  # fmt: skip
     """`find_sliding_balance`, and what `rod_kernels.search` finds with tensions that stay.
 
     Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
@@ -73,20 +73,20 @@ def slide_rod(
         slip, system,
     )  # fmt: skip
     if systems < 0:
-        return np.inf, 0, corrected, 0, False, False, False
+        return np.inf, 0, corrected, 0.0, 0, False, False, False
     normalise(state.turn)
     # Where a tendon begins to stick strains have a kink, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
         tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
-        residual, sign, state, system, compliance, change, readings,
+        False, residual, sign, state, system, compliance, change, readings,
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
     is_read = found.is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
     return (
-        found.residual, systems + found.iterations, corrected, found.sign, found.is_least,
-        found.is_definite, is_read,
+        found.residual, systems + found.iterations, corrected, np.inf if sign else found.turned,
+        found.sign, found.is_least, found.is_definite, is_read,
     )  # fmt: skip
 
 

@@ -58,6 +58,7 @@ class Outcome(NamedTuple):
         residual: of the state it ended in.
         iterations: made.
         corrected: how far all but the first have turned the arm [rad].
+        turned: how far it has turned since the state that the system is linearised about [rad].
         sign: of the determinant of the system, 0 where there is no balance.
         is_least: whether it is seen to be one of least energy.
         is_definite: otherwise, of a balance alone, whether the compliance of the tip is definite.
@@ -67,6 +68,7 @@ class Outcome(NamedTuple):
     residual: float
     iterations: int
     corrected: float
+    turned: float
     sign: int
     is_least: bool
     is_definite: bool
@@ -84,19 +86,21 @@ def turn_of(tables: RodTables, change: FloatArray) -> float:
 
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, is_known: bool, known: System, residual: float, sign: int, state: RodState,
-    system: System,
-) -> tuple[float, int, float, int]:  # fmt: skip
+    tolerance: float, is_known: bool, known: System, is_exact: bool, residual: float, sign: int,
+    state: RodState, system: System,
+) -> tuple[float, int, float, float, int]:  # fmt: skip
     """Newton's method from a ``state`` of this ``residual``, as `loaded.newton`.
 
     Fills in the state it ends in and, where that is balanced, the ``system`` linearised about
     nearly the same, unless its ``sign`` says that it is that already. If ``is_known``, the
     ``known`` system of a balance nearby makes the first step, as long as that leaves a small part
-    of the residual.
+    of the residual. If ``is_exact`` it makes the next as well where three more will do, as then
+    ``system`` is that of the balance itself, which its derivatives need.
 
     Returns:
-        Residual, number of iterations, how far all but the first have turned the arm [rad], and
-        the sign of the determinant of the system, 0 where there is no balance.
+        Residual, number of iterations, how far all but the first have turned the arm [rad], how
+        far it has turned since the state that the system is linearised about [rad], and the sign
+        of the determinant of the system, 0 where there is no balance.
     """
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
@@ -107,7 +111,7 @@ def iterate(
         elif not (sign and is_near):
             sign = find_system(tables, state, system)
             if sign == 0:
-                return residual, iterations, corrected, 0
+                return residual, iterations, corrected, 0.0, 0
             turned = 0.0
         if not is_known:
             find_step(tables, system, state.imbalance, step, turn)
@@ -123,11 +127,12 @@ def iterate(
             find_turn(tables, new.twist, DEFECTS, new.turn)
             found = find_state(tables, tensions, tip_wrench, factor, new)
         if is_known:
-            is_known = False
+            is_known = is_exact and found * (found / residual) ** 3 <= tolerance
             if not found <= PREDICTED * residual:
+                is_known = False
                 continue
         if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
-            return residual, iterations, corrected, 0
+            return residual, iterations, corrected, 0.0, 0
         is_near = found <= NEAR and found <= QUICK * residual
         residual = found
         copy_state(new, state)
@@ -136,18 +141,18 @@ def iterate(
             corrected += angle
         is_first = False
     if not residual <= tolerance:
-        return residual, iterations, corrected, 0
+        return residual, iterations, corrected, 0.0, 0
     if sign == 0 or turned > SAME:
-        sign = find_system(tables, state, system)
-    return residual, iterations, corrected, sign
+        sign, turned = find_system(tables, state, system), 0.0
+    return residual, iterations, corrected, turned, sign
 
 
 def balance(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
+    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System, is_exact: bool,
     orientation: ComplexArray, state: RodState, system: System, compliance: FloatArray,
     change: FloatArray, readings: Readings,
-) -> tuple[float, int, float, int, bool, bool, bool]:  # fmt: skip
+) -> tuple[float, int, float, float, int, bool, bool, bool]:  # fmt: skip
     """Find balance from the twist of ``state`` and ``orientation``, and fill in that it ends in.
 
     ``orientation`` (2, points) is that of `Quaternions`. Where a balance alone is ``wanted`` and
@@ -167,12 +172,12 @@ def balance(
     residual = find_state(tables, tensions, tip_wrench, factor, state)
     outcome = search(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
-        residual, 0, state, system, compliance, change, readings,
+        is_exact, residual, 0, state, system, compliance, change, readings,
     )  # fmt: skip
     leave(turn, orientation)
     return (
-        outcome.residual, outcome.iterations, outcome.corrected, outcome.sign, outcome.is_least,
-        outcome.is_definite, outcome.is_read,
+        outcome.residual, outcome.iterations, outcome.corrected, outcome.turned, outcome.sign,
+        outcome.is_least, outcome.is_definite, outcome.is_read,
     )  # fmt: skip
 
 
@@ -186,20 +191,20 @@ def leave(turn: FloatArray, orientation: ComplexArray) -> None:
 
 def search(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System,
+    tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System, is_exact: bool,
     residual: float, sign: int, state: RodState, system: System, compliance: FloatArray,
     change: FloatArray, readings: Readings,
 ) -> Outcome:  # fmt: skip
     """As `balance`, from a ``state``; for its ``residual`` and ``sign`` see `iterate`."""
     if wanted == READ_ONLY:
         read_rod(tables, tensions, tip_wrench, state, readings)
-        return Outcome(residual, 0, 0.0, 0, False, False, True)
-    residual, iterations, corrected, sign = iterate(
-        tables, tensions, tip_wrench, factor, tolerance, is_known, known, residual, sign, state,
-        system,
+        return Outcome(residual, 0, 0.0, 0.0, 0, False, False, True)
+    residual, iterations, corrected, turned, sign = iterate(
+        tables, tensions, tip_wrench, factor, tolerance, is_known, known, is_exact, residual, sign,
+        state, system,
     )  # fmt: skip
     if sign == 0:
-        return Outcome(residual, iterations, corrected, 0, False, False, False)
+        return Outcome(residual, iterations, corrected, turned, 0, False, False, False)
     is_least = has_energy and sign > 0 and is_minimum(system)
     # Under moments without an energy the sign is all that is known.
     if (
@@ -210,12 +215,12 @@ def search(
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
         is_read = readings.twist[3].min() > 0.0
-        return Outcome(residual, iterations, corrected, sign, is_least, False, is_read)
+        return Outcome(residual, iterations, corrected, turned, sign, is_least, False, is_read)
     if is_least or wanted != BALANCE:
-        return Outcome(residual, iterations, corrected, sign, is_least, False, False)
+        return Outcome(residual, iterations, corrected, turned, sign, is_least, False, False)
     find_compliance(tables, state, system, compliance, change)
     is_tip_stable = is_definite(compliance)
-    return Outcome(residual, iterations, corrected, sign, False, is_tip_stable, False)
+    return Outcome(residual, iterations, corrected, turned, sign, False, is_tip_stable, False)
 
 
 def find_compliance(

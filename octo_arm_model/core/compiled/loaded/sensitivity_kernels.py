@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
 from octo_arm_model.core.compiled.loaded.readout_kernels import read_changes
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState, find_state, find_wrench
-from octo_arm_model.core.compiled.loaded.system_kernels import empty_system, find_system
+from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (
     incompressible_widening,
@@ -117,24 +118,41 @@ def dead_wrenches(
         wrench[:, :, load] = found
 
 
+def linearise(
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
+    is_known: bool, known: System,
+) -> tuple[System, int]:  # fmt: skip
+    """The system linearised about a balanced ``state`` of twist and orientations.
+
+    What derivatives need of this is filled in. If ``is_known`` the system is the ``known`` one.
+
+    Returns:
+        The system, and the sign of its determinant or 1 if it is known; 0 where it is singular.
+    """
+    if is_known:
+        find_rotation(state.turn, state.rotation)
+        return known, 1
+    find_state(tables, tensions, tip_wrench, 1.0, state)
+    system = empty_system(tables)
+    return system, find_system(tables, state, system)
+
+
 def differentiate(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
-    state: RodState, force: FloatArray, moment: FloatArray, pose: FloatArray, strain: FloatArray,
-    length: FloatArray,
+    state: RodState, is_known: bool, known: System, force: FloatArray, moment: FloatArray,
+    pose: FloatArray, strain: FloatArray, length: FloatArray,
 ) -> int:  # fmt: skip
     """Fill in the changes of a balanced ``state`` of twist and orientations, as `derivatives`.
 
     ``pose`` (stations, 6, columns), ``strain`` (stations, 4, columns) and ``length`` (tendons,
     columns). Columns are those of dead loads, see `dead_wrenches`; without these, the wrench on
-    the tip and then those of `find_imbalance`.
+    the tip and then those of `find_imbalance`. As to the ``known`` system see `linearise`.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
     """
     count, columns, tendons = state.twist.shape[1], pose.shape[2], tensions.size
-    find_state(tables, tensions, tip_wrench, 1.0, state)
-    system = empty_system(tables)
-    sign = find_system(tables, state, system)
+    system, sign = linearise(tables, tensions, tip_wrench, state, is_known, known)
     if sign == 0:
         return 0
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
@@ -170,7 +188,7 @@ def weigh(tables: RodTables, values: FloatArray) -> None:
 
 def differentiate_tip(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
-    state: RodState, tip: FloatArray,
+    state: RodState, is_known: bool, known: System, tip: FloatArray,
 ) -> int:  # fmt: skip
     """Fill in the change of the ``tip`` (6, columns) by reciprocity, as `tip_derivatives`.
 
@@ -180,9 +198,7 @@ def differentiate_tip(
         The sign of the determinant of the system; 0 where it is singular.
     """
     count, tendons = state.twist.shape[1], tensions.size
-    find_state(tables, tensions, tip_wrench, 1.0, state)
-    system = empty_system(tables)
-    sign = find_system(tables, state, system)
+    system, sign = linearise(tables, tensions, tip_wrench, state, is_known, known)
     if sign == 0:
         return 0
     wrench = tip_wrenches(tables, state)
