@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -18,6 +18,8 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
+
+_QUESTIONS = 2  # asked before a node counts as one that does not answer
 
 
 def swap_arm(values: Mapping[str, Any], node_name: str, timeout: float) -> None:
@@ -52,7 +54,7 @@ def _swap(node: Node, values: Mapping[str, Any], node_name: str, timeout: float)
         raise ConfigError(
             f'no node {node_name} within {timeout} s: `ros2 node list` names those that run'
         )
-    listed: ListParameters.Response = _wait(node, client.list_parameters(), node_name, timeout)
+    listed: ListParameters.Response = _ask(node, client.list_parameters, node_name, timeout)
     names = set(listed.result.names)
     arm = {parameter.name: parameter for parameter in PARAMETERS}
     if not names >= arm.keys():
@@ -62,20 +64,23 @@ def _swap(node: Node, values: Mapping[str, Any], node_name: str, timeout: float)
     wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
     wanted.update(values)
     changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
-    answer: SetParametersAtomically.Response = _wait(
-        node, client.set_parameters_atomically(changes), node_name, timeout
+    answer: SetParametersAtomically.Response = _ask(
+        node, lambda: client.set_parameters_atomically(changes), node_name, timeout
     )
     if not answer.result.successful:
         raise ConfigError(f'{node_name} stays as it is: {answer.result.reason}')
 
 
-def _wait(node: Node, future: Future, node_name: str, timeout: float) -> Any:
-    """Result of ``future``.
+def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
+    """What a node answers to ``ask``, which may be asked twice.
 
     Raises:
-        ConfigError: if there is none within ``timeout`` [s].
+        ConfigError: if there is no answer within ``timeout`` [s].
     """
-    rclpy.spin_until_future_complete(node, future, timeout_sec=timeout)
-    if not future.done():
-        raise ConfigError(f'{node_name} has not answered within {timeout} s')
-    return future.result()
+    # A server that has not discovered the reader of its answers yet loses the first.
+    for _ in range(_QUESTIONS):
+        future = ask()
+        rclpy.spin_until_future_complete(node, future, timeout_sec=timeout / _QUESTIONS)
+        if future.done():
+            return future.result()
+    raise ConfigError(f'{node_name} has not answered within {timeout} s')

@@ -9,10 +9,14 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from live_nodes import CONFIG_FILE, DEADLINE, NODES, assert_is_backbone, file_with, running, start
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.client.arm_swap import swap_arm
 
 pytestmark = pytest.mark.slow
 
@@ -103,6 +107,21 @@ def test_a_node_that_has_no_arm_is_told(client, arguments, complaint):
     assert status == 2
     assert complaint in complaints
     assert complaints.count('\n') == 1
+
+
+def test_what_is_not_answered_is_asked_again(client, monkeypatch):
+    asked, whole = [], AsyncParameterClient.list_parameters
+
+    def ask(self):
+        asked.append(self)
+        return Future() if len(asked) == 1 else whole(self)  # The first answer is lost.
+
+    monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
+    values = load_parameters(preset_path('renda2012_table2'))
+    swap_arm(values, '/octo_arm', 4.0)
+    assert len(asked) == 2
+    assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
 
 def test_the_simulator_keeps_what_is_its_own():
