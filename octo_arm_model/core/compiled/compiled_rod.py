@@ -75,7 +75,7 @@ class CompiledRod:
         self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
         self._no_readings = empty_readings(0, 0)
         self._is_differentiated = False  # the balance found last, as the next will be
-        # Of a state, what is not kept; kernels run one at a time.
+        # Of a state, what nobody asks for.
         self._room = empty_state(rod.points)[1:]
         self._find_turn = find_turn()
         self._minimum = rod.minimum  # which says why there is none
@@ -161,7 +161,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                self._state_of(shape), *self._exact_about(shape), force, moment, pose, strain,
+                state_of(shape), *self._exact_about(shape), force, moment, pose, strain,
                 length,
             )
         )  # fmt: skip
@@ -174,7 +174,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate_tip())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                self._state_of(shape), *self._exact_about(shape), tip,
+                state_of(shape), *self._exact_about(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -197,10 +197,10 @@ class CompiledRod:
             answer = TipAnswer(
                 compliance, change.transpose(0, 2, 1), outcome.sign, outcome.is_definite
             )
-        rotation, force, moment, imbalance, hessian = map(np.copy, state[2:])
+        rotation = state.rotation
         balanced = State(
-            condition, found, rotation, rotation[:, 0] * state.twist[3], moment, force, imbalance,
-            outcome.residual, None, hessian,
+            condition, found, rotation, rotation[:, 0] * state.twist[3], state.moment,
+            state.force, state.imbalance, outcome.residual, None, state.hessian,
         )  # fmt: skip
         return Iterate(balanced, outcome.iterations, outcome.corrected, answer)
 
@@ -211,7 +211,8 @@ class CompiledRod:
         """`rod_kernels.balance`, the state that it ends in, and the shape of this."""
         # Arrays of a `Backbone`, which is followed from, cannot be written.
         orientation = np.array(shape.orientation)
-        state = RodState(np.array(shape.twist), *self._room)
+        room = empty_state(shape.twist.shape[1])[1:] if wanted == BALANCE else self._room
+        state = RodState(np.array(shape.twist), *room)
         tip_wrench = own(condition.tip_wrench)
         known = self.known_about(shape) or self._nothing_known
         system = self._nothing_known.system if wanted == READ_ONLY else self._room_for_system()
@@ -225,12 +226,6 @@ class CompiledRod:
         if outcome.sign:
             self._kept.keep(state.twist, KnownSystem(system, outcome.turned))
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
-
-    def _state_of(self, shape: Shape) -> RodState:
-        """Room for a state, of which ``shape`` is known and its twist is kept."""
-        (a, b), turn = shape.orientation, self._room[0]
-        turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
-        return RodState(np.array(shape.twist), *self._room)
 
     def _room_for_system(self) -> System:
         """Room for a system, where possible that of one no longer kept."""
@@ -246,6 +241,15 @@ class CompiledRod:
         self._is_differentiated = True
         known = self.known_about(shape) or self._nothing_known
         return known.turned == 0.0, known.system
+
+
+def state_of(shape: Shape) -> RodState:
+    """Room for a state, of which ``shape`` is known."""
+    state = empty_state(shape.twist.shape[1])
+    a, b = shape.orientation
+    state.twist[:], turn = shape.twist, state.turn
+    turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
+    return state
 
 
 def quaternions_of(turn: FloatArray) -> Quaternions:

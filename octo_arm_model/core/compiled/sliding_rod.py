@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem, state_of
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
@@ -97,7 +97,7 @@ class SlidingRod(CompiledRod):
         near, nothing = self.known_about(shape), self._nothing_known
         system = self._room_for_system()
         for known in (nothing,) if near is None else (near, nothing):
-            state = self._state_of(shape)
+            state = state_of(shape)
             found = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
                 float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,
