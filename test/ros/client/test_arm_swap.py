@@ -119,7 +119,7 @@ def test_what_is_not_answered_is_asked_again(client, monkeypatch):
     monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
     values = load_parameters(preset_path('renda2012_table2'))
-    swap_arm(values, '/octo_arm', 4.0)
+    swap_arm(values, '/octo_arm', 20.0)
     assert len(asked) == 2
     assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
