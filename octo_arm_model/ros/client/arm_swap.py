@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -78,9 +79,12 @@ def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) 
         ConfigError: if there is no answer within ``timeout`` [s].
     """
     # A server that has not discovered the reader of its answers yet loses the first.
-    for _ in range(_QUESTIONS):
-        future = ask()
-        rclpy.spin_until_future_complete(node, future, timeout_sec=timeout / _QUESTIONS)
-        if future.done():
-            return future.result()
+    asked, begin = list[Future](), time.monotonic()
+    for part in range(_QUESTIONS):
+        asked.append(ask())
+        while (left := begin + (part + 1) / _QUESTIONS * timeout - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=left)
+            for answer in asked:
+                if answer.done():
+                    return answer.result()
     raise ConfigError(f'{node_name} has not answered within {timeout} s')
