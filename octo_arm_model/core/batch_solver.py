@@ -54,6 +54,7 @@ class BatchSolver:
         read_out = self._compiled.read_out if self._compiled is not None else None
         results = Results(lead and (batch,), grid, base, read_out)
         if self._compiled is not None and not self._statics.is_loaded(tip_wrench):
+            results.make_room()
             # NumPy solves the few that the kernels do not converge for, or reports them.
             parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]
         else:
@@ -79,6 +80,7 @@ class BatchSolver:
     ) -> Backbone | None:  # fmt: skip
         """`Solver.wind`, with ``tip_wrench`` (6,) [N, N m] of all there are on the tip."""
         results, setup = Results((), self._setup.grid, self._setup.base), self._setup
+        results.make_room()
         spending = Spending(setup.budget)
         if self._compiled is None or not self._compiled.wind(
             given, driven, reeled, tip_wrench, start, results, spending

@@ -162,7 +162,6 @@ class Compiled:
         """
         if self._sliding is not None:
             return self._sliding.solve(tensions, before, results)
-        results.make_room()
         strains, arrays = results.batch
         without = self._find_shapes(
             self._tables, self._grid, tensions, results.twist, strains, *arrays

@@ -65,7 +65,6 @@ class CompiledLengths:
         """See `winding_kernels.wind`; whether the tensions were found."""
         if self._tables is None:
             return False
-        results.make_room()
         found = self._wind(
             self._tables, self._grid, winches, reeled, results.twist, results.strains,
             results.position, results.quaternion,

@@ -74,7 +74,8 @@ class CompiledRod:
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
         self._no_readings = empty_readings(0, 0)
-        self._is_differentiated = False  # the balance found last, as the next will be
+        # Whether derivatives of the balance found last are asked for, as then of the next too.
+        self._is_differentiated = False
         # Of a state, what nobody asks for.
         self._room = empty_state(rod.points)[1:]
         self._find_turn = find_turn()
@@ -161,7 +162,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), *self._exact_about(shape), force, moment, pose, strain,
+                state_of(shape), *self._system_for_derivatives(shape), force, moment, pose, strain,
                 length,
             )
         )  # fmt: skip
@@ -174,7 +175,7 @@ class CompiledRod:
         self._check(
             entry_point(differentiate_tip())(
                 self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), *self._exact_about(shape), tip,
+                state_of(shape), *self._system_for_derivatives(shape), tip,
             )
         )  # fmt: skip
         return tip
@@ -229,14 +230,14 @@ class CompiledRod:
 
     def _room_for_system(self) -> System:
         """Room for a system, where possible that of one no longer kept."""
-        oldest = self._kept.oldest()
+        oldest = self._kept.take_oldest()
         return empty_system(self._tables) if oldest is None else oldest.system
 
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system about a balance that has this ``shape``, if it is kept."""
         return self._kept.about(shape.twist)
 
-    def _exact_about(self, shape: Shape) -> tuple[bool, System]:
+    def _system_for_derivatives(self, shape: Shape) -> tuple[bool, System]:
         """Whether the system linearised about this very ``shape`` is known, and if so, that."""
         self._is_differentiated = True
         known = self.known_about(shape) or self._nothing_known

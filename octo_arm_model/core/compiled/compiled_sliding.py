@@ -46,7 +46,6 @@ class CompiledSliding:
         self, tensions: FloatArray, before: FloatArray | None, results: Results
     ) -> list[int]:
         """As `Compiled.solve`; tendons slide from tensions ``before`` (tendons, points) [N]."""
-        results.make_room()
         strains, (position, quaternion, residual, iterations) = results.batch
         count, tendons = tensions.shape
         stations = np.zeros((count, position.shape[1], tendons))

@@ -28,10 +28,10 @@ class KeptBalances(Generic[_K]):
 
     def keep(self, array: FloatArray, known: _K) -> None:
         """Keep what is ``known`` of the balance of this ``array``."""
-        self.oldest()
+        self.take_oldest()
         self._kept[id(array)] = array, known
 
-    def oldest(self) -> _K | None:
+    def take_oldest(self) -> _K | None:
         """What was used longest ago, no longer kept, if there is no room for another."""
         if len(self._kept) < _MOST:
             return None

@@ -218,9 +218,8 @@ def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None
 
 def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
     """Whether points resolve ``twist`` and `resolves_tensions`, as `LoadedRod.resolves_twist`."""
-    return resolves_twist(tables.tail, tables.step.sum(), twist) and (
-        resolves_tensions(tables, pulled)
-    )
+    length = tables.step.sum()
+    return resolves_tensions(tables, pulled) and resolves_twist(tables.tail, length, twist)
 
 
 def find_sliding_shapes(

@@ -84,9 +84,11 @@ def slide_rod(
     leave(state.turn, orientation)
     corrected += found.corrected
     is_read = found.is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
+    # Of a system that the tensions were found by it is not known how far.
+    turned = np.inf if sign else found.turned
     return (
-        found.residual, systems + found.iterations, corrected, np.inf if sign else found.turned,
-        found.sign, found.is_least, found.is_definite, is_read,
+        found.residual, systems + found.iterations, corrected, turned, found.sign, found.is_least,
+        found.is_definite, is_read,
     )  # fmt: skip
 
 

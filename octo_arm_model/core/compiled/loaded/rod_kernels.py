@@ -127,10 +127,10 @@ def iterate(
             find_turn(tables, new.twist, DEFECTS, new.turn)
             found = find_state(tables, tensions, tip_wrench, factor, new)
         if is_known:
-            is_known = is_exact and found * (found / residual) ** 3 <= tolerance
             if not found <= PREDICTED * residual:
                 is_known = False
                 continue
+            is_known = is_exact and found * (found / residual) ** 3 <= tolerance
         if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
             return residual, iterations, corrected, 0.0, 0
         is_near = found <= NEAR and found <= QUICK * residual

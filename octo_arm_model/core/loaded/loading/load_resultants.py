@@ -111,6 +111,7 @@ class LoadTable:
 
         A moment that keeps its direction does not.
         """
+        # Of so few numbers Python is quicker than NumPy.
         return not (self.has_moments or any(tip_wrench[3:].tolist()))
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
