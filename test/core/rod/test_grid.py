@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import arms, scaled
 
-from octo_arm_model import Arm, Body, Config, ConfigError, Material, Section
+from octo_arm_model import (
+    Arm,
+    Body,
+    Config,
+    ConfigError,
+    Material,
+    ProfiledBody,
+    Section,
+    Solver,
+    Table,
+)
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.rod.grid import (
     MIN_INTERVALS,
     STEP_PER_RADIUS,
@@ -81,6 +95,34 @@ def test_intervals_are_short_against_arm_and_radius(arm: Arm, count: int) -> Non
     assert grid.step.max() <= 1.03 * arm.length / MIN_INTERVALS
     # Intervals between stations are bounded by the smaller radius at their ends.
     assert (grid.step <= STEP_PER_RADIUS * thinnest + 0.03 * arm.length / MIN_INTERVALS).all()
+
+
+def necked(arm: Arm, at: float, width: float, part: float) -> Arm:
+    """Thinner from ``width`` / 2 before ``at`` [m] to as much after, there ``part`` as thick."""
+    s = np.array([0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length])
+    radius = arm.body.radius(s) * [1.0, 1.0, part, 1.0, 1.0]
+    return dataclasses.replace(arm, body=ProfiledBody(arm.length, Table(tuple(s), tuple(radius))))
+
+
+def softened(arm: Arm, at: float, width: float, part: float) -> Arm:
+    """Likewise softer."""
+    s = (0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length)
+    modulus = Table(s, (1e5, 1e5, 1e5 * part, 1e5, 1e5))
+    return dataclasses.replace(arm, material=Material(modulus))
+
+
+@pytest.mark.parametrize('change', [necked, softened])
+@pytest.mark.parametrize(('at', 'width', 'part'), [(0.09, 8e-3, 0.6), (0.4, 4e-3, 0.5)])
+def test_what_changes_within_few_millimetres_is_integrated_as_on_a_fine_grid(
+    table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
+) -> None:
+    arm = change(table4.arm, at, width, part)
+    tensions = 0.3 * np.array(FETCHING_IN_SPACE)
+    tip, fine = (
+        Solver(arm, 'closed_form', stations=n).solve(tensions).position[-1] for n in (101, 3201)
+    )
+    np.testing.assert_allclose(tip, fine, rtol=0.0, atol=1e-6)
+    assert StationGrid.build(arm).step.size < 1.5 * StationGrid.build(table4.arm).step.size
 
 
 @given(arms(), STATION_COUNTS, st.floats(-6.0, 6.0))
