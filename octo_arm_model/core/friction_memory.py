@@ -16,20 +16,25 @@ class FrictionMemory:
 
     def __init__(self) -> None:
         """Begin at no time."""
-        self._time_ns: int | None = None
+        self._newest_ns: dict[str, int] = {}
         self.forgotten = 0
 
-    def recall(self, last: Backbone | None, time_ns: int, seconds: float) -> Backbone | None:
+    def recall(
+        self, last: Backbone | None, time_ns: int, seconds: float, source: str = ''
+    ) -> Backbone | None:
         """What to continue from at ``time_ns`` [ns], of the ``last`` solution.
 
-        Nothing where time goes back, as sequences start over. After a gap of more than ``seconds``
-        [s] nobody knows what tendons did in between: then it comes without its history, so that
-        they are pulled from slack; 0 for never.
+        Nothing where the time of a ``source`` goes back, as sequences start over; two sources,
+        such as load cells and encoders, need not be stamped in order. After a gap of more than
+        ``seconds`` [s] in which none told anything nobody knows what tendons did: then it comes
+        without its history, so that they are pulled from slack; 0 for never.
         """
-        gap = time_ns - self._time_ns if self._time_ns is not None else 0
-        self._time_ns = time_ns
-        if gap < 0:
+        newest = self._newest_ns
+        if time_ns < newest.get(source, time_ns):
+            self._newest_ns = {source: time_ns}
             return None
+        gap = time_ns - max(newest.values(), default=time_ns)
+        newest[source] = time_ns
         if not 0.0 < seconds < 1e-9 * gap:
             return last
         if last is None or last.point_tensions is None:

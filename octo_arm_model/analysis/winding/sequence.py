@@ -67,7 +67,8 @@ class WoundSequence:
             OctoArmError: if there is none; what is known stays.
         """
         before = self.tensions, self.displacements
-        self._last = self._recalled(time_ns, config.friction_memory)
+        source = 'tensions' if displacements is None else 'displacements'
+        self._last = self._recalled(time_ns, config.friction_memory, source)
         if tensions is not None:
             self.tensions = tensions
         if displacements is not None:
@@ -78,12 +79,12 @@ class WoundSequence:
             self.tensions, self.displacements = before
             raise
 
-    def _recalled(self, time_ns: int, seconds: float) -> Backbone | Wound | None:
+    def _recalled(self, time_ns: int, seconds: float, source: str) -> Backbone | Wound | None:
         """What to continue from; see `FrictionMemory.recall`."""
         last = self._last
         if not isinstance(last, Wound):
-            return self._memory.recall(last, time_ns, seconds)
-        backbone = self._memory.recall(last.backbone, time_ns, seconds)
+            return self._memory.recall(last, time_ns, seconds, source)
+        backbone = self._memory.recall(last.backbone, time_ns, seconds, source)
         return backbone and dataclasses.replace(last, backbone=backbone)
 
     def _answer(self, solver: Solver, config: Config, tip_wrench: FloatArray | None) -> Answer:

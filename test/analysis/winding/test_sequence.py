@@ -12,6 +12,7 @@ from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
 from octo_arm_model.analysis.winding.sequence import WoundSequence
+from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
@@ -72,6 +73,31 @@ def test_where_time_starts_over_so_does_the_arm(rubbing: Config) -> None:
     follow(10 * SECOND, tensions=HIGH)
     found = follow(9 * SECOND, tensions=LOW)
     np.testing.assert_allclose(found.position, solver.solve(LOW).position, rtol=0.0, atol=1e-12)
+
+
+def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_over(
+    rubbing: Config,
+) -> None:
+    """Each of two sources has its order; 2 ms between them are neither a return nor a gap."""
+    solver, follow, memory = following(rubbing, 2.0)
+    driven, millisecond = rubbing.arm.tendon_names[0], SECOND // 1000
+    pulled = follow(SECOND, tensions=HIGH)
+    held = float(displacements_of(solver, pulled).ravel()[0])
+    for cycle in range(1, 4):
+        follow(SECOND + (10 * cycle - 2) * millisecond, displacements={driven: held})
+        found = follow(SECOND + 10 * cycle * millisecond, tensions=HIGH)
+    np.testing.assert_allclose(found.position, pulled.position, rtol=0.0, atol=1e-6)
+    # Only one source goes silent: that is no gap.
+    for tenth in range(5, 40):
+        follow(SECOND + tenth * SECOND // 10, tensions=LOW)
+    released = follow(SECOND + 4 * SECOND, displacements={})
+    np.testing.assert_allclose(
+        released.position, solver.follow(LOW, pulled).position, rtol=0.0, atol=1e-6
+    )
+    assert memory.forgotten == 0
+    # Where either goes back by itself, all begins anew.
+    anew = follow(3 * SECOND, tensions=LOW)
+    np.testing.assert_allclose(anew.position, solver.solve(LOW).position, rtol=0.0, atol=1e-9)
 
 
 def test_without_friction_there_is_no_history(prototype: Config) -> None:
