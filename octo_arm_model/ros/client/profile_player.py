@@ -44,7 +44,7 @@ def play(
     timeout: float = 5.0,
     report: Report = lambda what, played, duration: None,
 ) -> None:
-    """Publish ``profile`` on ``topic`` until it ends or SIGINT or SIGTERM comes.
+    """Publish ``profile`` on ``topic`` until it ends or SIGINT, SIGTERM or SIGHUP comes.
 
     Args:
         profile: tensions over time.
@@ -92,15 +92,22 @@ def _open(topic: str, config: Config) -> CommandPublisher:
 
 
 class _Interruptions:
-    """Counts SIGINT and SIGTERM, which would otherwise end the program with tendons tensioned."""
+    """Counts signals that would otherwise end the program with tendons tensioned.
+
+    SIGINT, SIGTERM and, of a terminal that closes, SIGHUP; but what whoever started the program
+    ignores stays so.
+    """
 
     def __init__(self) -> None:
         self.count = 0
         self._last = -math.inf
 
     def __enter__(self) -> _Interruptions:
-        signals = (signal.SIGINT, signal.SIGTERM)
-        self._before = {number: signal.signal(number, self._on_signal) for number in signals}
+        self._before = {
+            number: signal.signal(number, self._on_signal)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            if signal.getsignal(number) != signal.SIG_IGN
+        }
         return self
 
     def __exit__(self, *_: object) -> None:

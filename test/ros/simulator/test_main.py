@@ -366,14 +366,15 @@ def test_a_profile_is_played_from_the_command_line(controller) -> None:
     np.testing.assert_allclose(peak, PLANE, rtol=1e-9)
 
 
-def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller) -> None:
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGHUP])
+def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how) -> None:
     heard = controller.hear(TendonTensions, 'tendon_commands')
     process = start(
         'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', '--wait', DEADLINE,
         domain=controller.domain,
     )  # fmt: skip
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     controller.wait(lambda: process.poll() is not None, 'the release')
     assert (*process.communicate(), process.returncode) == ('', '', 0)
     controller.wait(lambda: not any(heard[-1].tension), 'slack tendons')
