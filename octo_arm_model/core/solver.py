@@ -41,7 +41,10 @@ __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 class Solver:
     """Solves one arm with one model, many times.
 
-    Everything that does not depend on the tensions is tabulated once.
+    Everything that does not depend on the tensions is tabulated once. What it finds is kept for
+    the next solve, so that it is not for two threads at once. Solutions given to it have to be
+    its own: those of another model, grid or number of points are refused, those of another arm
+    that differs in its parameters alone are not noticed.
 
     Attributes:
         arm: the arm.

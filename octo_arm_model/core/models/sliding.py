@@ -33,11 +33,15 @@ class Rods:
         self._kept: KeptBalances[tuple[Friction, Slid]] = KeptBalances()
 
     def level_of(self, values: FloatArray) -> int:
-        """Level of the rod at whose points ``values`` (..., points) are."""
-        level, points = 0, values.shape[-1]
-        while self.rod(level).points != points:
-            level += 1
-        return level
+        """Level of the rod at whose points ``values`` (..., points) are.
+
+        Raises:
+            ConfigError: if they are at those of no rod of this arm.
+        """
+        for level in range(len(CUTS)):
+            if self.rod(level).points == values.shape[-1]:
+                return level
+        raise ConfigError('the backbone was solved by another solver')
 
     def at_level(self, before: FloatArray | None, level: int) -> FloatArray | None:
         """Tensions ``before`` (tendons, points) at the points of the rod of ``level``."""

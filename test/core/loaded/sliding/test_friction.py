@@ -283,6 +283,16 @@ def test_a_single_solution_knows_of_no_history() -> None:
     np.testing.assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.01, 0.0, 0.0))])
+def test_a_history_of_another_arm_is_refused(loads: Loads) -> None:
+    """Whose points are others, so that it says nothing of the tendons here."""
+    solver = Solver(uniform(), 'exact', loads=loads)
+    last = solver.solve([[1.0]])
+    other = dataclasses.replace(last, point_tensions=np.ones((1, 7)))
+    with pytest.raises(ConfigError, match='by another solver'):
+        solver.follow([[0.9]], other)
+
+
 def test_a_released_tendon_is_slack_all_along() -> None:
     solver = Solver(uniform(), 'exact')
     released = solver.follow([[0.0]], solver.solve([[1.0]]))
