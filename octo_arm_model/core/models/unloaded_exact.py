@@ -1,8 +1,9 @@
 """Arms without loads by the model `exact`: the energy of every cross section by itself is least.
 
 Strains are smooth between anchorages, so they are found at Chebyshev points and interpolated to
-the nodes; in a panel where that does not resolve them (a tabulated profile, say) they are then
-found at its nodes.
+the nodes; in a panel where that does not resolve them they are then found at its nodes. Nor does
+it where the arm itself is other than what is interpolated from those points (a tabulated profile,
+say, which can change between two of them and leave no trace).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
@@ -49,6 +51,7 @@ class UnloadedExact:
     Attributes:
         at_points: cross sections at the Chebyshev points of all panels in which tendons act.
         panels: the nodes in each of these.
+        uneven: whether the arm at these nodes is not what interpolates it at the points, (panels,).
         tail: matrix to the last two Chebyshev coefficients, (points, 2).
     """
 
@@ -64,6 +67,11 @@ class UnloadedExact:
         self.at_points = self._sections_at(s, np.repeat([panel.section for panel in panels], each))
         self._at_nodes: dict[int, SectionEnergy] = {}
         self.tail = tail_matrix(each)
+        described = _described(setup.arm, s), _described(setup.arm, setup.grid.nodes)
+        self.uneven = np.array([
+            _misses(described[0][:, panel * each : (panel + 1) * each], described[1], nodes)
+            for panel, nodes in enumerate(self.panels)
+        ], bool)  # fmt: skip
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
         return sections_of(self._setup.arm, s, section, self._setup.law, self._setup.shear)
@@ -93,7 +101,7 @@ class UnloadedExact:
         tail = np.abs(by_panel @ self.tail).max(axis=3)
         size = np.abs(coarse).max(axis=2)
         size[:3] = size[:3].max(axis=0)
-        unresolved = (tail > RESOLVED * size[:, :, np.newaxis]).any(axis=0)
+        unresolved = (tail > RESOLVED * size[:, :, np.newaxis]).any(axis=0) | self.uneven
         if np.count_nonzero(unresolved):
             residual = residual.copy()
             for panel in np.flatnonzero(unresolved.any(axis=0)).tolist():
@@ -133,3 +141,18 @@ def _nodes_of(setup: Setup, panel: Panel, points: FloatArray) -> PanelNodes:
     numbers = np.flatnonzero(inside)
     targets = (nodes[numbers] - panel.start) / panel.length
     return PanelNodes(numbers, barycentric_matrix(points, targets).T.copy())
+
+
+def _described(arm: Arm, s: FloatArray) -> FloatArray:
+    """What cross sections of ``arm`` at ``s`` (n,) follow from, over its size, (rows, n)."""
+    rows = [
+        [arm.body.radius(s)], [arm.material.youngs_modulus_at(s)],
+        [arm.material.shear_modulus_at(s)], np.concatenate(arm.tendon_offsets(s)),
+    ]  # fmt: skip
+    return np.concatenate([group / np.abs(group).max() for group in rows])
+
+
+def _misses(at_points: FloatArray, at_nodes: FloatArray, nodes: PanelNodes) -> bool:
+    """Whether interpolating what is described ``at_points`` (rows, n) misses what is at nodes."""
+    missed = at_points @ nodes.from_points - at_nodes[:, nodes.numbers]
+    return bool((np.abs(missed) > RESOLVED).any())

@@ -80,3 +80,20 @@ def test_only_panels_that_points_do_not_resolve_are_refined(table4: Config) -> N
     assert list(unloaded._at_nodes) == [2] and found.residual.max() <= TOLERANCE
     unloaded.solve(np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]))
     assert list(unloaded._at_nodes) == [2]
+
+
+@pytest.mark.parametrize('at', [0.3, 0.37, 0.44])
+def test_a_neck_between_two_points_counts(prototype: Config, compiled: bool, at: float) -> None:
+    """As where the rod is solved as a whole, in elements that end at the points of the table."""
+    length, body = prototype.arm.length, prototype.arm.body
+    s = np.array([0.0, at * length - 3e-3, at * length, at * length + 3e-3, length])
+    radius = body.radius(s) * [1.0, 1.0, 0.5, 1.0, 1.0]
+    necked = ProfiledBody(length, Table(tuple(s), tuple(radius)))
+    solver = Solver(dataclasses.replace(prototype.arm, body=necked), 'exact', compiled=compiled)
+    tensions = np.array([[0.5, 0.2, 0.0, 0.0]])
+    found = solver.solve(tensions)
+    whole = solver.solve(tensions, [0.0, 1e-12, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found.position, whole.position, rtol=0.0, atol=1e-6)
+    # The neck is where the arm bends.
+    smooth = Solver(prototype.arm, 'exact').solve(tensions)
+    assert np.linalg.norm(found.tip - smooth.tip) > 1e-3

@@ -84,10 +84,10 @@ def find_exact_twist(
         coarse[3, i] += 1.0
     taken = steps
     for panel in range(tail.shape[1]):
-        unresolved = 0
+        is_resolved = not tables.uneven[panel]
         for k in range(4):
-            unresolved += not tail[k, panel] <= RESOLVED * size[k]
-        if unresolved:
+            is_resolved &= tail[k, panel] <= RESOLVED * size[k]
+        if not is_resolved:
             left, more = refine(tables, panel, tensions, twist)
             if more < 0:
                 return left, -1

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.exact import Exact
@@ -64,6 +65,7 @@ class ExactTables(NamedTuple):
         node_blocks: the first of their blocks that is in each panel, and the one after the last,
             (panels, 2).
         tail: matrix (points of a panel, 2) to the last two Chebyshev coefficients.
+        uneven: of each panel, see `UnloadedExact`.
         runs: panel, first node and number of nodes of ranges of nodes in it, (runs, 3).
         to_nodes: matrices (points, nodes) from the points of a panel to these, one after another.
     """
@@ -72,6 +74,7 @@ class ExactTables(NamedTuple):
     at_nodes: SectionTables
     node_blocks: IntArray
     tail: FloatArray
+    uneven: NDArray[np.bool_]
     runs: IntArray
     to_nodes: FloatArray
 
@@ -149,6 +152,7 @@ def exact_tables(statics: Exact) -> ExactTables:
         at_nodes=section_tables(statics.sections, groups),
         node_blocks=np.stack([stops - counts, stops], axis=1),
         tail=statics.unloaded.tail,
+        uneven=statics.unloaded.uneven,
         runs=np.array(runs, np.int64).reshape(-1, 3),
         to_nodes=np.concatenate([np.zeros(0), *map(np.ravel, matrices)]),
     )
@@ -163,5 +167,6 @@ def no_exact() -> ExactTables:
         False, False,
     )  # fmt: skip
     return ExactTables(
-        sections, sections, pairs, np.zeros((0, 2)), np.zeros((0, 3), np.int64), none
+        sections, sections, pairs, np.zeros((0, 2)), np.zeros(0, bool), np.zeros((0, 3), np.int64),
+        none,
     )
