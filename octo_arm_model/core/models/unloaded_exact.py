@@ -51,7 +51,7 @@ class UnloadedExact:
     Attributes:
         at_points: cross sections at the Chebyshev points of all panels in which tendons act.
         panels: the nodes in each of these.
-        uneven: whether the arm at these nodes is not what interpolates it at the points, (panels,).
+        uneven: whether the arm at these is not what interpolates it at the points, (panels,).
         tail: matrix to the last two Chebyshev coefficients, (points, 2).
     """
 
@@ -145,11 +145,12 @@ def _nodes_of(setup: Setup, panel: Panel, points: FloatArray) -> PanelNodes:
 
 def _described(arm: Arm, s: FloatArray) -> FloatArray:
     """What cross sections of ``arm`` at ``s`` (n,) follow from, over its size, (rows, n)."""
-    rows = [
-        [arm.body.radius(s)], [arm.material.youngs_modulus_at(s)],
-        [arm.material.shear_modulus_at(s)], np.concatenate(arm.tendon_offsets(s)),
-    ]  # fmt: skip
-    return np.concatenate([group / np.abs(group).max() for group in rows])
+    material, offsets = arm.material, np.concatenate(arm.tendon_offsets(s))
+    radius, young, shear = (
+        of(s) for of in (arm.body.radius, material.youngs_modulus_at, material.shear_modulus_at)
+    )
+    scaled = [row / np.abs(row).max() for row in (radius, young, shear)]
+    return np.vstack([*scaled, offsets / max(float(np.abs(offsets).max()), 1e-300)])
 
 
 def _misses(at_points: FloatArray, at_nodes: FloatArray, nodes: PanelNodes) -> bool:

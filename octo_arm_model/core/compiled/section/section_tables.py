@@ -169,4 +169,4 @@ def no_exact() -> ExactTables:
     return ExactTables(
         sections, sections, pairs, np.zeros((0, 2)), np.zeros(0, bool), np.zeros((0, 3), np.int64),
         none,
-    )
+    )  # fmt: skip
