@@ -14,7 +14,7 @@ class DiagnosticLimits(ParameterGroup):
     GROUP = 'diagnostics'
 
     silence_limit: float = stated(
-        'time without tensions after which diagnostics warn of silence [s]', 2.0, '>= 0', 'time'
+        'time without messages after which an input is called silent [s]', 2.0, '>= 0', 'time'
     )
     age_limit: float = stated(
         'age on arrival from which stamps of tensions are called old [s]', 1.0, '>= 0', 'time'

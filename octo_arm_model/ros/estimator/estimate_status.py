@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
@@ -32,14 +30,12 @@ class EstimateStatus:
         """Report of ``tracker`` from now on; None while there is none."""
         self._tracker, self._config = tracker, config
         self._tracked: Tracked | None = None
-        self._heard: dict[str, float] = {}
         self._refused: dict[str, int] = {}
         self._late = self._restarts = 0
 
-    def add(self, topic: str, tracked: Tracked) -> None:
-        """Note what came of a measurement on ``topic``."""
+    def add(self, tracked: Tracked) -> None:
+        """Note what came of a measurement."""
         self._tracked = tracked
-        self._heard[topic] = time.monotonic()
 
     def report(self, idle: str) -> DiagnosticStatus:
         """The status now, of a node that is ``idle`` in some state, or of one that is not."""
@@ -55,7 +51,7 @@ class EstimateStatus:
             'without a shape': tracker.failed,
             'restarts': tracker.restarts,
         }
-        problems = self._silent(config)
+        problems = []
         for name, one in tracker.consistency.items():
             values[f'{name} accepted'] = one.accepted
             values[f'{name} refused'] = one.refused
@@ -77,15 +73,6 @@ class EstimateStatus:
         return make_status(
             'estimate', DiagnosticStatus.WARN, '; '.join(problems), 'estimating', values
         )
-
-    def _silent(self, config: Config) -> list[str]:
-        """Sensors that were heard and are no more."""
-        now, limit = time.monotonic(), config.diagnostic_limits.silence_limit
-        return [
-            f'{topic} is silent for {now - heard:.1f} s'
-            for topic, heard in sorted(self._heard.items())
-            if now - heard > limit
-        ]
 
     def _contact(self, tracked: Tracked, config: Config) -> dict[str, object]:
         contact = contact_of(tracked.estimate, config.arm)

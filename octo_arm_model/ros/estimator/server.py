@@ -54,7 +54,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             self._others.append(self._subscribe(topic, message))
         publishers = {one.topic: one.count_publishers for one in self._others}
         self._diagnostics.publishers |= publishers
-        self._diagnostics.apart = frozenset(publishers)
+        self._diagnostics.heard.apart = frozenset(publishers)
 
     def _subscribe(self, topic: str, message: MeasurementMessage) -> LatestSubscription:
         kind = message_class(message.type_name)
@@ -139,7 +139,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         outbox.describe(arm.models[tracked.hypothesis].solver, arm.config)
         outbox.publish_estimate(tracked.estimate, self._newest)
         self._diagnostics.answered(tracked.estimate.backbone, duration)
-        self._status.add(topic, tracked)
+        self._status.add(tracked)
         self._tell_of_refused(topic, tracked)
 
     def _tell_of_refused(self, topic: str, tracked: Tracked) -> None:

@@ -35,19 +35,23 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
-        self._tip_wrench = TipWrench(node, self._work, lambda: self._arm, self._refuse)
+        self._tip_wrench = TipWrench(
+            node, self._work, lambda: self._arm, self._refuse, self._diagnostics.heard.note
+        )
         self._winches: LatestSubscription | None = None
         self._memory = self._diagnostics.memory = FrictionMemory()
         self._winding = WoundSequence(self._memory)
+        self._diagnostics.heard.is_used = self._is_used
 
     def _open(self) -> None:
-        node = self._node
-        self._tip_wrench.open()
+        node, diagnostics = self._node, self._diagnostics
+        wrench = self._tip_wrench.open()
         self._winches = LatestSubscription(
             node, JointState, displacement_messages.TOPIC, self._on_displacements, self._refuse,
-            self._work, self._diagnostics.skipped,
+            self._work, diagnostics.skipped,
         )  # fmt: skip
-        self._diagnostics.apart = frozenset({self._winches.topic})
+        diagnostics.heard.apart = frozenset({self._winches.topic, wrench})
+        diagnostics.heard.unanswered = frozenset({wrench})
         self._services = [
             QueuedService(node, Solve, 'solve', self._on_solve, self._work),
             QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
@@ -73,6 +77,15 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
             f'{config.stations} stations in {config.base_frame}; tendons from the tip: '
             + ' '.join(config.arm.tendon_names)
         )
+
+    def _is_used(self, topic: str) -> bool:
+        """Whether what came last on ``topic`` has an effect on the shape."""
+        heard, by_length = self._diagnostics.heard, len(self._winding.displacements)
+        if topic in heard.unanswered:
+            return self._tip_wrench.value is not None
+        if topic in heard.apart:
+            return bool(by_length)
+        return by_length < len(self._arm.config.arm.tendons)
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
         self._publish_shape(topic, stamp, readings=readings)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,6 +15,7 @@ from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveErr
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.node.heard_inputs import HeardInputs
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
@@ -33,7 +33,7 @@ class Diagnostics:
 
     Attributes:
         publishers: counts the publishers of each input topic.
-        apart: whole names of topics that are no further source of tensions.
+        heard: when its inputs were.
         memory: of tendons with friction, if they have any.
         parts: make further statuses, of what else the node does; called with the state of a node
             that is not subscribed, else with nothing.
@@ -46,7 +46,7 @@ class Diagnostics:
         self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self.publishers: dict[str, Callable[[], int]] = {}
         self._idle = ''
-        self.apart: frozenset[str] = frozenset()
+        self.heard = HeardInputs()
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.memory: FrictionMemory | None = None
         self._totals = dict.fromkeys(
@@ -59,7 +59,6 @@ class Diagnostics:
         self._lately = dict(self._totals)
         self._topics: dict[str, int] = {}
         self._received = 0
-        self._heard = time.monotonic()
         self._newest: dict[str, float] = {}
         self._last: float | None = None
         self._reason = self._failure = ''
@@ -83,7 +82,8 @@ class Diagnostics:
 
     def begin(self) -> None:
         """The node is subscribed to its inputs from now on."""
-        self._idle, self._heard = '', time.monotonic()
+        self._idle = ''
+        self.heard.begin()
 
     def end(self, state: str) -> None:
         """The node is not subscribed, being in ``state``."""
@@ -106,14 +106,14 @@ class Diagnostics:
     def received(self, topic: str, stamp: Stamp | None) -> None:
         """Count a message with its ``stamp``, None where it has none."""
         self._received += 1
-        self._heard = time.monotonic()
+        self.heard.note(topic)
         self._topics[topic] = self._topics.get(topic, 0) + 1
         if stamp is None or not any(stamp):
             self._count('unstamped')
             return
         seconds = stamp.sec + 1e-9 * stamp.nanosec
         # Topics apart may be as late as they like against each other.
-        source = topic if topic in self.apart else ''
+        source = self.heard.source(topic)
         if seconds < self._newest.get(source, seconds):
             self._count('backwards')
         self._newest[source] = self._last = seconds
@@ -137,6 +137,7 @@ class Diagnostics:
 
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count a message that was not answered because of ``error``."""
+        self.heard.note(topic)
         if isinstance(error, SolveError):
             self._count('failed')
             self._count('unaffordable', int(isinstance(error, ContinuationError)))
@@ -181,19 +182,17 @@ class Diagnostics:
         })  # fmt: skip
 
     def _input(self) -> DiagnosticStatus:
-        problems = []
         lately = self._lately
-        silence = time.monotonic() - self._heard
         if self._idle:
-            problems.append(self._idle)
-        elif silence > self._limits.silence_limit:
-            problems.append(f'silent for {silence:.1f} s')
+            problems = [self._idle]
+        else:
+            problems = self.heard.silent(self._limits.silence_limit)
         now = self._seconds()
         if not now:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
-        of_tensions = sorted(self._topics.keys() - self.apart)
+        of_tensions = sorted(self._topics.keys() - self.heard.apart)
         if len(of_tensions) > 1:
             problems.append(f'several sources: {", ".join(of_tensions)}')
         publishers = {topic: count() for topic, count in self.publishers.items()}

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from live_nodes import NAMES, running
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
@@ -45,6 +46,34 @@ def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
     for name in ('solver', 'output'):
         status, _ = client.status(name)
         assert (status.level, status.message) == (DiagnosticStatus.OK, 'waiting')
+
+
+def test_winches_and_force_sensors_that_die_are_named():
+    with running('ros.node.main', '-p', 'model:=exact') as client:
+        winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
+        client.connect()
+        client.wait(winches.get_subscription_count, 'a subscription to displacements')
+
+        def silent():
+            """Those that the next diagnosis calls silent, while tensions go on."""
+            client.diagnostics.clear()
+            while not client.diagnostics:
+                client.send('tendon_tensions', np.zeros(12))
+                client.spin(0.1)
+            said = ' '.join(s.message for s in client.diagnostics[-1].status)
+            return [
+                topic
+                for topic in ('tendon_displacements', 'tip_wrench')
+                if f'/{topic} is silent for' in said
+            ]
+
+        winches.publish(JointState(name=['tendon_1_1'], position=[0.01]))
+        client.send_wrench(0.001)
+        client.wait(lambda: len(silent()) == 2, 'a warning that names both')
+        # What has no effect any more may be silent.
+        client.send_wrench(0.0)
+        winches.publish(JointState())
+        client.wait(lambda: not silent(), 'an end of the warning')
 
 
 def test_old_stamps_are_diagnosed_as_soon_as_they_come(client):

@@ -28,6 +28,7 @@ class TipWrench:
         work: WorkQueue,
         current: Callable[[], Prepared],
         refuse: Refuse,
+        heard: Callable[[str], None],
     ) -> None:
         """Subscribe to nothing yet.
 
@@ -36,17 +37,19 @@ class TipWrench:
             work: has the turns in which messages are read.
             current: returns the arm that they act on, which is there while active.
             refuse: called with the topic and the error of a wrench that is none.
+            heard: called with the topic of a wrench that is one.
         """
         self._node, self._work = node, work
-        self._current, self._refuse = current, refuse
+        self._current, self._refuse, self._heard = current, refuse, heard
         self._latest: LatestSubscription | None = None
         self.value: FloatArray | None = None
 
-    def open(self) -> None:
-        """Subscribe."""
+    def open(self) -> str:
+        """Subscribe; returns the whole name of the topic."""
         self._latest = LatestSubscription(
             self._node, WrenchStamped, 'tip_wrench', self._keep, self._refuse, self._work
         )
+        return self._latest.topic
 
     def close(self) -> None:
         """Unsubscribe, and forget the wrench."""
@@ -81,3 +84,5 @@ class TipWrench:
         wrench = wrench_from_stamped(message, prepared.config.base_frame)
         prepared.solver.check_tip_wrench(wrench)
         self.value = wrench if wrench.any() else None
+        if self._latest is not None:
+            self._heard(self._latest.topic)
