@@ -23,8 +23,8 @@ from octo_arm_model.config.yaml_files import read_text
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.limits import MAX_YAML_BYTES
+from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.core.limits import MAX_YAML_BYTES, MIN_RATE
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
@@ -125,7 +125,7 @@ class Config:
             loads=build_loads(given),
             uncertainty=uncertainty,
             friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
-            markers_rate=not_negative('markers_rate', given['markers_rate'], 'rate', 'Hz'),
+            markers_rate=_checked_rate(given['markers_rate']),
             diagnostic_limits=DiagnosticLimits.of(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
@@ -181,3 +181,14 @@ def load_config(path: str | Path) -> Config:
     """
     with naming(path):
         return Config.from_parameters(parameters_of(read_text(path, MAX_YAML_BYTES)))
+
+
+def _checked_rate(rate: float) -> float:
+    """The highest ``rate`` of the node's markers [Hz].
+
+    Raises:
+        ArmDefinitionError: if it is negative, or too low for a timer.
+    """
+    if 0.0 < rate < MIN_RATE:
+        raise ArmDefinitionError('markers_rate', rate, f'0, or at least {MIN_RATE:g} [Hz]')
+    return not_negative('markers_rate', rate, 'rate', 'Hz')

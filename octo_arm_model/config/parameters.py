@@ -14,6 +14,7 @@ from octo_arm_model.core.limits import (
     MAX_SECTIONS,
     MAX_STATIONS,
     MAX_TENDONS,
+    MIN_RATE,
 )
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
@@ -160,7 +161,7 @@ PARAMETERS = (
               'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
-              range='>= 0'),
+              range=f'0, or at least {MIN_RATE:g}'),
     *DiagnosticLimits.table(),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),

@@ -20,6 +20,7 @@ MAX_NAME = 255  # characters of a frame, a tendon or a path
 MAX_SAMPLES = 2**20  # sets of tensions of a workspace
 MAX_SAMPLED_TENSIONS = 2**25  # the same, times the tendons
 MAX_PROCESSES = 1_000
+MIN_RATE = 1e-6  # [Hz] of what is not off: ROS counts the period in nanoseconds of 64 bits
 
 MAX_PROFILE_ROWS = 100_000
 MAX_PROFILE_BYTES = 64 * 2**20  # of a CSV file

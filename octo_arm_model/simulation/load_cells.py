@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.config.parameter_group import ParameterGroup, stated
+from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -34,6 +35,12 @@ class LoadCells(ParameterGroup):
         'probability that a message of readings is lost [-]', 0.0, 'in [0, 1]'
     )
     seed: int = stated('seed of gains, noise and losses', 0, '>= 0')
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        super().__post_init__()
+        if self.resolution:
+            positive('load_cells.resolution', self.resolution, 'N')
 
 
 class SimulatedLoadCells:

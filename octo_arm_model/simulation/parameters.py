@@ -11,9 +11,9 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import positive
-from octo_arm_model.core.errors import ArmDefinitionError
+from octo_arm_model.core.arm.validation import positive, within
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MIN_RATE
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
@@ -31,7 +31,7 @@ _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tensio
 
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
-              range=f'> 0, at most {HIGHEST_RATE}'),
+              range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}'),
     *Winches.table(),
     *LoadCells.table(),
     *Relaxation.table(),
@@ -104,9 +104,7 @@ class SimulatorConfig:
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
-        positive('rate', own['rate'], 'Hz')
-        if own['rate'] > HIGHEST_RATE:
-            raise ArmDefinitionError('rate', own['rate'], f'at most {HIGHEST_RATE} [Hz]')
+        within('rate', own['rate'], MIN_RATE, HIGHEST_RATE, 'Hz')
         positive('profile.speed', own['profile.speed'], '-')
         limits = tendon_limits(config)
         name = own['profile.name']

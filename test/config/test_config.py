@@ -240,6 +240,10 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path: Path, 
             'base.quaternion is (1.0, 1.0, 0.0, 0.0) of length 1.41421, expected x, y, z, w of',
         ),
         (
+            '    stations: 101', '    markers_rate: 1.0e-11',
+            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
+        ),
+        (
             '    stations: 101', '    tendon_names: [A, B]',
             "tendon_names is ['A', 'B'], expected 12 names, one per tendon",
         ),

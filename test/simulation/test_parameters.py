@@ -31,8 +31,14 @@ ARM = load_parameters(preset_path('renda2012_prototype'))
         ('load_cells.seed', -1, 'load_cells.seed is -1, expected an integer >= 0'),
         ('relaxation.ratio', -0.5, 'relaxation.ratio is -0.5'),
         ('relaxation.time', 0.0, 'relaxation.time is 0.0, expected a finite number > 0 [s]'),
-        ('rate', 0.0, 'rate is 0.0, expected a finite number > 0 [Hz]'),
-        ('rate', 1e6, 'rate is 1000000.0, expected at most 1000.0 [Hz]'),
+        (
+            'load_cells.resolution',
+            1e-320,
+            'resolution is 1e-320, expected a finite number > 0 [N]',
+        ),
+        ('rate', 0.0, 'rate is 0.0, expected a finite number within [1e-06, 1000] [Hz]'),
+        ('rate', 1e-11, 'rate is 1e-11, expected a finite number within [1e-06, 1000] [Hz]'),
+        ('rate', 1e6, 'rate is 1000000.0, expected a finite number within [1e-06, 1000] [Hz]'),
         ('profile.speed', -1.0, 'profile.speed is -1.0'),
     ],
 )
