@@ -15,7 +15,7 @@ from octo_arm_model.ros.launch_parts import (
     text,
     value_of,
 )
-from octo_arm_model.simulation.parameters import for_arm_node
+from octo_arm_model.simulation.parameters import for_arm_node, for_true_arm
 from octo_arm_model.simulation.touched_arm import touched
 
 
@@ -30,8 +30,9 @@ def start(context):
     if value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
+    config = load_config(value_of('params_file', context))
     if value_of('estimate', context).lower() in ('true', '1'):
-        of_sensors, of_estimator = touched(load_config(value_of('params_file', context)))
+        of_sensors, of_estimator = touched(config)
         of_simulator.append(of_sensors)
         of_truth = {'model': of_sensors['model']}
         program, of_arm = 'octo_arm_estimator', {**of_load_cells, **of_estimator}
@@ -42,10 +43,10 @@ def start(context):
     ]
     if value_of('ground_truth', context).lower() in ('true', '1'):
         # Beside the frames of the arm, which differ from those of other arms.
-        prefix = value_of('frame_prefix', context) or load_parameters(
-            value_of('params_file', context)
-        ).get('frame_prefix', '')
-        truth = sim_time() | {'frame_prefix': f'{prefix}ground_truth_', **of_truth}
+        prefix = value_of('frame_prefix', context) or config.frame_prefix
+        # True tensions are no readings of the load cells that the file may describe.
+        truth = sim_time() | for_true_arm(config.arm) | of_truth
+        truth['frame_prefix'] = f'{prefix}ground_truth_'
         name, where = 'octo_arm', [namespace, '/ground_truth']
         actions.append(node('octo_arm_node', name, where, params_file, truth))
     return actions

@@ -135,3 +135,14 @@ def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
     arm = {parameter.name: parameter for parameter in ARM_PARAMETERS}
     shared = {name: arm[name].convert(values[name]) for name in _OF_LOAD_CELLS if name in values}
     return {name: value for name, value in shared.items() if value != ()}
+
+
+def for_true_arm(arm: Arm) -> dict[str, Any]:
+    """Parameters of a node that takes tensions of ``arm`` as they are, whatever its file says."""
+    tendons = len(arm.tendons)
+    return {
+        'tension_names': arm.tendon_names,
+        'tension_deadband': 0.0,
+        'tension_offset': tendons * (0.0,),
+        'tension_scale': tendons * (1.0,),
+    }

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from checkout import ROOT
 
+from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.parameters import for_arm_node
 
@@ -143,6 +144,16 @@ def test_the_node_knows_what_the_simulated_load_cells_read() -> None:
     values = load_parameters(EXAMPLE)
     assert {name: node[name] for name in for_arm_node(values)} == for_arm_node(values)
     assert node['tension_deadband'] == 0.06
+
+
+def test_true_tensions_are_no_readings_of_load_cells(tmp_path: Path) -> None:
+    file = tmp_path / 'arm.yaml'
+    text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
+    file.write_text(re.sub(r'( +)model:', r'\1tension_deadband: 0.1\n\1model:', text, count=1))
+    nodes = started('simulation', params_file=str(file), ground_truth='true')
+    truth = nodes['octo_arm_node', '/ground_truth']
+    assert truth['tension_deadband'] == 0.0 and set(truth['tension_scale']) == {1.0}
+    assert tuple(truth['tension_names']) == load_config(file).arm.tendon_names
 
 
 def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed() -> None:

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from octo_arm_model import ArmDefinitionError, ConfigError
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
-from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig, for_arm_node
+from octo_arm_model.simulation.parameters import (
+    PARAMETERS,
+    SimulatorConfig,
+    for_arm_node,
+    for_true_arm,
+)
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.winches import Winches
 
@@ -88,3 +94,18 @@ def test_the_node_of_the_arm_is_told_of_load_cells_alone() -> None:
         'tension_offset': (0.1, 0.0, -0.2, 0.0),
     }
     assert for_arm_node({'rate': 10.0}) == {}
+
+
+def test_the_node_of_the_true_arm_takes_tensions_as_they_are() -> None:
+    """Whatever the arm's file says of load cells."""
+    cells = {
+        'tension_names': ['-', 'A', 'B', 'C'],
+        'tension_deadband': 0.5,
+        'tension_offset': [0.1, 0.2, 0.3, 0.4],
+        'tension_scale': [2.0, 1.0, 1.0, 1.0],
+    }
+    arm = Config.from_parameters(ARM).arm
+    true = Config.from_parameters({**ARM, **cells, **for_true_arm(arm)}).load_cells
+    tensions = np.array([[0.3, 1.0, 0.0, 0.2]])
+    np.testing.assert_array_equal(true.tensions(arm, tensions), tensions)
+    assert true.names == arm.tendon_names

@@ -185,12 +185,12 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.warn(self._lengths.topic, error)
         measured, effective = self._hardware.step(self._set_point, elapsed)
         stamp = now.to_msg()
-        read = config.hardware.calibration.readings(effective)  # by cells without errors
-        self._effective.publish(self._message(read, stamp))
+        arm, frame = config.arm, config.base_frame
+        self._effective.publish(tensions_message(effective, arm, stamp, frame))
         if measured is None:
             self._diagnostics.counts['lost'] += 1
         else:
-            self._measured.publish(self._message(measured, stamp))
+            self._measured.publish(self._readings_message(measured, stamp))
             self._diagnostics.counts['published'] += 1
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
@@ -211,14 +211,15 @@ class SimulatorNode(CheckedNode):
         message.header.stamp, message.header.frame_id = stamp, self._config.base_frame
         self._encoders.publish(message)
 
-    def _message(self, tensions: FloatArray, stamp: Time) -> TendonTensions:
+    def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
+        """What load cells read (tendons,) [N]."""
         config = self._config
-        message = tensions_message(tensions, config.arm, stamp, config.base_frame)
+        message = tensions_message(readings, config.arm, stamp, config.base_frame)
         if names := config.hardware.calibration.names:
             # Under the names that the node expects, and of the tendons that have a load cell.
             cells = [number for number, name in enumerate(names) if name != NONE]
             message.name = [names[number] for number in cells]
-            message.tension = tensions.ravel()[cells].tolist()
+            message.tension = readings.ravel()[cells].tolist()
         return message
 
     def _report(self) -> None:

@@ -494,13 +494,16 @@ def test_readings_around_zero_are_no_refusals_for_a_node_that_knows_of_them() ->
         assert 'refused' not in status.message
 
 
-def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> None:
+def test_readings_have_the_names_that_the_arm_says_and_are_raw_but_not_the_truth(
+    controller,
+) -> None:
     names = [f'LC {number}' for number in range(12)]
     names[0] = '-'
     offset = np.full(12, 0.1)
     try:
         assert controller.change(tension_names=names, tension_offset=offset.tolist()) == (True, '')
         controller.measured.clear()
+        controller.effective.clear()
         controller.wait(
             lambda: controller.measured and 'LC 1' in controller.measured[-1].name, 'other names'
         )
@@ -508,5 +511,12 @@ def test_readings_have_the_names_that_the_arm_says_and_are_raw(controller) -> No
         assert list(reading.name) == names[1:]
         assert len(reading.tension) == 11
         assert min(reading.tension) < 0.0
+
+        def is_true():
+            controller.command(PLANE)
+            true = controller.effective[-1] if controller.effective else None
+            return true and list(true.name) == NAMES and np.array_equal(true.tension, PLANE)
+
+        controller.wait(is_true, 'true tensions of all tendons')
     finally:
         assert controller.change(tension_names=[], tension_offset=[]) == (True, '')
