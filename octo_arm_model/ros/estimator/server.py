@@ -43,7 +43,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._newest = Stamp(0, 0)
         self._status = EstimateStatus(node)
         self._diagnostics.parts.append(self._status.report)
-        self._stamps = Stamps(node)
+        self._stamps = Stamps(self._diagnostics.clock)
         self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
 

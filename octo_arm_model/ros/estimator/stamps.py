@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from rclpy.node import Node
-
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.wire.stamp import Stamp, time_of
+from octo_arm_model.ros.node.stepped_clock import SteppedClock
+from octo_arm_model.wire.stamp import Stamp
 
 _BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew
 
@@ -17,9 +16,9 @@ class Stamps:
         ahead: how far a stamp may be ahead of the clock [s].
     """
 
-    def __init__(self, node: Node) -> None:
-        """Compare with the clock of ``node``."""
-        self._clock = node.get_clock()
+    def __init__(self, clock: SteppedClock) -> None:
+        """Compare with ``clock``."""
+        self._clock = clock
         self._newest: dict[str, Stamp] = {}
         self.ahead = 0.0
 
@@ -35,15 +34,14 @@ class Stamps:
             MeasurementError: if it is ahead of the clock: all that is measured until then would be
                 late.
         """
-        now = Stamp(*self._clock.now().seconds_nanoseconds())
-        stamp = time_of(stamp) or now
-        ahead = 1e-9 * (stamp.ns - now.ns)
-        if any(now) and ahead > self.ahead:
+        at = self._clock.time_of(stamp)
+        ahead = self._clock.ahead(at)
+        if ahead > self.ahead:
             raise MeasurementError(
                 f'its stamp is {ahead:.6g} s ahead of the clock, expected at most '
                 f'{self.ahead:g} s (diagnostics.ahead_limit)'
             )
-        return stamp
+        return at
 
     def runs_back(self, topic: str, stamp: Stamp, window: float) -> float:
         """By how much the stamps of ``topic`` run back [s]; 0 where they are at most late.

@@ -21,7 +21,7 @@ from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
 from octo_arm_model.wire import displacement_messages
-from octo_arm_model.wire.stamp import Stamp, time_of
+from octo_arm_model.wire.stamp import Stamp
 
 
 class ArmServer(Server[Prepared, BackbonePublishers]):
@@ -106,7 +106,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         assert outbox is not None
         self._tip_wrench.update()
         self._diagnostics.received(topic, stamp)
-        at = time_of(stamp) or Stamp(*self._node.get_clock().now().seconds_nanoseconds())
+        at = self._diagnostics.clock.time_of(stamp)
         began = time.perf_counter()
         tensions = None
         if readings is not None:

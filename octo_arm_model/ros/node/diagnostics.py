@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
-from rclpy.duration import Duration
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -16,6 +15,7 @@ from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.heard_inputs import HeardInputs
+from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
@@ -23,8 +23,6 @@ from octo_arm_model.wire.stamp import Stamp
 TOPIC = '/diagnostics'
 QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
-# Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
-_STEPS = 2.0
 _LONGEST = 900  # characters of the reasons of refusals
 
 
@@ -34,6 +32,7 @@ class Diagnostics:
     Attributes:
         publishers: counts the publishers of each input topic.
         heard: when its inputs were.
+        clock: what stamps are compared with.
         memory: of tendons with friction, if they have any.
         parts: make further statuses, of what else the node does; called with the state of a node
             that is not subscribed, else with nothing.
@@ -66,12 +65,7 @@ class Diagnostics:
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
         self._has_history = False
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
-        self._clock = node.get_clock()
-        self._step = 0.0
-        every_step = JumpThreshold(
-            min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
-        )
-        self._jumps = self._clock.create_jump_callback(every_step, post_callback=self._on_step)
+        self.clock = SteppedClock(node)
         # Steady: ROS time may stand still or jump.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)
@@ -90,15 +84,6 @@ class Diagnostics:
         self._idle, self.publishers = state, {}
         self._newest, self._last = {}, None
 
-    def _on_step(self, jump: TimeJump) -> None:
-        """Record the last step of simulated time."""
-        step = 1e-9 * jump.delta.nanoseconds
-        # Not the first one, from zero.
-        self._step = step if self._seconds() > step else 0.0
-
-    def _seconds(self) -> float:
-        return 1e-9 * float(self._clock.now().nanoseconds)
-
     def _count(self, what: str, number: int = 1) -> None:
         self._totals[what] += number
         self._lately[what] += number
@@ -111,16 +96,16 @@ class Diagnostics:
         if stamp is None or not any(stamp):
             self._count('unstamped')
             return
-        seconds = stamp.sec + 1e-9 * stamp.nanosec
+        seconds = 1e-9 * stamp.ns
         # Topics apart may be as late as they like against each other.
         source = self.heard.source(topic)
         if seconds < self._newest.get(source, seconds):
             self._count('backwards')
         self._newest[source] = self._last = seconds
-        now = self._seconds()
+        now = 1e-9 * self.clock.now.ns
         if now and now - seconds > self._limits.age_limit:
             self._count('old')
-        elif now and seconds - now > self._limits.ahead_limit + _STEPS * self._step:
+        elif self.clock.ahead(stamp) > self._limits.ahead_limit:
             self._count('ahead')
 
     def skipped(self, number: int) -> None:
@@ -159,7 +144,7 @@ class Diagnostics:
         for status in message.status:
             status.name = f'{name.lstrip("/")}: {status.name}'
             status.hardware_id = name
-        message.header.stamp = self._clock.now().to_msg()
+        message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
         self._lately = dict.fromkeys(self._lately, 0)
         self._topics, self._received, self._busy = {}, 0, 0.0
@@ -187,7 +172,7 @@ class Diagnostics:
             problems = [self._idle]
         else:
             problems = self.heard.silent(self._limits.silence_limit)
-        now = self._seconds()
+        now = 1e-9 * self.clock.now.ns
         if not now:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:

@@ -1,0 +1,72 @@
+"""The clock that stamps are compared with, by the node and by the estimator alike."""
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.ros.estimator.stamps import Stamps
+from octo_arm_model.ros.node.stepped_clock import SteppedClock
+from octo_arm_model.wire.stamp import Stamp
+
+MILLISECOND = 10**6  # [ns]
+START = 5000 * 10**9  # [ns]
+
+
+@pytest.fixture
+def node(context):
+    simulated = [Parameter('use_sim_time', value=True)]
+    node = rclpy.create_node('clocked', context=context, parameter_overrides=simulated)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def advance(node, context):
+    """Lets the clock of the node be another time [ns]."""
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    publisher = node.create_publisher(Clock, '/clock', 10)
+
+    def advance(nanoseconds):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
+        while node.get_clock().now().nanoseconds != nanoseconds:
+            publisher.publish(message)
+            executor.spin_once(timeout_sec=0.1)
+
+    yield advance
+    executor.shutdown()
+
+
+@pytest.mark.parametrize(('step', 'is_ahead'), [(80, False), (10, True)])
+def test_the_estimator_takes_what_the_steps_of_a_coarse_clock_explain(
+    node, advance, step, is_ahead
+):
+    clock = SteppedClock(node)
+    stamps = Stamps(clock)
+    stamps.ahead = 0.1
+    for number in range(3):
+        advance(START + number * step * MILLISECOND)
+    ahead = Stamp.from_ns(START + (2 * step + 150) * MILLISECOND)
+    if is_ahead:
+        with pytest.raises(MeasurementError, match='ahead of the clock'):
+            stamps.resolve(ahead)
+    else:
+        assert stamps.resolve(ahead) == ahead
+    assert clock.ahead(ahead) == pytest.approx(0.15 - 2e-3 * step)
+
+
+def test_nothing_is_ahead_of_a_time_that_is_not_known_nor_of_the_first_step(node, advance):
+    clock = SteppedClock(node)
+    stamp = Stamp.from_ns(START + 150 * MILLISECOND)
+    assert clock.ahead(stamp) == 0.0 and not any(clock.now)
+    assert clock.time_of(Stamp(0, 0)) == Stamp(0, 0)
+    advance(START)
+    assert clock.ahead(stamp) == pytest.approx(0.15)
+    assert clock.time_of(None) == Stamp.from_ns(START)
