@@ -7,6 +7,7 @@ hold at all times.
 
 from __future__ import annotations
 
+import math
 from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable
@@ -176,6 +177,15 @@ class TransformTree:
         x, y, z = place.tolist()
         qx, qy, qz, qw = turned.as_quat().tolist()
         return Pose((x, y, z), (qx, qy, qz, qw))
+
+    def known_until(self, frame: str, target: str) -> float:
+        """Stamp [ns] after which the pose of ``frame`` in ``target`` is not known; inf for none.
+
+        Raises:
+            MeasurementError: if nothing connects the two.
+        """
+        links = [self._links[child] for child, _ in self._path(frame, target)]
+        return min((max(link.stamps) for link in links if not link.is_static), default=math.inf)
 
     def forget(self, history_ns: int) -> None:
         """Forget what is over ``history_ns`` [ns] older than the newest of the same transform.

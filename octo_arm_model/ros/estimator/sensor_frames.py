@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -25,11 +27,23 @@ _MOST = 1000  # frames
 _LARGEST = 1000  # transforms of one message
 
 
+class NotKnownYet(MeasurementError):
+    """A pose is asked for of a time after the last transform that leads to it."""
+
+    def __init__(self, reason: str, frame: str, target: str, stamp_ns: int) -> None:
+        """Of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""
+        super().__init__(reason)
+        self.frame, self.target, self.stamp_ns = frame, target, stamp_ns
+
+
 class SensorFrames:
     """Listens to transforms once a message is in another frame than the arm's.
 
     To those that move only where the static ones do not lead to it: there are many of them, among
     them this node's own.
+
+    Attributes:
+        on_change: called when there are further transforms.
     """
 
     def __init__(self, node: Node) -> None:
@@ -37,6 +51,7 @@ class SensorFrames:
         self._node, self._log = node, RefusalLog(node)
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
+        self.on_change: Callable[[], None] = lambda: None
 
     def close(self) -> None:
         """Listen no more, and forget all."""
@@ -48,6 +63,7 @@ class SensorFrames:
         """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
 
         Raises:
+            NotKnownYet: if transforms lead to it, and not yet for that time.
             MeasurementError: if it is not known.
         """
         if _STATIC_TOPIC not in self._subscriptions:
@@ -57,7 +73,21 @@ class SensorFrames:
         try:
             return self._tree.pose(frame, target, stamp_ns)
         except MeasurementError as error:
-            raise MeasurementError(f'its frame is {frame[:99]!r}, and {error}') from None
+            reason = f'its frame is {frame[:99]!r}, and {error}'
+            if self._known_until(frame, target) < stamp_ns:
+                raise NotKnownYet(reason, frame, target, stamp_ns) from None
+            raise MeasurementError(reason) from None
+
+    def reaches(self, wanted: NotKnownYet) -> bool:
+        """Whether transforms now lead to what was ``wanted`` at its time."""
+        return wanted.stamp_ns <= self._known_until(wanted.frame, wanted.target, -math.inf)
+
+    def _known_until(self, frame: str, target: str, otherwise: float = math.inf) -> float:
+        """The last stamp of known poses [ns]; ``otherwise`` where no transforms lead there."""
+        try:
+            return self._tree.known_until(frame, target)
+        except MeasurementError:
+            return otherwise
 
     def _listen(self, topic: str, qos: QoSProfile) -> None:
         try:
@@ -70,22 +100,23 @@ class SensorFrames:
         self._subscriptions[topic] = create_subscription(self._node, TFMessage, topic, take, qos)
 
     def _take(self, topic: str, message: Any) -> None:
-        try:
-            if len(message.transforms) > _LARGEST:
-                count = len(message.transforms)
-                raise MeasurementError(f'it has {count} transforms, expected at most {_LARGEST}')
-            for one in message.transforms:
+        count = len(message.transforms)
+        if count > _LARGEST:
+            problem = f'it has {count} transforms, expected at most {_LARGEST}'
+            self._log.warn(topic, MeasurementError(problem))
+            return
+        for one in message.transforms:
+            try:
                 self._add(one, topic == _STATIC_TOPIC)
-        except OctoArmError as error:
-            self._log.warn(topic, error)
+            except OctoArmError as error:
+                frame = one.child_frame_id[:99]
+                self._log.warn(topic, MeasurementError(f'{frame!r}: {in_short(error)}'))
         self._tree.forget(_HISTORY)
+        self.on_change()
 
     def _add(self, one: Any, is_static: bool) -> None:
         shift, turn = one.transform.translation, one.transform.rotation
-        try:
-            pose = Pose((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
-        except OctoArmError as error:
-            raise MeasurementError(f'{one.child_frame_id[:99]!r}: {in_short(error)}') from None
+        pose = Pose((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
         stamp = Stamp.of(one.header.stamp).ns
         frames = self._tree.frames
         if len(frames) >= _MOST and one.child_frame_id not in frames:

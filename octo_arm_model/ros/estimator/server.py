@@ -16,6 +16,7 @@ from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
 from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
+from octo_arm_model.ros.estimator.waiting_messages import WaitingMessages
 from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription
 from octo_arm_model.ros.node.server import Server
@@ -46,9 +47,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._stamps = Stamps(self._diagnostics.clock)
         self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
+        self._waiting = WaitingMessages(node, self._frames, self._work, self._refuse)
 
     def _open(self) -> None:
         self._begin_anew()
+        self._waiting.open()
         for topic, message in MEASUREMENT_TOPICS.items():
             # One by one: where the next cannot be, `_close` ends those before it.
             self._others.append(self._subscribe(topic, message))
@@ -64,8 +67,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             measurement = message.read(given, self._measured_arm())
             self._take(made.topic, Stamp.of(given.header.stamp), measurement)
 
+        def take(data: bytes) -> None:
+            self._waiting.take(made.topic, data, read)
+
         made = LatestSubscription(
-            self._node, kind, topic, read, self._refuse, self._work, self._diagnostics.skipped
+            self._node, kind, topic, take, self._refuse, self._work, self._diagnostics.skipped
         )
         return made
 
@@ -73,6 +79,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         for subscription in self._others:
             subscription.close()
         self._others = []
+        self._waiting.close()
         self._frames.close()
         self._tracker = None
         self._status.follow(None, None)
@@ -83,6 +90,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         def pose_of(frame: str, stamp_ns: int) -> Pose:
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
+        self._waiting.forget()
         self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead_limit
         if self._tracker is not None:

@@ -286,6 +286,48 @@ def test_what_a_camera_sees_is_taken_from_its_frame_once_that_is_known(client):
     client.node.destroy_publisher(static)
 
 
+def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
+    """Which is published after it, as is usual."""
+    tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
+    moving = client.node.create_publisher(tf2.TFMessage, '/tf', 10)
+    times = itertools.count(1000.0, 0.02)
+
+    def height(time):
+        return 0.5 + 0.1 * (time - 1000.0)
+
+    def move(time):
+        link = TransformStamped(child_frame_id='rail')
+        link.header.frame_id = 'arm_base'
+        link.header.stamp.sec, link.header.stamp.nanosec = divmod(round(time * 1e9), 10**9)
+        link.transform.translation.z, link.transform.rotation.w = height(time), 1.0
+        moving.publish(tf2.TFMessage(transforms=[link]))
+
+    def see(time):
+        def seen(message):
+            message.header.frame_id = 'rail'
+            message.pose.pose.position.z -= height(time)
+
+        client.send('measured/tip_pose', time, seen)
+
+    tip = client.answers['tip_pose']
+    client.measure([1000.0], ['tendon_tensions'])
+    count = len(tip)
+
+    def is_taken():
+        time = next(times)
+        move(time)
+        client.spin(0.1)
+        see(time + 0.01)
+        client.spin(0.1)
+        return len(tip) > count + 5
+
+    client.wait(is_taken, 'estimates of what the camera saw')
+    position = tip[-1].pose.pose.position
+    away = np.array([position.x, position.y, position.z]) - client.shape.tip
+    assert np.linalg.norm(away) < 2e-3
+    client.node.destroy_publisher(moving)
+
+
 def test_noise_that_is_larger_than_told_is_said(client):
     client.measure(1000.0 + 0.02 * np.arange(40))
     status, values = client.status('estimate')

@@ -1,0 +1,161 @@
+"""Frames of sensors from /tf_static and /tf, and messages that wait for them."""
+
+import time
+import types
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
+
+from geometry_msgs.msg import TransformStamped
+from live_nodes import DEADLINE
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.ros.estimator import waiting_messages
+from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
+from octo_arm_model.ros.estimator.waiting_messages import (
+    LARGEST,
+    LONGEST,
+    MOST_WAITING,
+    WaitingMessages,
+)
+from octo_arm_model.ros.work.work_queue import WorkQueue
+
+TOPIC = '/measured/tip_pose'
+
+
+@pytest.fixture
+def node(context):
+    node = rclpy.create_node('listener', context=context)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def wait(node, context):
+    """Spins the node until a condition holds."""
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def wait(condition):
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.1)
+
+    yield wait
+    executor.shutdown()
+
+
+def link(child, x, nanoseconds=0, w=1.0):
+    """A transform from ``child`` to 'base' by ``x`` [m]."""
+    made = TransformStamped(child_frame_id=child)
+    made.header.frame_id = 'base'
+    made.header.stamp.sec, made.header.stamp.nanosec = divmod(nanoseconds, 10**9)
+    made.transform.translation.x, made.transform.rotation.w = x, w
+    return made
+
+
+def asked(frames, frame, stamp_ns=0):
+    """The pose of ``frame`` in 'base', or why it is not known."""
+    try:
+        return frames.pose_of(frame, 'base', stamp_ns)
+    except MeasurementError as error:
+        return error
+
+
+def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capfd):
+    frames = SensorFrames(node)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = node.create_publisher(tf2.TFMessage, '/tf_static', latched)
+    message = tf2.TFMessage(transforms=[link('twisted', 0.1, w=7.0), link('lens', 0.3)])
+
+    def heard():
+        publisher.publish(message)
+        return not isinstance(asked(frames, 'lens'), MeasurementError)
+
+    wait(heard)
+    assert asked(frames, 'lens').position == (0.3, 0.0, 0.0)
+    assert "/tf_static refused: 'twisted': " in capfd.readouterr().err
+    frames.close()
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands still until its ``now`` [s] is set."""
+    clock = types.SimpleNamespace(now=100.0)
+    monkeypatch.setattr(
+        waiting_messages, 'time', types.SimpleNamespace(monotonic=lambda: clock.now)
+    )
+    return clock
+
+
+@pytest.fixture
+def waiting(node, clock):
+    """Messages that wait, and lists of those ``read`` and ``refused``."""
+    frames, refused, done = SensorFrames(node), [], []
+    made = WaitingMessages(
+        node, frames, WorkQueue(node), lambda topic, error: refused.append((topic, str(error)))
+    )
+
+    def read(data):
+        frames.pose_of('rail', 'base', int(data[:6]))
+        done.append(int(data[:6]))
+
+    made.open()
+    yield types.SimpleNamespace(
+        frames=frames, refused=refused, done=done, take=lambda data: made.take(TOPIC, data, read)
+    )
+    made.close()
+    frames.close()
+
+
+@pytest.fixture
+def rail(node, wait, waiting):
+    """Says where the moving frame 'rail' is at a stamp [ns], and waits until that is known."""
+    publisher = node.create_publisher(tf2.TFMessage, '/tf', 10)
+
+    def move(stamp_ns):
+        publisher.publish(tf2.TFMessage(transforms=[link('rail', 1e-9 * stamp_ns, stamp_ns)]))
+        wait(lambda: not isinstance(asked(waiting.frames, 'rail', stamp_ns), MeasurementError))
+
+    for _ in range(2):
+        asked(waiting.frames, 'rail')  # listens to /tf_static, and then to /tf
+    wait(publisher.get_subscription_count)
+    return move
+
+
+def test_messages_wait_for_the_transform_of_their_time(waiting, rail, wait):
+    with pytest.raises(MeasurementError, match='no frame'):
+        waiting.take(b'000000')
+    rail(100)
+    for data in (b'000150', b'000300', b'000160'):
+        waiting.take(data)
+    waiting.take(b'000100')  # is known
+    assert waiting.done == [100]
+    rail(200)
+    wait(lambda: len(waiting.done) == 3)
+    assert waiting.done == [100, 150, 160]
+    rail(300)
+    wait(lambda: len(waiting.done) == 4)
+    assert waiting.done[-1] == 300 and not waiting.refused
+
+
+def test_few_messages_wait_for_a_short_time(waiting, rail, wait, clock):
+    rail(100)
+    for number in range(MOST_WAITING + 2):
+        waiting.take(b'%06d' % (1000 + number))
+    assert [topic for topic, _ in waiting.refused] == [TOPIC] * 2
+    assert "its frame is 'rail', and the transform from 'rail'" in waiting.refused[0][1]
+    with pytest.raises(NotKnownYet):
+        waiting.take(b'001000' + bytes(LARGEST))
+    clock.now += 1.01 * LONGEST
+    wait(lambda: len(waiting.refused) == MOST_WAITING + 2)
+    rail(5000)
+    assert not waiting.done
+    np.testing.assert_allclose(asked(waiting.frames, 'rail', 5000).position[0], 5e-6)
