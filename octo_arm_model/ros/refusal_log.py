@@ -1,4 +1,4 @@
-"""Warnings of refused messages, at most one a second of each topic."""
+"""Warnings of what comes on topics, at most one a second of each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,17 @@ class RefusalLog:
 
     def warn(self, topic: str, error: OctoArmError) -> None:
         """Say why a message on ``topic``, a subscribed one, is refused; nothing if too soon."""
-        now = time.monotonic()
-        if now >= self._next.get(topic, now):
-            self._next[topic] = now + WARNING_PERIOD
+        if self._is_time(topic):
             self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
+
+    def say(self, topic: str, words: str) -> None:
+        """Warn of what a message on ``topic`` led to, besides those refused."""
+        if self._is_time(f'{topic}:'):
+            self._node.get_logger().warning(f'{topic}: {words}')
+
+    def _is_time(self, key: str) -> bool:
+        now = time.monotonic()
+        if now < self._next.get(key, now):
+            return False
+        self._next[key] = now + WARNING_PERIOD
+        return True

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.errors import OctoArmError, in_short
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.gating.consistency import Consistency
@@ -24,6 +25,7 @@ class EstimateStatus:
     def __init__(self, node: Node) -> None:
         """Report as part of ``node``."""
         self._node = node
+        self._run_back: dict[str, int] = {}
         self.follow(None, None)
 
     def follow(self, tracker: Tracker | None, config: Config | None) -> None:
@@ -32,16 +34,43 @@ class EstimateStatus:
         self._tracked: Tracked | None = None
         self._refused: dict[str, int] = {}
         self._late = self._restarts = 0
+        self._used, self._unused, self._reason = 0, 0, ''
 
     def add(self, tracked: Tracked) -> None:
         """Note what came of a measurement."""
         self._tracked = tracked
+        self._used += 1
+
+    def refused(self, topic: str, error: OctoArmError) -> None:
+        """Note that nothing came of a measurement on ``topic``."""
+        self._unused += 1
+        self._reason = f'{topic}: {in_short(error)}'
+
+    def ran_back(self, topic: str) -> None:
+        """Note that the estimate begins anew because of the stamps of ``topic``."""
+        self._run_back[topic] = self._run_back.get(topic, 0) + 1
+
+    def _of_stamps(self) -> list[str]:
+        """Stamps that have run back since the last time."""
+        run_back, self._run_back = self._run_back, {}
+        return [
+            f'stamps of {topic} ran back, it began anew {count} time(s)'
+            for topic, count in sorted(run_back.items())
+        ]
+
+    def _useless(self) -> list[str]:
+        """That none of the measurements since the last time could be used, where it is so."""
+        is_so, count = self._unused and not self._used, self._unused
+        self._used = self._unused = 0
+        return [f'none of {count} measurements could be used: {self._reason}'] if is_so else []
 
     def report(self, idle: str) -> DiagnosticStatus:
         """The status now, of a node that is ``idle`` in some state, or of one that is not."""
         tracker, config, tracked = self._tracker, self._config, self._tracked
+        problems = self._of_stamps() + self._useless()
         if tracker is None or config is None or tracked is None:
-            return make_status('estimate', DiagnosticStatus.WARN, idle, 'waiting', {})
+            problem = idle or '; '.join(problems)
+            return make_status('estimate', DiagnosticStatus.WARN, problem, 'waiting', {})
         values: dict[str, object] = {
             'hypothesis': tracked.hypothesis,
             'probabilities': ', '.join(
@@ -51,7 +80,6 @@ class EstimateStatus:
             'without a shape': tracker.failed,
             'restarts': tracker.restarts,
         }
-        problems = []
         for name, one in tracker.consistency.items():
             values[f'{name} accepted'] = one.accepted
             values[f'{name} refused'] = one.refused

@@ -6,7 +6,7 @@ import time
 
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.measurements import Measurement
@@ -130,25 +130,30 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._diagnostics.received(topic, stamp)
         at = self._stamps.resolve(stamp)
         if back := self._stamps.runs_back(topic, at, arm.settings.window):
-            self._node.get_logger().warning(
-                f'{topic}: stamps run back by {back:.3g} s; the estimate begins anew'
-            )
+            words = f'stamps run back by {back:.3g} s; the estimate begins anew'
+            self._refusal_log.say(topic, words)
+            self._status.ran_back(topic)
             tracker = self._begin_anew()
         began = time.perf_counter()
         tracked = tracker.add(at.ns, [measurement])
         duration = time.perf_counter() - began
         self._newest = max(self._newest, at)
         if tracked.begins_anew:
-            self._node.get_logger().warning(
-                f'{topic}: the estimate begins anew: sensors have contradicted it for '
+            words = (
+                'the estimate begins anew: sensors have contradicted it for '
                 f'{arm.settings.recover_after:g} s, and agree with each other '
                 '(estimator.recover_after)'
             )
+            self._refusal_log.say(topic, words)
         outbox.describe(arm.models[tracked.hypothesis].solver, arm.config)
         outbox.publish_estimate(tracked.estimate, self._newest)
         self._diagnostics.answered(tracked.estimate.backbone, duration)
         self._status.add(tracked)
         self._tell_of_refused(topic, tracked)
+
+    def _refuse(self, topic: str, error: OctoArmError) -> None:
+        super()._refuse(topic, error)
+        self._status.refused(topic, error)
 
     def _tell_of_refused(self, topic: str, tracked: Tracked) -> None:
         """Warn of measurements that the gate refused."""

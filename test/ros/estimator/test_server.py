@@ -158,12 +158,43 @@ def test_late_measurements_count_within_the_window_and_are_refused_beyond_it(cli
 
 
 def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
+    client.diagnostics.clear()
     client.measure(1000.0 + 0.02 * np.arange(5))
     tip = client.tell('tendon_tensions', 990.0)
     assert tip.header.stamp.sec == 990
     client.log('/tendon_tensions: stamps run back by')
+    said = 'stamps of /tendon_tensions ran back, it began anew 1 time(s)'
+    client.wait(
+        lambda: any(
+            said in status.message and status.level == DiagnosticStatus.WARN
+            for message in client.diagnostics
+            for status in message.status
+        ),
+        'a diagnosis',
+    )
     _, stddev = client.wrench()
     np.testing.assert_allclose(stddev, PRIOR, rtol=1e-6)
+
+
+def test_where_no_stamp_can_be_used_the_estimate_is_not_said_to_be_well(client):
+    def ahead(message):
+        message.header.stamp.sec = 2**31 - 1
+
+    def told():
+        client.send('tendon_tensions', 1000.0, ahead)
+        client.spin(0.1)
+        return [
+            status.level
+            for message in client.diagnostics
+            for status in message.status
+            if 'could be used: /tendon_tensions: its stamp is' in status.message
+        ]
+
+    client.diagnostics.clear()
+    assert set(client.wait(told, 'a warning')) == {DiagnosticStatus.WARN}
+    client.measure([1000.0])
+    status, _ = client.status('estimate')
+    assert 'could be used' not in status.message
 
 
 def refused(client, topic, change, words, time=1000.5):
