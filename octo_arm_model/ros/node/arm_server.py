@@ -50,6 +50,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
             node, JointState, displacement_messages.TOPIC, self._on_displacements, self._refuse,
             self._work, diagnostics.skipped,
         )  # fmt: skip
+        diagnostics.publishers[self._winches.topic] = self._winches.count_publishers
         diagnostics.heard.apart = frozenset({self._winches.topic, wrench})
         diagnostics.heard.unanswered = frozenset({wrench})
         self._services = [

@@ -115,6 +115,21 @@ def test_winches_and_load_cells_drive_different_tendons_together(wound):
     np.testing.assert_allclose(tip_of(wound.ask('tendon_tensions', given)), alone.tip, atol=1e-9)
 
 
+def test_two_publishers_of_displacements_are_diagnosed(wound):
+    connect(wound)
+    second = wound.node.create_publisher(JointState, 'tendon_displacements', 10)
+
+    def told():
+        reel(wound, {})
+        said = [s.message for s in wound.diagnostics[-1].status] if wound.diagnostics else []
+        return any('2 publishers on /tendon_displacements' in message for message in said)
+
+    try:
+        wound.wait(told, 'a warning')
+    finally:
+        wound.node.destroy_publisher(second)
+
+
 @pytest.mark.parametrize(
     ('name', 'position', 'problem'),
     [
