@@ -39,12 +39,21 @@ class QueuedService:
         self._service.send_response = self._add  # type: ignore[method-assign]
 
     def close(self) -> None:
-        """Destroy the service; what waits is not answered."""
+        """Destroy the service; what waits is answered with that."""
+        waiting = [(response, header) for _, response, header in self._waiting]
         self._waiting.clear()
         if self._under_way is not None:
-            self._under_way[0].close()
+            steps, response, header = self._under_way
+            steps.close()
             self._under_way = None
+            waiting.insert(0, (response, header))
+        for response, header in waiting:
+            self._refuse(response, header, 'the node stops answering')
         self._node.destroy_service(self._service)
+
+    def _refuse(self, response: Any, header: Any, reason: str) -> None:
+        response.success, response.message = False, reason
+        self._send(response, header)
 
     def _keep(self, request: Any, response: Any) -> Any:
         self._request = request
@@ -52,9 +61,8 @@ class QueuedService:
 
     def _add(self, response: Any, header: Any) -> None:
         if len(self._waiting) >= MOST_WAITING:
-            response.success = False
-            response.message = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
-            self._send(response, header)
+            reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
+            self._refuse(response, header, reason)
             return
         self._waiting.append((self._request, response, header))
         if self._under_way is None and len(self._waiting) == 1:

@@ -99,7 +99,7 @@ def test_requests_are_answered_in_order_a_piece_at_a_time_and_bounded(executor):
     assert log == [(float(n), step) for n in range(MOST_WAITING) for step in range(3)]
 
 
-def test_a_closed_service_ends_the_answer_under_way(executor):
+def test_a_closed_service_ends_the_answer_under_way_and_says_so_to_all_who_wait(executor):
     node, spinning = executor
     work, log = WorkQueue(node), []
 
@@ -114,8 +114,12 @@ def test_a_closed_service_ends_the_answer_under_way(executor):
     service = QueuedService(node, Solve, 'endless', answer, work)
     client = node.create_client(Solve, 'endless')
     spin_until(spinning, client.service_is_ready)
-    client.call_async(Solve.Request())
-    spin_until(spinning, lambda: len(log) > 3)
+    asked = [client.call_async(Solve.Request()) for _ in range(3)]
+    spin_until(spinning, lambda: len(log) > 3 and len(service._waiting) == 2)
     work.clear()
     service.close()
     assert log[-1] == 'end'
+    spin_until(spinning, lambda: all(one.done() for one in asked))
+    assert {(one.result().success, one.result().message) for one in asked} == {
+        (False, 'the node stops answering')
+    }
