@@ -63,6 +63,12 @@ def create_subscription(
     ))  # fmt: skip
 
 
+def is_overridden(node: Node, entity: str, topic: str) -> bool:
+    """Whether a policy is given of an ``entity``, publisher or subscription, of ``topic``."""
+    prefix = _prefix(node, entity, topic)
+    return any(name.startswith(prefix) for name in node._parameter_overrides)
+
+
 def check_overrides(node: Node) -> None:
     """Refuse overrides that no publisher or subscription of ``node`` uses.
 
@@ -82,7 +88,7 @@ def check_overrides(node: Node) -> None:
 def _create(
     node: Node, entity: str, topic: str, qos: QoSProfile, create: Callable[..., Any]
 ) -> Any:
-    prefix = f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
+    prefix = _prefix(node, entity, topic)
     for policy in POLICIES:
         # Declared by the node itself it would not be read-only: a later change would be accepted
         # and have no effect.
@@ -95,6 +101,11 @@ def _create(
         return create(topic, copy.copy(qos), qos_overriding_options=options)
     except _REFUSALS as error:
         raise ConfigError(f'{prefix}*: {error}') from error
+
+
+def _prefix(node: Node, entity: str, topic: str) -> str:
+    """What the names of the parameters of an ``entity`` of ``topic`` begin with."""
+    return f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
 
 
 def _is_read_only(node: Node, name: str) -> bool:

@@ -16,7 +16,7 @@ from octo_arm_model.core.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
 from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC
-from octo_arm_model.ros.qos import create_subscription
+from octo_arm_model.ros.qos import create_subscription, is_overridden
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire.stamp import Stamp
 
@@ -52,6 +52,17 @@ class SensorFrames:
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
         self.on_change: Callable[[], None] = lambda: None
+
+    def open(self) -> None:
+        """Check policies that are given of what may be listened to later.
+
+        Raises:
+            OctoArmError: if one cannot be.
+        """
+        for topic, qos in ((_STATIC_TOPIC, _STATIC_QOS), (TF_TOPIC, TF_QOS)):
+            if is_overridden(self._node, 'subscription', topic):
+                self._listen(topic, qos)
+        self.close()
 
     def close(self) -> None:
         """Listen no more, and forget all."""

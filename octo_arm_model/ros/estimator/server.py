@@ -51,6 +51,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
 
     def _open(self) -> None:
         self._begin_anew()
+        self._frames.open()
         self._waiting.open()
         for topic, message in MEASUREMENT_TOPICS.items():
             # One by one: where the next cannot be, `_close` ends those before it.

@@ -13,9 +13,10 @@ tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
 from geometry_msgs.msg import TransformStamped
 from live_nodes import DEADLINE
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.ros.estimator import waiting_messages
 from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
 from octo_arm_model.ros.estimator.waiting_messages import (
@@ -24,6 +25,7 @@ from octo_arm_model.ros.estimator.waiting_messages import (
     MOST_WAITING,
     WaitingMessages,
 )
+from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.work.work_queue import WorkQueue
 
 TOPIC = '/measured/tip_pose'
@@ -83,6 +85,34 @@ def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capf
     assert asked(frames, 'lens').position == (0.3, 0.0, 0.0)
     assert "/tf_static refused: 'twisted': " in capfd.readouterr().err
     frames.close()
+
+
+def test_policies_of_transforms_are_overridden_although_they_are_heard_later(context):
+    given = [
+        Parameter(f'qos_overrides./{topic}.subscription.depth', value=depth)
+        for topic, depth in (('tf', 7), ('tf_static', 8))
+    ]
+    node = rclpy.create_node('overridden', context=context, parameter_overrides=given)
+    frames = SensorFrames(node)
+    with pytest.raises(ConfigError, match='overrides nothing'):
+        check_overrides(node)
+    frames.open()
+    check_overrides(node)
+    heard = {'/tf', '/tf_static'}
+    assert heard.isdisjoint(one.topic_name for one in node.subscriptions)
+    for _ in range(2):
+        asked(frames, 'lens')
+    depths = {one.topic_name: one.qos_profile.depth for one in node.subscriptions}
+    assert (depths['/tf'], depths['/tf_static']) == (7, 8)
+    node.destroy_node()
+
+
+def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(context):
+    given = Parameter('qos_overrides./tf.subscription.depth', value=-1)
+    node = rclpy.create_node('overridden', context=context, parameter_overrides=[given])
+    with pytest.raises(ConfigError, match='depth is -1'):
+        SensorFrames(node).open()
+    node.destroy_node()
 
 
 @pytest.fixture
