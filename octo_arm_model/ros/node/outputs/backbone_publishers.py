@@ -104,7 +104,7 @@ class BackbonePublishers:
         self._profiles_writer = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
         self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
         markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
-        self._drawing.describe(markers, config.markers_rate)
+        self._drawing.describe(markers, config.markers_rate, config.arm)
 
     def announce(self, description: str) -> None:
         """Publish ``description``, the arm as a ROS parameter file."""

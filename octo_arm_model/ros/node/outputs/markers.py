@@ -11,6 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
@@ -34,12 +35,23 @@ class MarkerPublisher:
         self._timer: Timer | None = None
         self._waiting: _StampedBackbone | None = None
         self._is_clean, self._largest = False, 0.0
+        self._arm: Arm | None = None
+        self._rate = 0.0
 
-    def describe(self, writer: MarkersWriter, rate: float) -> None:
-        """Use ``writer`` from now on, at ``rate`` [Hz] at most; 0 for every backbone."""
-        self.stop()
-        self._writer = writer
-        self._is_clean, self._largest = False, 0.0
+    def describe(self, writer: MarkersWriter, rate: float, arm: Arm) -> None:
+        """Draw ``arm`` with ``writer`` from now on, at ``rate`` [Hz] at most; 0 for each shape.
+
+        Markers of another arm are deleted first. Of the same one they are replaced, as where
+        another hypothesis has become the most probable.
+        """
+        if arm is not self._arm:
+            self._is_clean, self._largest = False, 0.0
+        self.forget()
+        self._writer, self._arm = writer, arm
+        if rate == self._rate:
+            return
+        self._stop_timer()
+        self._rate = rate
         if rate:
             # Steady: ROS time may run faster than real time.
             clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -48,9 +60,13 @@ class MarkerPublisher:
 
     def stop(self) -> None:
         """Publish nothing until `describe`."""
+        self._stop_timer()
+        self._waiting = self._writer = self._arm = None
+
+    def _stop_timer(self) -> None:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
-        self._timer = self._waiting = self._writer = None
+        self._timer, self._rate = None, 0.0
 
     def forget(self) -> None:
         """Drop the backbone that waits for the timer."""
