@@ -40,6 +40,7 @@ from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
+from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
@@ -158,12 +159,8 @@ class SimulatorNode(CheckedNode):
         return self._control
 
     def _do(self, what: Callable[[], None]) -> None:
-        try:
+        with until_shutdown(self.context):
             what()
-        except RuntimeError:
-            # A signal invalidates the context while a callback runs: not an error.
-            if self.context.ok():
-                raise
 
     def _step(self) -> None:
         """Advance winches and load cells to the present time."""

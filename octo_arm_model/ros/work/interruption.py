@@ -7,10 +7,13 @@ It is raised within callbacks only, and caught there: executors log what callbac
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
+
+from rclpy.context import Context
 
 
 class _Interruption(BaseException):
@@ -55,3 +58,13 @@ def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
             _State.is_running = False
 
     return run
+
+
+@contextlib.contextmanager
+def until_shutdown(context: Context) -> Iterator[None]:
+    """Ends quietly where a signal invalidates ``context`` meanwhile: what uses it then fails."""
+    try:
+        yield
+    except RuntimeError:
+        if context.ok():
+            raise

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from octo_arm_model.ros.work.interruption import interruptible
+from octo_arm_model.ros.work.interruption import interruptible, until_shutdown
 
 Piece = Callable[[], bool]
 
@@ -47,11 +47,8 @@ class WorkQueue:
             return
         piece = self._due.popleft()
         try:
-            if piece():
-                self._due.append(piece)
-        except RuntimeError:
-            # A signal invalidates the context while an answer is under way: not an error.
-            if self._node.context.ok():
-                raise
+            with until_shutdown(self._node.context):
+                if piece():
+                    self._due.append(piece)
         finally:
             self._queue()

@@ -5,11 +5,13 @@ import sys
 
 import pytest
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from live_nodes import CONFIG, CONFIG_FILE, NodeClient, check_end, environment, new_domain
 from octo_arm_msgs.srv import FindTensions
+
+from octo_arm_model.ros.work.interruption import until_shutdown
 
 pytestmark = pytest.mark.slow
 
@@ -58,3 +60,13 @@ def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
         client.close()
         process.kill()
         process.communicate()
+
+
+def test_what_fails_because_the_context_has_ended_is_no_error():
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    with pytest.raises(RuntimeError), until_shutdown(context):
+        raise RuntimeError('of its own')
+    with until_shutdown(context):
+        rclpy.shutdown(context=context)
+        raise RuntimeError('publisher of a context that is no more')

@@ -13,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
@@ -98,12 +99,8 @@ class MarkerPublisher:
             if self._timer is not None:
                 self._timer.cancel()
             return
-        try:
+        with until_shutdown(self._node.context):
             self._draw(stamped)
-        except RuntimeError:
-            # A signal has ended the context.
-            if self._node.context.ok():
-                raise
 
     def _draw(self, stamped: _StampedBackbone) -> None:
         if self._writer is None:
