@@ -9,8 +9,8 @@ import pytest
 
 from octo_arm_model import Config, ProfiledBody, Table
 from octo_arm_model.core.limits import MAX_TABLE_POINTS
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 from octo_arm_model.estimation.state.unit_loads import unit_loads
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
 
 @pytest.mark.parametrize('points', [3, 40, MAX_TABLE_POINTS - 1, MAX_TABLE_POINTS])
