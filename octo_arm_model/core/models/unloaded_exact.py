@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.numerics.chebyshev import (
@@ -127,8 +128,13 @@ class UnloadedExact:
         outside = ~can_be(energy, start[3], np.sqrt(start[1] ** 2 + start[2] ** 2))
         if np.count_nonzero(outside):
             start = np.where(outside, initial_strain(energy, local_tensions), start)
-        found = minimise(energy, local_tensions, start)
-        check_fibres(energy, found.strain)
+        try:
+            found = minimise(energy, local_tensions, start)
+            check_fibres(energy, found.strain)
+        except SolveError as error:
+            if error.number is not None:
+                error.number = int(arms[error.number])
+            raise
         twist[at] = to_twist(energy.law, found.strain)
         residual[arms] = np.maximum(residual[arms], found.residual)
         iterations[arms] += found.iterations

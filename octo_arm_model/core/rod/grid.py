@@ -24,8 +24,8 @@ _SAME = 1e-9
 # curvature, and with it the error of an interval, grows like its inverse.
 MIN_INTERVALS = 100
 STEP_PER_RADIUS = 1.0
-# Within an interval the logarithm of the bending stiffness changes by at most this much, and the
-# place of a tendon by this part of that radius: the error of fourth order is then below 1e-5.
+# Within an interval the logarithm of the bending stiffness changes by at most this much, a place
+# of a tendon by this part of that radius, and its slope: the error of fourth order is below 1e-5.
 MOST_CHANGE = 0.3
 # Changes are looked for in so many parts of what becomes intervals: a table's are steepest inside.
 _PARTS = 8
@@ -185,7 +185,7 @@ def _most_intervals(arm: Arm) -> int:
 
 
 def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
-    """Ends of the integration intervals between ``ends``, those among them.
+    """Ends of the integration intervals between ``ends`` in one panel, those among them.
 
     Raises:
         ConfigError: if there are more than ``most``.
@@ -194,15 +194,18 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
     if ends.size - 1 > most:
         raise _too_many_intervals(arm)
     parts = np.linspace(ends[:-1], ends[1:], _PARTS + 1)
-    active = np.array([arm.sections[i - 1].anchorage for i in arm.tendon_section])
-    reaches = active[:, np.newaxis, np.newaxis] >= parts
-    places = np.stack(arm.tendon_offsets(parts.ravel())).reshape(2, *reaches.shape)
-    lever = (np.hypot(*places) * reaches).max(axis=0)
-    thickness = np.maximum(arm.body.radius(parts), lever)
-    moved = (np.hypot(*np.diff(places, axis=2)) * reaches[:, 1:]).max(axis=0) / thickness[1:]
-    modulus = arm.material.youngs_modulus_at(parts)
-    stiffness = np.log(modulus) + 4.0 * np.log(arm.body.radius(parts))
-    change = _PARTS * np.maximum(np.abs(np.diff(stiffness, axis=0)), moved).max(axis=0)
+    # Tendons that end where the panel begins do not act in it.
+    acts = [arm.sections[i - 1].anchorage >= ends[-1] for i in arm.tendon_section]
+    place, slope = (
+        np.stack(of(parts.ravel()))[:, acts].reshape(2, -1, *parts.shape)
+        for of in (arm.tendon_offsets, arm.tendon_slopes)
+    )
+    modulus, radius = arm.material.youngs_modulus_at(parts), arm.body.radius(parts)
+    thickness = np.maximum(radius, np.hypot(*place).max(axis=0, initial=0.0))
+    described = np.concatenate([
+        np.log(modulus * radius**4)[np.newaxis], *(place / thickness), *slope
+    ])  # fmt: skip
+    change = _PARTS * np.abs(np.diff(described, axis=1)).max(axis=(0, 1))
     smallest_radius = np.minimum(thickness[0], thickness[-1])
     # 2 % more, so that intervals between default stations are not split where the arm is thick.
     longest = np.minimum(1.02 * arm.length / MIN_INTERVALS, STEP_PER_RADIUS * smallest_radius)

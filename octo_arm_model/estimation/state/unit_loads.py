@@ -31,6 +31,9 @@ def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
     s = np.array([0.0, arm.length])
     if not isinstance(profile, (Constant, Linear)):
         inside = [knot for knot in profile.knots if 0.0 < knot < arm.length]
-        s = np.union1d(np.linspace(0.0, arm.length, _PIECES + 1), inside)
+        ends = [0.0, *inside, arm.length]
+        # Parts of what is between two knots; a load has no more points than a table may have.
+        parts = max(1, _PIECES // (len(ends) - 1))
+        s = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
     force = np.outer(2.0 * arm.body.radius(s), axis)
     return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))

@@ -18,9 +18,11 @@ from octo_arm_model import (
     ConfigError,
     Material,
     ProfiledBody,
+    RoutedSection,
     Section,
     Solver,
     Table,
+    Tendon,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.rod.grid import (
@@ -111,7 +113,21 @@ def softened(arm: Arm, at: float, width: float, part: float) -> Arm:
     return dataclasses.replace(arm, material=Material(modulus))
 
 
-@pytest.mark.parametrize('change', [necked, softened])
+def rerouted(arm: Arm, at: float, width: float, part: float) -> Arm:
+    """Likewise with tendons nearer to the midline."""
+    s = np.array([0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length])
+    sections = tuple(
+        RoutedSection(section.anchorage, tuple(
+            Tendon(Table(tuple(s), tuple(tendon.offset.value(s) * [1.0, 1.0, part, 1.0, 1.0])),
+                   tendon.angle)
+            for tendon in section.tendons
+        ))
+        for section in arm.sections
+    )  # fmt: skip
+    return dataclasses.replace(arm, sections=sections)
+
+
+@pytest.mark.parametrize('change', [necked, softened, rerouted])
 @pytest.mark.parametrize(('at', 'width', 'part'), [(0.09, 8e-3, 0.6), (0.4, 4e-3, 0.5)])
 def test_what_changes_within_few_millimetres_is_integrated_as_on_a_fine_grid(
     table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
