@@ -49,7 +49,7 @@ def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
         first = slice(state.point_forces.start, state.point_forces.start + 3)
         return _force(estimate, points[0].s, first, 1.0)
     if state.current.stop > state.current.start:
-        return _force(estimate, math.nan, state.current, _facing_area(arm))
+        return _force(estimate, math.nan, state.current, facing_area(arm))
     return None
 
 
@@ -61,7 +61,7 @@ def _force(estimate: Estimate, s: float, where: slice, scale: float) -> Contact:
     return Contact(s, wrench, covariance)
 
 
-def _facing_area(arm: Arm) -> float:
+def facing_area(arm: Arm) -> float:
     """Diameter integrated over the unloaded arm [m^2]: what a pressure of 1 Pa acts on."""
     s = np.linspace(0.0, arm.length, _PIECES + 1)
     return float(trapezoid(2.0 * arm.body.radius(s), s))
