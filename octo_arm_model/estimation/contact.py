@@ -6,13 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import trapezoid
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
-
-_PIECES = 256  # of the quadrature over an arm that is no cone
+from octo_arm_model.estimation.state.unit_loads import facing_area
 
 
 class Contact(NamedTuple):
@@ -49,7 +47,7 @@ def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
         first = slice(state.point_forces.start, state.point_forces.start + 3)
         return _force(estimate, points[0].s, first, 1.0)
     if state.current.stop > state.current.start:
-        return _force(estimate, math.nan, state.current, _facing_area(arm))
+        return _force(estimate, math.nan, state.current, facing_area(arm))
     return None
 
 
@@ -59,9 +57,3 @@ def _force(estimate: Estimate, s: float, where: slice, scale: float) -> Contact:
     wrench[:3] = scale * estimate.mean[where]
     covariance[:3, :3] = scale**2 * estimate.covariance[where, where]
     return Contact(s, wrench, covariance)
-
-
-def _facing_area(arm: Arm) -> float:
-    """Diameter integrated over the unloaded arm [m^2]: what a pressure of 1 Pa acts on."""
-    s = np.linspace(0.0, arm.length, _PIECES + 1)
-    return float(trapezoid(2.0 * arm.body.radius(s), s))

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.core.arm.arm import Arm
@@ -24,10 +22,10 @@ from octo_arm_model.estimation.parameters import (
     TURNED,
 )
 from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.state.unit_loads import facing_area
+from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk, place_names
 
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
-_RADII = 101  # that the mean is taken of
 
 
 @dataclass(frozen=True)
@@ -113,6 +111,8 @@ class EstimatorSettings:
             for p in ESTIMATOR_PARAMETERS
         }
         _check(given, config.arm)
+        for name in ('contact_s', 'marker_s'):  # up to rounding they are on the arm
+            given[name] = tuple(min(s, config.arm.length) for s in given[name])
         notes: list[str] = []
         return cls(
             _unknowns(given, config, recorded, notes),
@@ -161,6 +161,10 @@ def _check(given: Mapping[str, Any], arm: Arm) -> None:
                 raise ConfigError(
                     f'estimator.{name} has {s:g}, expected {low} to {arm.length:g} m'
                 )
+    if len({min(s, arm.length) for s in places}) < len(places):
+        raise ConfigError(
+            f'estimator.contact_s is {shown(list(places))}, expected each place once'
+        )
     if not 0.0 < given['gate'] < 1.0:
         raise ConfigError(f'estimator.gate is {given["gate"]!r}, expected within (0, 1)')
 
@@ -199,7 +203,7 @@ def _unknowns(
     if not given['force_stddev']:
         notes.append(f'forces of {stddev:.3g} N are expected ({BENT:g} L at the tip)')
     if given['contact'] == 'current':
-        pressure = given['current_stddev'] or stddev / (2.0 * _mean_radius(arm) * arm.length)
+        pressure = given['current_stddev'] or stddev / facing_area(arm)
         return {'current': Unknowns(**fixed, current=Walk.stationary(pressure, time))}
     force = Walk.stationary(stddev, time)
     if given['contact'] == 'tip':
@@ -210,10 +214,11 @@ def _unknowns(
     if given['contact'] == 'at':
         points = tuple(PointForce(s, force) for s in places)
         return {'at': Unknowns(**fixed, point_forces=points)}
-    places = places or tuple((n + 1) * arm.length / PLACES for n in range(PLACES))
+    # The last of them is the tip itself, whatever the length.
+    places = places or tuple((n + 1) / PLACES * arm.length for n in range(PLACES))
     hypotheses = {'none': Unknowns(**fixed)}
-    for s in places:
-        hypotheses[f'{s:.4g} m'] = Unknowns(**fixed, point_forces=(PointForce(s, force),))
+    for name, s in zip(place_names(places), places, strict=True):
+        hypotheses[name] = Unknowns(**fixed, point_forces=(PointForce(s, force),))
     return hypotheses
 
 
@@ -243,8 +248,3 @@ def _noise(
         known.model_position,
         known.model_rotation,
     )
-
-
-def _mean_radius(arm: Arm) -> float:
-    """Radius of the cylinder that is seen as large from the side [m]."""
-    return float(arm.body.radius(np.linspace(0.0, arm.length, _RADII)).mean())

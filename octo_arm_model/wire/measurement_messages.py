@@ -150,7 +150,7 @@ def _markers(message: Any, arm: MeasuredArm) -> Measurement:
     seen = ~np.isnan(points).any(axis=1)
     if not seen.any():
         raise MeasurementError('it shows no marker')
-    s = np.minimum(np.array(noise.marker_s)[seen], arm.config.arm.length)
+    s = np.array(noise.marker_s)[seen]
     stddev = float(np.hypot(noise.marker, noise.model_position))
     return Markers(s, rotation.apply(points[seen]) + origin, stddev)
 

@@ -58,7 +58,8 @@ def test_bag_tables_and_json_say_the_same(
 ) -> None:
     out, tables = tmp_path / 'estimated', tmp_path / 'tables'
     given = ['--out', str(out), '--csv', str(tables), '--rate', '0', '--json']
-    given += ['--tension-bias-stddev', '0.01', '--storage', 'sqlite3']
+    given += ['--tension-bias-stddev', '0.01', '--tension-loss-stddev', '0.1']
+    given += ['--storage', 'sqlite3']
     status, printed, _ = run(capsys, 'estimate', str(short_bag), *given)
     assert status == 0
     result = json.loads(printed)
@@ -104,6 +105,8 @@ def test_bag_tables_and_json_say_the_same(
         assert deviation**2 == pytest.approx(covariance.pose[-1, 1, 1])
         bias = found['tension_bias'][number].tension[1]
         assert float(row['tension_bias tendon_1_2 [N]']) == bias
+        assert abs(float(row['tension_loss tendon_1_2 [-]'])) < 0.1
+        assert 0.0 < float(row['tension_loss tendon_1_2 stddev [-]']) <= 0.1 + 1e-9
 
 
 def test_a_rate_thins_out_the_bag_alone(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from octo_arm_model.config.config import Config
@@ -13,6 +14,8 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.state.unknowns import State
+from octo_arm_model.experiment.recording.measured_points import check_marker_s
 
 VALUES = load_parameters(preset_path('renda2012_prototype'))
 CONFIG = Config.from_parameters(VALUES)
@@ -77,6 +80,33 @@ def test_places_of_contact(values: dict[str, Any], expected: dict[str, int]) -> 
     assert all(one.tip_force is None for one in found.values())
 
 
+@pytest.mark.parametrize('length', [0.27, *np.linspace(0.1, 0.6, 101).tolist()])
+def test_places_somewhere_are_on_an_arm_of_any_length(length: float) -> None:
+    values = {**VALUES, 'body.length': length, 'sections.anchorage': [length]}
+    config = Config.from_parameters(values)
+    found = settings(config, contact='somewhere').unknowns
+    places = [one.point_forces[0].s for one in found.values() if one.point_forces]
+    assert len(places) == 5 and places[-1] == length
+    for unknowns in found.values():
+        State(unknowns, config.arm)
+
+
+def test_places_near_each_other_have_names_of_their_own() -> None:
+    places = [0.1, 0.100001, 0.2]
+    found = settings(contact='somewhere', contact_s=places).unknowns
+    assert list(found) == ['none', '0.1 m', '0.100001 m', '0.2 m']
+    state = State(settings(contact='at', contact_s=places).unknowns['at'], CONFIG.arm)
+    assert len(set(state.names)) == state.size
+
+
+def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip() -> None:
+    beyond = LENGTH * (1.0 + 5e-10)
+    found = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
+    assert found.unknowns['at'].point_forces[0].s == LENGTH
+    assert found.noise.marker_s == (0.1, LENGTH)
+    assert check_marker_s([0.1, beyond], LENGTH).tolist() == [0.1, LENGTH]
+
+
 def test_a_current_presses_as_hard_as_the_force() -> None:
     found = settings(contact='current', force_stddev=0.1).unknowns['current'].current
     assert found is not None
@@ -107,6 +137,7 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
         ({'contact': 'at', 'contact_s': [0.0]}, 'contact_s has 0, expected over 0 to 0.27 m'),
         ({'contact': 'at', 'contact_s': [0.3]}, 'contact_s has 0.3, expected over 0 to 0.27 m'),
         ({'contact': 'somewhere', 'contact_s': [0.1] * 51}, '51 values, at most 50'),
+        ({'contact': 'at', 'contact_s': [0.1, 0.1]}, r'\[0.1, 0.1\], expected each place once'),
         ({'marker_s': [float('nan')]}, 'marker_s has nan, expected from 0 to 0.27 m'),
         ({'force_stddev': -1.0}, r'force_stddev is -1.0, expected a finite value >= 0 \[N\]'),
         ({'marker_s': [0.1] * 301}, 'estimator.marker_s has 301 values, at most 300'),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
@@ -11,6 +12,7 @@ from octo_arm_model.estimation.state.unknowns import Unknowns
 
 _AXES: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _PIECES = 64  # of the table of a current along an arm that is no cone
+_FINE = 256  # likewise of a quadrature
 
 
 def unit_loads(arm: Arm, unknowns: Unknowns) -> tuple[Loads, ...]:
@@ -37,3 +39,9 @@ def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
         s = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
     force = np.outer(2.0 * arm.body.radius(s), axis)
     return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))
+
+
+def facing_area(arm: Arm) -> float:
+    """Diameter integrated over the unloaded arm [m^2]: what a pressure of 1 Pa acts on."""
+    s = np.linspace(0.0, arm.length, _FINE + 1)
+    return float(trapezoid(2.0 * arm.body.radius(s), s))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +112,15 @@ class Unknowns:
     tension_loss: Walk | None = None
 
 
+def place_names(places: Sequence[float]) -> list[str]:
+    """Names of ``places`` [m]: four digits, or as many as tell them apart."""
+    for digits in range(4, 18):
+        names = [f'{s:.{digits}g} m' for s in places]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
 class State:
     """The unknowns of one arm as a vector.
 
@@ -140,12 +150,13 @@ class State:
         self.tip_force = self._add('tip_force', unknowns.tip_force, _AXES)
         self.tip_moment = self._add('tip_moment', unknowns.tip_moment, _AXES)
         start = len(self.names)
-        for point in unknowns.point_forces:
+        places = place_names([point.s for point in unknowns.point_forces])
+        for point, place in zip(unknowns.point_forces, places, strict=True):
             if not 0.0 < point.s <= arm.length:
                 raise MeasurementError(
                     f's of a point force is {point.s!r}, expected within (0, {arm.length}] [m]'
                 )
-            self._add(f'force at {point.s:.4g} m', point.force, _AXES)
+            self._add(f'force at {place}', point.force, _AXES)
         self.point_forces = slice(start, len(self.names))
         self.current = self._add('current', unknowns.current, _AXES)
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))

@@ -33,11 +33,12 @@ class EstimateTables(CsvFiles):
         """
         super().__init__()
         self._hypotheses = list(models) if len(models) > 1 else []
-        self._columns = _besides_contact(next(iter(models.values())).state)
         self._estimates = self.open(folder / 'estimate.csv')
         self._innovations = self.open(folder / 'innovations.csv')
         self._innovations.writerow(INNOVATIONS)
-        values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in self._columns)]
+        state = next(iter(models.values())).state
+        others = [state.names[number] for number in _besides_contact(state)]
+        values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in others)]
         deviations = [name.replace(' [', ' stddev [') for name in values]
         self._estimates.writerow([
             'time [s]', 'stamp [ns]', 'contact', 'contact s [m]', *values, *deviations,
@@ -52,7 +53,7 @@ class EstimateTables(CsvFiles):
             OSError: if it cannot be written.
         """
         time, estimate = round(moment.time, 9), one.estimate
-        at = _places(estimate.state, self._columns)
+        at = _besides_contact(estimate.state)
         deviations = np.sqrt(np.diag(estimate.covariance))[at]
         self._estimates.writerow([
             time, one.stamp_ns, moment.hypothesis, moment.s,
@@ -71,16 +72,12 @@ class EstimateTables(CsvFiles):
                 ])  # fmt: skip
 
 
-def _besides_contact(state: State) -> list[str]:
+def _besides_contact(state: State) -> list[int]:
     """Components of a ``state`` but those of the contact, which has columns of its own."""
     others = slice(state.point_forces.start + 3, state.point_forces.stop)
-    parts = state.tension, state.tension_bias, others, state.log_modulus
-    return [name for part in parts for name in state.names[part]]
-
-
-def _places(state: State, names: list[str]) -> list[int]:
-    return [state.names.index(name) for name in names]
+    parts = state.tension, state.tension_bias, others, state.log_modulus, state.tension_loss
+    return [number for part in parts for number in range(state.size)[part]]
 
 
 def _unit(name: str) -> str:
-    return ' [-]' if name.startswith('log_modulus') else ' [N]'
+    return ' [-]' if name.startswith(('log_modulus', 'tension_loss')) else ' [N]'

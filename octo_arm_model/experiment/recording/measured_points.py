@@ -172,8 +172,8 @@ def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
             raise MeasurementError(
                 f'--marker-s has {one:g}, expected arc coordinates from 0 to {length:g} m{hint}'
             )
-        if one <= before:
+        if min(one, length) <= before:
             raise MeasurementError(
                 f'--marker-s has {one:g} after {before:g}, expected increasing arc coordinates [m]'
             )
-    return np.array(s, dtype=np.float64)
+    return np.minimum(np.array(s, dtype=np.float64), length)

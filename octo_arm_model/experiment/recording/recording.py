@@ -57,11 +57,11 @@ class Recording:
     def held(self) -> tuple[FloatArray, FloatArray]:
         """Stamps (n,) [s] and values (n, tendons) of what is held in steps.
 
-        Tensions [N], or, where there are none, lengths reeled in [m], 0 of those not measured.
+        Tensions [N], or, where there are none, lengths reeled in [m], NaN of those not read then.
         """
         if not self.is_driven:
             return self.tension_time, self.tensions
-        return self.displacement_time, np.nan_to_num(self.displacements)
+        return self.displacement_time, self.displacements
 
     @property
     def is_tips(self) -> bool:

@@ -13,12 +13,18 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.shapes.steady_windows import Window
+from octo_arm_model.experiment.shapes.steady_windows import Window, held_readings
 
 
 def with_displacements(window: Window, recording: Recording) -> Window:
-    """The ``window`` with the mean reading of each encoder meanwhile, NaN where there is none."""
+    """The ``window`` with the mean reading of each encoder meanwhile, NaN where there is none.
+
+    Without load cells an encoder that reads nothing meanwhile holds what it read last.
+    """
     time, read = recording.displacement_time, recording.displacements
+    if recording.is_driven:
+        has_encoder = np.isfinite(read).any(axis=0)
+        read = np.where(has_encoder, held_readings(read), np.nan)
     inside = (time >= window.start) & (time <= window.stop)
     if not inside.any():
         return window

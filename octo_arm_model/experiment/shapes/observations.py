@@ -18,7 +18,6 @@ from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.clock_offset import RANGE, clock_offset
 from octo_arm_model.experiment.shapes.encoder_windows import (
     by_length,
-    mean_of,
     with_displacements,
 )
 from octo_arm_model.experiment.shapes.markers import mean_markers
@@ -206,8 +205,12 @@ def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> 
         window = dataclasses.replace(window, tensions=tensions.mean(axis=0))
     if not len(recording.displacement_time):
         return window
-    read = interpolated(times, recording.displacement_time, recording.displacements)
-    return dataclasses.replace(window, displacements=mean_of(read))
+    read = np.full(recording.displacements.shape[1], np.nan)
+    for tendon, column in enumerate(recording.displacements.T):
+        if (known := np.isfinite(column)).any():
+            at = recording.displacement_time[known]
+            read[tendon] = interpolated(times, at, column[known]).mean()
+    return dataclasses.replace(window, displacements=read)
 
 
 def _unseen(recording: Recording) -> list[str]:

@@ -1,6 +1,7 @@
 """Steady windows: intervals of constant tensions, in which the arm has come to rest.
 
 Where there are no load cells, lengths that winches have reeled in [m] take the place of tensions.
+What was not read at the time of a row is NaN: encoders may publish in messages of their own.
 """
 
 from __future__ import annotations
@@ -59,18 +60,31 @@ class SteadyRule:
         if self.tolerance is not None:
             return self.tolerance
         noise = _TIMES_NOISE * reading_noise(tensions)
-        return max(_PART * float(np.abs(tensions).max()), noise, 1e-9)
+        return max(_PART * float(np.abs(held_readings(tensions)).max()), noise, 1e-9)
 
 
 def reading_noise(tensions: FloatArray) -> float:
     """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
 
-    From the differences of neighbouring samples, each of which has the noise of both.
+    From the differences of neighbouring readings, each of which has the noise of both.
     """
-    change = np.abs(np.diff(tensions, axis=0))
-    if not change.size:
-        return 0.0
-    return float(MAD * np.median(change, axis=0).max() / np.sqrt(2.0))
+    changes = [np.abs(np.diff(column[np.isfinite(column)])) for column in tensions.T]
+    usual = max((float(np.median(change)) for change in changes if change.size), default=0.0)
+    return float(MAD * usual / np.sqrt(2.0))
+
+
+def held_readings(rows: FloatArray) -> FloatArray:
+    """``rows`` (n, tendons) with the last reading in place of NaN, before the first that one.
+
+    A column without any reading is zero.
+    """
+    known = np.isfinite(rows)
+    if known.all():
+        return rows
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rows))[:, np.newaxis], -1), axis=0)
+    first = known.argmax(axis=0)
+    held = np.take_along_axis(rows, np.where(last < 0, first, last), axis=0)
+    return np.where(known.any(axis=0), held, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,6 +114,7 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
     if not len(time):
         return []
     band = 2.0 * rule.tolerance_for(tensions)
+    tensions = held_readings(tensions)
     gap = _longest_gap(time, rule.duration)
     ranges: list[tuple[int, int]] = []
     first = 0
@@ -128,8 +143,10 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
     """
     if width is None:
         noise = 2.0 * SteadyRule().tolerance_for(tensions) if len(time) > 1 else 0.0
-        width = max(float(np.abs(tensions).max(initial=0.0)) * _RAMP_PART, noise, 1e-9)
+        highest = float(np.abs(held_readings(tensions)).max(initial=0.0))
+        width = max(highest * _RAMP_PART, noise, 1e-9)
     positive('--ramp', width, 'N')
+    tensions = held_readings(tensions)
     gap = _longest_gap(time, 1.0)
     windows: list[Window] = []
     first = 0

@@ -133,6 +133,22 @@ def test_without_load_cells_tensions_follow_from_lengths(
     assert found['value'] == pytest.approx(500.0, rel=0.02)
 
 
+def test_encoders_may_publish_in_messages_of_their_own(tmp_path: Path, seen: list[Sample]) -> None:
+    """Each at its own times, the first one only until its tendon moves no more."""
+    encoders = [
+        displacement_sample([name], [row[NAMES.index(name)]], nanoseconds(at) + 10**6 * number)
+        for at, row in zip(TIME, lengths(PULLED))
+        for number, name in enumerate(NAMES)
+        if name != NAMES[0] or at < TIME[-1] - 1.9
+    ]
+    bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
+    recording = read_recording(bag)
+    check_driven(recording)
+    ramp = observe(recording, Pairing(offset=0.0, is_ramp=True), Alignment.none()).shapes
+    assert max(shape.tension for shape in ramp) == pytest.approx(max(HELD[:4]), abs=2e-3)
+    assert all(np.isfinite(shape.window.displacements).all() for shape in ramp)
+
+
 def encoder_csv(path: Path, names: tuple[str, ...] = NAMES) -> Path:
     rows = [
         ','.join(f'{value!r}' for value in (float(at), *(1e3 * row[: len(names)]).tolist()))

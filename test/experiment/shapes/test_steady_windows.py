@@ -34,6 +34,29 @@ def test_every_held_tension_is_a_window_and_no_way_between_is() -> None:
         assert window.stop == pytest.approx(4.0 * number + 3.0, abs=0.2)
 
 
+def in_messages_of_their_own(columns: np.ndarray) -> np.ndarray:
+    """Rows that hold one of ``columns`` (n, tendons) each by turns, NaN for the others."""
+    rows = np.full(columns.shape, np.nan)
+    turn = np.arange(len(rows)) % columns.shape[1]
+    rows[np.arange(len(rows)), turn] = columns[np.arange(len(rows)), turn]
+    return rows
+
+
+def test_what_is_read_in_messages_of_their_own_holds_until_it_is_read_again() -> None:
+    time = np.arange(0.0, 12.0, 0.01)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((time.size, 2))
+    steps = np.stack([np.where(time < 4.0, 0.02, 0.05), np.where(time < 8.0, 0.01, 0.04)], axis=1)
+    rows = np.hstack([in_messages_of_their_own(steps + noise), np.full((time.size, 1), np.nan)])
+    for read in (rows, rows[1:]):  # the second begins with the other tendon
+        found = steady_windows(time[-len(read) :], read, SteadyRule())
+        held = np.array([[0.02, 0.01], [0.05, 0.01], [0.05, 0.04]])
+        assert np.array([window.tensions[:2] for window in found]) == pytest.approx(held, abs=2e-4)
+        assert [window.stop for window in found] == pytest.approx([4.0, 8.0, 12.0], abs=0.1)
+    assert SteadyRule().tolerance_for(rows) == pytest.approx(4e-3, rel=0.1)
+    ramps = ramp_windows(time, in_messages_of_their_own(steps), 0.01)
+    assert [window.start for window in ramps] == pytest.approx([0.0, 4.0, 8.0], abs=0.03)
+
+
 def test_a_ramp_is_cut_into_windows_of_tension() -> None:
     time = np.arange(0.0, 20.0, 0.01)
     pulled = np.interp(time, [0.0, 10.0, 20.0], [0.0, 3.0, 0.0])[:, np.newaxis]
