@@ -2,7 +2,8 @@
 
 Python runs signal handlers between its instructions, so an exception raised by the handler ends a
 solve after the NumPy call in progress, less than a second at the largest sizes of `core.limits`.
-It is raised within callbacks only, and caught there: executors log what callbacks raise.
+It is raised within callbacks only, and caught there: executors log what callbacks raise. Where
+numba compiles, LLVM calls Python back and loses what that raises: the signal then comes again.
 """
 
 from __future__ import annotations
@@ -11,9 +12,13 @@ import contextlib
 import functools
 import signal
 from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Any
 
 from rclpy.context import Context
+
+_CALLED_BY_LLVM = ('llvmlite.binding.executionengine', '_raw_object_cache_')  # module, functions
+_AGAIN = 0.01  # [s]
 
 
 class _Interruption(BaseException):
@@ -28,15 +33,27 @@ class _State:
 def install() -> None:
     """Handle SIGINT and SIGTERM in this process; call it before rclpy adds its own handlers."""
     _State.has_come = _State.is_running = False
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, _on_signal)
 
 
-def _on_signal(number: int, frame: object) -> None:
+def _on_signal(number: int, frame: FrameType | None) -> None:
     _State.has_come = True
-    if _State.is_running:
+    if _State.is_running and _is_called_by_llvm(frame):
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+    elif _State.is_running:
         _State.is_running = False  # raised once: a second signal must not interrupt the clean-up
         raise _Interruption
+
+
+def _is_called_by_llvm(frame: FrameType | None) -> bool:
+    module, functions = _CALLED_BY_LLVM
+    while frame is not None:
+        if frame.f_globals.get('__name__') == module:
+            if frame.f_code.co_name.startswith(functions):
+                return True
+        frame = frame.f_back
+    return False
 
 
 def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:

@@ -48,16 +48,21 @@ class Controls:
         self._topic, self._later = topic, later
         self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
+        self._shown = np.zeros(self.highest.size)  # of each slider, last set by either side
         self._add_figures()
         self._add_sliders()
         self._add_copies()
         self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
-        """Set the sliders to the commanded tensions."""
-        for slider, tension in zip(self._sliders, self._commander.tensions.tolist(), strict=True):
+        """Set the sliders whose tensions were commanded by something else to what was."""
+        tensions = self._commander.tensions
+        # One that was moved meanwhile is ahead of its command: set, it would jump back.
+        for tendon in np.flatnonzero(tensions != self._shown):
+            slider = self._sliders[tendon]
             # Rounding may exceed the maximum of the slider. mypy misses the setter.
-            slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
+            slider.value = min(round(float(tensions[tendon]), 4), slider.max)  # type: ignore[misc]
+        self._shown = tensions.copy()
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
 
@@ -105,8 +110,9 @@ class Controls:
         )
         self._sliders.append(slider)
 
+        # A coroutine is called at once and in order, a function by any of many threads.
         @slider.on_update
-        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # from a browser, not by `follow`
                 value = event.target.value
                 self._later(lambda: self._pull(tendon, value))
@@ -114,6 +120,7 @@ class Controls:
     def _pull(self, tendon: int, tension: float) -> None:
         self._problem.content = ''
         self._commander.pull(tendon, tension)
+        self._shown[tendon] = tension
 
     def add_profiles(self) -> None:
         """Add the controls that play movements, within the current container."""

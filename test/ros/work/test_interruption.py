@@ -32,6 +32,48 @@ PATCHES = {
     'service': 'services.find_tensions',
 }
 
+# What comes while LLVM calls back is lost there, but not what comes of it.
+COMPILING = """
+import ctypes, os, signal, sys, time
+from types import SimpleNamespace
+from llvmlite.binding.executionengine import ExecutionEngine
+from octo_arm_model.core.solver import Solver
+from octo_arm_model.ros.node import main as node
+seen = []
+def keep(module, code):
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(0.05)
+    seen.append(code)
+engine = SimpleNamespace(_object_cache_notify=keep, _find_module_ptr=lambda pointer: engine)
+code = ctypes.create_string_buffer(b'code')
+given = SimpleNamespace(module_ptr=1, buf_ptr=ctypes.addressof(code), buf_len=4)
+data = SimpleNamespace(contents=given)
+@ctypes.CFUNCTYPE(None)
+def compiled():
+    ExecutionEngine._raw_object_cache_notify(engine, data)
+def endless(*given, **named):
+    compiled()
+    time.sleep(1000)
+Solver.solve = endless
+status = node.main(['--ros-args', '--params-file', {config!r}])
+assert seen == [b'code'], 'what LLVM said was lost'
+sys.exit(status)
+"""
+
+
+def test_a_signal_ends_a_node_that_compiles_and_nothing_of_it_is_lost():
+    pytest.importorskip('llvmlite', reason='needs numba')
+    process = subprocess.Popen(
+        [sys.executable, '-c', COMPILING.format(config=str(CONFIG_FILE))],
+        env=environment(new_domain()), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        complaints = check_end(process, 0)
+    finally:
+        process.kill()
+        process.communicate()
+    assert 'xception' not in complaints, complaints
+
 
 @pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])
 @pytest.mark.parametrize('what', PATCHES)

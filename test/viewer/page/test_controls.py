@@ -1,4 +1,6 @@
-"""The figures and the range of the sliders."""
+"""The figures and the range of the sliders, and whom they follow."""
+
+import asyncio
 
 import numpy as np
 import pytest
@@ -6,8 +8,7 @@ from checkout import PRESETS
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-pytest.importorskip('viser', reason='needs viser')
-
+viser = pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
 from octo_arm_model.apps.demo import movement_of
@@ -16,6 +17,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import figures, highest_tensions
+from octo_arm_model.viewer.commander import Commander
+from octo_arm_model.viewer.page.controls import Controls
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 
@@ -39,3 +42,40 @@ def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
     for tensions in figures(arm).values():
         assert (tensions <= highest + 1e-12).all()
     find_profile(movement_of(arm), arm)
+
+
+def test_a_slider_that_was_moved_meanwhile_does_not_jump_back():
+    server = viser.ViserServer('127.0.0.1', 0, verbose=False)
+    try:
+        commander = Commander(np.zeros(12))
+        actions = []
+        controls = Controls(server, CONFIG, commander, '/tendon_commands', actions.append)
+        with server.gui.add_folder('Profile'):
+            controls.add_profiles()
+        slider = controls._sliders[4]
+
+        def move(value):
+            """As viser does where a browser says so: the value first, then what listens."""
+            slider._impl.value = value
+            event = viser.GuiEvent(client=None, client_id=1, target=slider)
+            asyncio.run(slider._impl.update_cb[0](event))
+
+        def act():
+            while actions:
+                actions.pop(0)()
+
+        move(0.02)
+        controls.follow()
+        assert slider.value == 0.02  # nothing else is commanded yet
+        act()
+        move(0.04)  # between its command and what the page shows
+        controls.follow()
+        assert slider.value == 0.04
+        act()
+        assert commander.tensions[4] == 0.04
+        commander.move(np.zeros(12), 0.0, 1.0)
+        commander.advance(2.0)
+        controls.follow()
+        assert slider.value == 0.0  # something else is commanded
+    finally:
+        server.stop()
