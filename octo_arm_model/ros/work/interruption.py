@@ -31,7 +31,10 @@ class _State:
 
 
 def install() -> None:
-    """Handle SIGINT and SIGTERM in this process; call it before rclpy adds its own handlers."""
+    """Handle SIGINT and SIGTERM in this process; call it before rclpy adds its own handlers.
+
+    SIGALRM is taken for a signal that has to come again.
+    """
     _State.has_come = _State.is_running = False
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, _on_signal)
@@ -49,9 +52,9 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 def _is_called_by_llvm(frame: FrameType | None) -> bool:
     module, functions = _CALLED_BY_LLVM
     while frame is not None:
-        if frame.f_globals.get('__name__') == module:
-            if frame.f_code.co_name.startswith(functions):
-                return True
+        is_theirs = frame.f_globals.get('__name__') == module
+        if is_theirs and frame.f_code.co_name.startswith(functions):
+            return True
         frame = frame.f_back
     return False
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -48,21 +49,21 @@ class Controls:
         self._topic, self._later = topic, later
         self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
-        self._shown = np.zeros(self.highest.size)  # of each slider, last set by either side
+        # Where browsers have moved each slider to, until that is commanded [N].
+        self._moved: list[deque[float]] = []
         self._add_figures()
         self._add_sliders()
         self._add_copies()
         self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
-        """Set the sliders whose tensions were commanded by something else to what was."""
-        tensions = self._commander.tensions
-        # One that was moved meanwhile is ahead of its command: set, it would jump back.
-        for tendon in np.flatnonzero(tensions != self._shown):
-            slider = self._sliders[tendon]
-            # Rounding may exceed the maximum of the slider. mypy misses the setter.
-            slider.value = min(round(float(tensions[tendon]), 4), slider.max)  # type: ignore[misc]
-        self._shown = tensions.copy()
+        """Set the sliders to the commanded tensions, but for those whose command is due."""
+        tensions = self._commander.tensions.tolist()
+        for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
+            # One that a browser moves farther meanwhile would jump back.
+            if not moved and round(tension, 4) != round(slider.value, 4):
+                # Rounding may exceed the maximum of the slider. mypy misses the setter.
+                slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
         is_playing = self._commander.profile is not None
         self._play.visible, self._stop.visible = not is_playing, is_playing
 
@@ -108,19 +109,20 @@ class Controls:
             initial_value=0.0,
             hint=f'Commanded tension of {name} [N]',
         )
+        moved = deque[float]()
         self._sliders.append(slider)
+        self._moved.append(moved)
 
         # A coroutine is called at once and in order, a function by any of many threads.
         @slider.on_update
         async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # from a browser, not by `follow`
-                value = event.target.value
-                self._later(lambda: self._pull(tendon, value))
+                moved.append(event.target.value)
+                self._later(lambda: self._pull(tendon, moved.popleft()))
 
     def _pull(self, tendon: int, tension: float) -> None:
         self._problem.content = ''
         self._commander.pull(tendon, tension)
-        self._shown[tendon] = tension
 
     def add_profiles(self) -> None:
         """Add the controls that play movements, within the current container."""

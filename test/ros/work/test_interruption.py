@@ -61,12 +61,16 @@ sys.exit(status)
 """
 
 
+def started(program, domain):
+    return subprocess.Popen(
+        [sys.executable, '-c', program], env=environment(domain),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
 def test_a_signal_ends_a_node_that_compiles_and_nothing_of_it_is_lost():
     pytest.importorskip('llvmlite', reason='needs numba')
-    process = subprocess.Popen(
-        [sys.executable, '-c', COMPILING.format(config=str(CONFIG_FILE))],
-        env=environment(new_domain()), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = started(COMPILING.format(config=str(CONFIG_FILE)), new_domain())
     try:
         complaints = check_end(process, 0)
     finally:
@@ -80,10 +84,7 @@ def test_a_signal_ends_a_node_that_compiles_and_nothing_of_it_is_lost():
 def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
     domain = new_domain()
     program = PROGRAM.format(patch=PATCHES[what], signal=name, config=str(CONFIG_FILE))
-    process = subprocess.Popen(
-        [sys.executable, '-c', program], env=environment(domain),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = started(program, domain)
     client = NodeClient(domain)
     service = client.node.create_client(FindTensions, 'find_tensions')
 

@@ -44,38 +44,63 @@ def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
     find_profile(movement_of(arm), arm)
 
 
-def test_a_slider_that_was_moved_meanwhile_does_not_jump_back():
-    server = viser.ViserServer('127.0.0.1', 0, verbose=False)
-    try:
-        commander = Commander(np.zeros(12))
-        actions = []
-        controls = Controls(server, CONFIG, commander, '/tendon_commands', actions.append)
+class _Moved:
+    """Controls whose sliders are moved as a browser does, and whose actions run when told to."""
+
+    def __init__(self, server):
+        self.commander, self._actions = Commander(np.zeros(12)), []
+        self.controls = Controls(
+            server, CONFIG, self.commander, '/tendon_commands', self._actions.append
+        )
         with server.gui.add_folder('Profile'):
-            controls.add_profiles()
-        slider = controls._sliders[4]
+            self.controls.add_profiles()
+        self.slider = self.controls._sliders[4]
 
-        def move(value):
-            """As viser does where a browser says so: the value first, then what listens."""
-            slider._impl.value = value
-            event = viser.GuiEvent(client=None, client_id=1, target=slider)
-            asyncio.run(slider._impl.update_cb[0](event))
+    def move(self, value):
+        """As viser does where a browser says so: the value first, then what listens."""
+        self.slider._impl.value = value
+        event = viser.GuiEvent(client=None, client_id=1, target=self.slider)
+        asyncio.run(self.slider._impl.update_cb[0](event))
 
-        def act():
-            while actions:
-                actions.pop(0)()
+    def act(self):
+        while self._actions:
+            self._actions.pop(0)()
 
-        move(0.02)
-        controls.follow()
-        assert slider.value == 0.02  # nothing else is commanded yet
-        act()
-        move(0.04)  # between its command and what the page shows
-        controls.follow()
-        assert slider.value == 0.04
-        act()
-        assert commander.tensions[4] == 0.04
-        commander.move(np.zeros(12), 0.0, 1.0)
-        commander.advance(2.0)
-        controls.follow()
-        assert slider.value == 0.0  # something else is commanded
-    finally:
-        server.stop()
+    def command_rest(self):
+        self.commander.move(np.zeros(12), 0.0, 1.0)
+        self.commander.advance(2.0)
+
+
+@pytest.fixture
+def moved():
+    server = viser.ViserServer('127.0.0.1', 0, verbose=False)
+    yield _Moved(server)
+    server.stop()
+
+
+def test_a_slider_that_was_moved_meanwhile_does_not_jump_back(moved):
+    moved.move(0.02)
+    moved.controls.follow()
+    assert moved.slider.value == 0.02  # nothing else is commanded yet
+    moved.act()
+    moved.move(0.04)  # between its command and what the page shows
+    moved.controls.follow()
+    assert moved.slider.value == 0.04
+    moved.act()
+    assert moved.commander.tensions[4] == 0.04
+    moved.move(0.0412345)
+    moved.act()
+    moved.controls.follow()
+    assert moved.slider.value == 0.0412345  # it is where it was moved to, not rounded
+    moved.command_rest()
+    moved.controls.follow()
+    assert moved.slider.value == 0.0  # something else is commanded
+
+
+def test_a_slider_that_was_moved_during_a_movement_shows_what_it_commands(moved):
+    moved.move(0.02)
+    moved.commander.pull(4, 0.1)  # as a movement does until the slider's command
+    moved.controls.follow()
+    moved.act()
+    moved.controls.follow()
+    assert moved.slider.value == moved.commander.tensions[4] == 0.02
