@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import faulthandler
 import sys
 from collections.abc import Callable
@@ -78,7 +79,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         return fail(name, error, 1)
     logger = rclpy.logging.get_logger(name)
     show_logs(lambda text, is_warning: (logger.warning if is_warning else logger.info)(text))
-    node = None
+    node = executor = None
     try:
         node = interruptible(make_node)()
         if node is None:
@@ -94,6 +95,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         # A signal may end the context while the executor builds its wait set on it.
         if rclpy.ok():
             raise
+        # It has then lost count of its callbacks, and would abort the process when it is freed.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(executor))
     except (OctoArmError, ParameterException) as error:
         hint = '(parameters come from --ros-args --params-file FILE)'
         return fail(name, f'{error} {hint}', 1)
