@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,14 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile('octo_arm_model')
+
+
+def pytest_configure() -> None:
+    """Let programs under test hear signals that shells have their background jobs ignore."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            how = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+            signal.signal(number, how)
 
 
 @pytest.fixture(params=PAPERS_PRESETS)

@@ -15,11 +15,15 @@ _END_TIMEOUT = 10.0  # [s] from SIGTERM to SIGKILL
 
 
 def stop_signals() -> Callable[[], bool]:
-    """Handle SIGINT, SIGTERM and SIGHUP; returns a function that tells whether one has come."""
+    """Handle SIGINT, SIGTERM and SIGHUP; returns a function that tells whether one has come.
+
+    SIGHUP stays ignored where it is, so that a program outlives its terminal under `nohup`.
+    """
     is_over = threading.Event()
-    # SIGINT too, because shells start background processes with it ignored.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, frame: is_over.set())
+        # `nohup` ignores SIGHUP on purpose. SIGINT is ignored by any shell's background job.
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: is_over.set())
     return is_over.is_set
 
 
