@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
 from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
@@ -42,7 +44,8 @@ class StepComparison:
         errors: distances between the two.
         direction: from which side its tensions were reached, of `branches.directions`.
         bend: signed error of the tip, along the way it moves as tensions rise: > 0 where the arm
-            bends farther than the model [m]; NaN where no tendon is pulled.
+            bends farther than the model [m]; NaN where no tendon is pulled, the tip was not
+            measured, or friction leaves the way open.
     """
 
     number: int
@@ -150,12 +153,9 @@ def compare(
         else:
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
-        # With friction the way a softer arm goes is that of a pull from slack.
-        pulled = solver.solve(backbone.tensions) if solver.arm.friction else backbone
-        softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
-        bend = part_along(measured[-1] - backbone.position[-1], softer, STILL * solver.arm.length)
-        if errors.tip is None:
-            bend = float('nan')
+        bend = math.nan
+        if errors.tip is not None:
+            bend = _bend(solver, backbone, measured[-1])
         steps.append(
             StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
         )
@@ -167,3 +167,14 @@ def compare(
     return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
     )
+
+
+def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:
+    """`StepComparison.bend` of a ``tip`` measured in base_frame (3,) [m]."""
+    try:
+        # With friction the way a softer arm goes is that of a pull from slack.
+        pulled = solver.solve(backbone.tensions) if solver.arm.friction else backbone
+        softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
+    except SolveError:  # between sticking and sliding there is no derivative
+        return math.nan
+    return part_along(tip - backbone.position[-1], softer, STILL * solver.arm.length)

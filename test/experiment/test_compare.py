@@ -77,3 +77,11 @@ def test_steps_without_an_answer_are_named_and_the_others_compared() -> None:
     assert comparison.refused[0].startswith('step 2: tensions compress the arm to nothing')
     with pytest.raises(SolveError, match='closed_form has no answer for any step; step 1'):
         compare(seen[1:], PARAMETERS, 'closed_form', None)
+
+
+def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_bend() -> None:
+    rough = {**PARAMETERS, 'tendons.friction': [0.2]}
+    seen = shapes([answer(0.0)], [one_tendon(0.0)])
+    (step,) = compare(seen, rough, 'exact', Alignment.none()).steps
+    assert step.errors.tip == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(step.bend)
