@@ -61,7 +61,14 @@ class CameraCheck:
 
         Without the estimator the shape is that of ``solver`` under the ``tensions`` (n, tendons)
         [N] measured at ``time`` (n,) [s].
+
+        Raises:
+            MeasurementError: if an alignment is to be fitted to tips.
         """
+        if frames.alignment is None and any(len(line) < 2 for line in frames.lines):
+            raise MeasurementError(
+                'tips alone do not tell the pose of the camera, expected --align with its pose'
+            )
         self._frames, self._solver = frames, solver
         self._time, self._tensions = time, np.maximum(tensions, 0.0)
         self._next = 0
@@ -82,11 +89,7 @@ class CameraCheck:
         self._last = new
 
     def errors(self) -> CameraErrors | None:
-        """Of all frames with an estimate; None if there are none.
-
-        Raises:
-            MeasurementError: if an alignment is to be fitted to tips.
-        """
+        """Of all frames with an estimate; None if there are none."""
         kept, plain = [], []
         last: Backbone | None = None
         for number, position in self._pairs:
@@ -126,15 +129,7 @@ def _distances(
 
 
 def _fitted(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignment:
-    """The rigid motion that brings midlines nearest to shapes, outliers apart.
-
-    Raises:
-        MeasurementError: if tips alone were measured.
-    """
-    if any(len(line) < 2 for line in lines):
-        raise MeasurementError(
-            'tips alone do not tell the pose of the camera, expected --align with its pose'
-        )
+    """The rigid motion that brings midlines nearest to shapes, outliers apart."""
     seen = np.concatenate(lines)
     fractions = [np.linspace(0.0, 1.0, len(line)) for line in lines]
     kept = np.ones(len(seen), dtype=bool)
