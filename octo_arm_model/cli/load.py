@@ -13,13 +13,15 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 _DESCRIPTION = """\
 Exchange the arm of a running node for that of CONFIG, between two messages: all parameters are set
 together, or none of them where they do not describe an arm, and then the node's reason is told.
 Parameters of the arm that CONFIG does not name return to their defaults, base_frame, base.position
-and frame_prefix among them; those of the simulator stay as they are unless CONFIG names them.
+and frame_prefix among them; those of simulator and estimator stay as they are unless CONFIG names
+them.
 
 `ros2 param load` sets the parameters of a file one by one instead. Each of them has to describe an
 arm together with all others as they are at that moment, so that some are taken and some refused.
@@ -33,6 +35,7 @@ examples:
   ros2 param dump /octo_arm > kept.yaml                   # and, later, the same arm again:
   octo-arm load kept.yaml
 """
+_OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 _NO_ROS = 'needs ROS 2 ({} is missing): source one, or put tools/with_ros in front'
 
 
@@ -56,14 +59,14 @@ def _run(options: argparse.Namespace) -> None:
     path = find_path(options.config)
     values = load_parameters(path)
     names = [parameter.name for parameter in PARAMETERS]
-    others = [parameter.name for parameter in SIMULATOR_PARAMETERS]
     with naming(path):
-        refuse_unknown(values, [*names, *others], 'arm or simulator')
+        known = [*names, *(parameter.name for parameter in _OTHERS)]
+        refuse_unknown(values, known, 'arm, simulator or estimator')
         # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
     try:
         from octo_arm_model.ros.client.arm_swap import swap_arm
     except ModuleNotFoundError as error:
         raise ConfigError(_NO_ROS.format(error.name)) from error
-    swap_arm(values, options.node, options.wait)
+    swap_arm(values, _OTHERS, options.node, options.wait)
     print(f'{options.node} has the arm of {path}')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -14,16 +14,17 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
-from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 _QUESTIONS = 2  # asked before a node counts as one that does not answer
 
 
-def swap_arm(values: Mapping[str, Any], node_name: str, timeout: float) -> None:
+def swap_arm(
+    values: Mapping[str, Any], others: Sequence[Parameter], node_name: str, timeout: float
+) -> None:
     """Give the node ``node_name`` the arm that ``values`` describe, in one step or not at all.
 
     Parameters of the arm missing in ``values`` return to their defaults; other parameters of the
@@ -31,6 +32,7 @@ def swap_arm(values: Mapping[str, Any], node_name: str, timeout: float) -> None:
 
     Args:
         values: by their dotted names.
+        others: parameters that the node may have besides those of the arm.
         node_name: with its namespace, such as ``/octo_arm``.
         timeout: to wait for the node, and then for each of its answers [s].
 
@@ -40,12 +42,18 @@ def swap_arm(values: Mapping[str, Any], node_name: str, timeout: float) -> None:
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        _swap(rclpy.create_node('octo_arm_load'), values, node_name, timeout)
+        _swap(rclpy.create_node('octo_arm_load'), values, others, node_name, timeout)
     finally:
         rclpy.try_shutdown()
 
 
-def _swap(node: Node, values: Mapping[str, Any], node_name: str, timeout: float) -> None:
+def _swap(
+    node: Node,
+    values: Mapping[str, Any],
+    others: Sequence[Parameter],
+    node_name: str,
+    timeout: float,
+) -> None:
     try:
         client = AsyncParameterClient(node, node_name)
     except NameValidationException as error:
@@ -60,7 +68,7 @@ def _swap(node: Node, values: Mapping[str, Any], node_name: str, timeout: float)
     arm = {parameter.name: parameter for parameter in PARAMETERS}
     if not names >= arm.keys():
         raise ConfigError(f'{node_name} has no arm, expected an octo_arm_node or octo_arm_sim')
-    known = arm | {p.name: p for p in SIMULATOR_PARAMETERS if p.name in names}
+    known = arm | {p.name: p for p in others if p.name in names}
     refuse_unknown(values, list(known), node_name)
     wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
     wanted.update(values)

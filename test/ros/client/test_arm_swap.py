@@ -54,7 +54,11 @@ def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client):
     [
         ('length: 0.45', 'length: -1.0', 'body.length is -1.0, expected a finite number > 0 [m]'),
         ('length: 0.45', '', 'body.length is missing, expected double'),
-        ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of arm or simulator; did you'),
+        (
+            'length: 0.45',
+            'girth: 0.45',
+            'body.girth is no parameter of arm, simulator or estimator; did',
+        ),
         ('stations: 101', 'stations: 3', '/octo_arm stays as it is: stations is 3, expected'),
         ('/**:', 'nothing', 'not valid YAML'),
     ],
@@ -119,7 +123,7 @@ def test_what_is_not_answered_is_asked_again(client, monkeypatch):
     monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
     values = load_parameters(preset_path('renda2012_table2'))
-    swap_arm(values, '/octo_arm', 20.0)
+    swap_arm(values, (), '/octo_arm', 20.0)
     assert len(asked) == 2
     assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
@@ -132,4 +136,17 @@ def test_the_simulator_keeps_what_is_its_own():
         assert (status, complaints) == (0, '')
         after = simulator.dump()
         assert after['winches.lag'] == 0.5
+        assert after['sections.anchorage'] == [0.27]
+
+
+def test_an_estimator_takes_what_is_its_own(tmp_path):
+    given = tmp_path / 'arm.yaml'
+    own = '    estimator: {force_stddev: 0.5}\n'
+    given.write_text(preset_path('renda2012_prototype').read_text().rstrip() + '\n' + own)
+    with running('ros.estimator.main', node='octo_arm_estimator') as estimator:
+        estimator.dump()
+        status, _, complaints = load(estimator, given, '--node', '/octo_arm_estimator')
+        assert (status, complaints) == (0, '')
+        after = estimator.dump()
+        assert after['estimator.force_stddev'] == 0.5
         assert after['sections.anchorage'] == [0.27]
