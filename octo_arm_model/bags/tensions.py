@@ -14,10 +14,10 @@ from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import BagError, TensionError
+from octo_arm_model.core.errors import BagError, MessageError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.displacement_messages import read_displacements
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.stamp import Stamp, time_of
 from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage
 
@@ -190,8 +190,14 @@ def read_lengths(reader: BagReader, arm: Arm, records: Sequence[Record]) -> list
 
 
 def stampable(reading: Reading) -> Reading:
-    """The ``reading``, refused where no stamp can hold the time of its receipt."""
-    if reading.is_refused or -(2**31) <= reading.stamp.sec < 2**31:
+    """The ``reading``, refused where its stamp is no time, or cannot hold that of its receipt."""
+    if reading.is_refused:
         return reading
-    reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
-    return Reading(reading.stamp, None, reason)
+    if not -(2**31) <= reading.stamp.sec < 2**31:
+        reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
+        return Reading(reading.stamp, None, reason)
+    try:
+        time_of(reading.stamp)
+    except MessageError as error:
+        return Reading(reading.stamp, None, str(error))
+    return reading

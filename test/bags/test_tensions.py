@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -132,3 +133,17 @@ def test_every_topic_of_tensions_is_read(tmp_path: Path, topic: str) -> None:
     np.testing.assert_array_equal([one.tensions for one in found], tensions)
     late = 0 if TENSION_TOPICS[topic[1:]].has_stamp else 1000  # by receipt
     assert [one.stamp_ns for one in found] == [START + i * STEP + late for i in range(300)]
+
+
+@pytest.mark.parametrize('sec', [-1, 3])
+@pytest.mark.parametrize('place', [0, 150])
+def test_a_stamp_that_is_no_time_is_refused_as_by_the_node(
+    tmp_path: Path, sec: int, place: int
+) -> None:
+    content = samples(ARM, random_tensions(ARM, 300))
+    data = bytearray(content[place].data)
+    data[4:12] = struct.pack('<iI', sec, 2 * 10**9 if sec > 0 else 0)
+    content[place] = content[place]._replace(data=bytes(data))
+    found = readings_of(write_bag(tmp_path / 'bag', content))
+    assert [i for i, one in enumerate(found) if one.tensions is None] == [place]
+    assert f'its stamp is {sec} s and' in found[place].reason
