@@ -6,9 +6,10 @@ base_frame. A `Load` of another kind states its resultants and their derivatives
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from types import NoneType
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -64,6 +65,7 @@ class DeformedRod(Protocol):
         """Integral along s of ``values`` (..., points) from each point to the tip."""
 
 
+@runtime_checkable
 class Load(Protocol):
     """A load of another kind, given as ``Loads(others=...)``."""
 
@@ -132,6 +134,10 @@ class DistributedLoad:
     def __post_init__(self) -> None:
         """Validate."""
         name = 'loads.distributed'
+        for values in (self.s, self.force):
+            if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
+                expected = 'lists of s and of force, one force for each s'
+                raise ArmDefinitionError(name, values, expected)
         if len(self.s) > MAX_TABLE_POINTS:
             raise ArmDefinitionError(f'{name}: number of points', len(self.s), _AT_MOST_POINTS)
         s = tuple(not_negative(f'{name}.s', value, 'arc coordinate', 'm') for value in self.s)
@@ -147,6 +153,11 @@ class DistributedLoad:
     def at(self, s: FloatArray) -> FloatArray:
         """Force per reference length (3, n) at ``s`` (n,), between the first and last point."""
         return np.stack([np.interp(s, self.s, column) for column in zip(*self.force)])
+
+
+_LISTS: dict[str, type[Any]] = {
+    'points': PointLoad, 'distributed': DistributedLoad, 'others': Load,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -183,12 +194,17 @@ class Loads:
             object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
         density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
         object.__setattr__(self, 'fluid_density', density)
-        for name in ('points', 'distributed', 'others'):
-            given = tuple(getattr(self, name))
+        for name, kind in _LISTS.items():
+            listed = getattr(self, name)
+            given = tuple(listed) if isinstance(listed, Iterable) else ()
+            if not isinstance(listed, Iterable) or not all(isinstance(one, kind) for one in given):
+                raise ArmDefinitionError(f'loads.{name}', listed, f'a list of {kind.__name__}')
             if len(given) > MAX_POINT_LOADS:
                 expected = f'at most {MAX_POINT_LOADS}'
                 raise ArmDefinitionError(f'number of loads.{name}', len(given), expected)
             object.__setattr__(self, name, given)
+        if not isinstance(self.scaled, (ScaledLoads, NoneType)):
+            raise ArmDefinitionError('loads.scaled', self.scaled, 'ScaledLoads or None')
 
     @property
     def any(self) -> bool:
@@ -246,6 +262,13 @@ class ScaledLoads:
     """
 
     def __init__(self, loads: Sequence[Loads]) -> None:
-        """Of ``loads``."""
+        """Of ``loads``.
+
+        Raises:
+            ArmDefinitionError: if one is not dead, or has a wrench on the tip.
+        """
         self.loads = tuple(loads)
+        for load in self.loads:
+            if not isinstance(load, Loads) or load.tip_wrench.any() or load.others or load.scaled:
+                raise ArmDefinitionError('scaled loads', load, 'dead Loads without a tip wrench')
         self.magnitudes = np.zeros(len(self.loads))

@@ -48,7 +48,7 @@ STRAIGHT = 1e-3
 # `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
-_KEPT = 64  # loads whose resultants are, and rods
+_KEPT = 256  # loads whose resultants are, and rods
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]

@@ -9,12 +9,18 @@ from typing import TypeAlias
 
 import numpy as np
 
+from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 
 # Derivative of the tip's position and rotation vector by a quantity, (6, n): 'tension',
 # 'youngs_modulus', 'poisson_ratio' or 'offset'; None if the model has none.
 TipBy: TypeAlias = Callable[[str], FloatArray | None]
+
+_UNITS = {
+    'tension': 'N', 'youngs_modulus': '-', 'poisson_ratio': '-', 'offset': 'm',
+    'model_position': 'm', 'model_rotation': 'rad', 'displacement': 'm',
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,9 @@ class Uncertainty:
         model_position: of each coordinate of the tip, by the error of the model [m].
         model_rotation: of each component of its rotation vector, likewise [rad].
         displacement: of every displacement of a tendon that is driven by length [m].
+
+    Raises:
+        ArmDefinitionError: if one is not finite, or negative.
     """
 
     tension: float = 0.0
@@ -62,6 +71,13 @@ class Uncertainty:
     model_position: float = 0.0
     model_rotation: float = 0.0
     displacement: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, unit in _UNITS.items():
+            value = getattr(self, name)
+            value = not_negative(f'uncertainty.{name}', value, 'standard deviation', unit)
+            object.__setattr__(self, name, value)
 
     @functools.cached_property
     def is_any(self) -> bool:
