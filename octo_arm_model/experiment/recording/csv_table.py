@@ -25,6 +25,7 @@ TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {'N': 1.0, 'mN': 1e-3}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
+_FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _TOGETHER = 4096  # rows counted at a time
 
@@ -141,8 +142,8 @@ def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
     """
     with reading(path, MeasurementError):
         text = read_text(path, MAX_CSV_BYTES)
-    head = text.split('\n', 1)[0]
-    separator = max((',', ';', '\t'), key=head.count)
+    head = _FIRST.search(text)
+    separator = max((',', ';', '\t'), key=head[0].count) if head else ','
     rows: list[Sequence[str]] = []
     lines: list[int] = []
     columns: tuple[_Column, ...] = ()

@@ -234,3 +234,17 @@ def test_reading_files_is_counted_row_by_row(tmp_path: Path) -> None:
 
 def test_the_tensions_are_those_of_the_study() -> None:
     assert len(TENSIONS) == len(TIP_ERRORS) == 7
+
+
+@pytest.mark.parametrize('before', ['\n', '  \n\n', ';;;;\n'])
+def test_lines_without_a_word_before_the_header_say_nothing_of_separators(
+    tmp_path: Path, before: str
+) -> None:
+    from octo_arm_model.experiment.recording.count import Count
+    from octo_arm_model.experiment.recording.csv_table import read_csv
+
+    path = tmp_path / 'loads.csv'
+    path.write_text(before + LOADS.replace(',', ';'))
+    table = read_csv(path, {}, Count(lambda done, total: None))
+    assert [column.name for column in table.columns][:2] == ['time', 'tendon_1_1']
+    assert table.numbers('tendon_1_1', {'N': 1.0}, 'N').tolist() == [1.0]
