@@ -22,6 +22,7 @@ from octo_arm_model.cli.options.shared import (
     add_value,
     new_command,
     read_config_option,
+    refuse_without_effect,
 )
 from octo_arm_model.cli.output.estimate import as_dict, summary
 from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
@@ -135,6 +136,8 @@ def _run(options: argparse.Namespace) -> int:
     check_out(options, '--csv', folder=True)
     check_out(options, '--plot', folder=False, draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
+    if options.out is None:
+        refuse_without_effect(options, ('--rate', '--no-copy', '--storage'), 'without --out')
     sources, out = _sources(options), options.out
     with contextlib.ExitStack() as opened:
         reader = opened.enter_context(BagReader(options.bag))

@@ -17,6 +17,7 @@ from octo_arm_model.cli.options.shared import (
     add_path,
     new_command,
     read_highest,
+    refuse_without_effect,
 )
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.config.config import Config
@@ -47,6 +48,8 @@ examples:
   octo-arm play rotating --plot rotating.png --csv rotating.csv     # without ROS
 """
 _RATES = (1.0, 1000.0)  # [Hz]
+_OF_PLAYING = '--loop', '--hold', '--topic', '--wait'
+_OF_ONE = '--highest', '--speed', '--rate', '--csv', '--plot'
 _NO_ROS = (
     'playing needs ROS 2 and the package octo_arm_msgs ({} is missing): source them, or put '
     'tools/with_ros in front; --list, --csv and --plot do without'
@@ -86,10 +89,12 @@ def _run(options: argparse.Namespace) -> None:
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
+        refuse_without_effect(options, (*_OF_PLAYING, *_OF_ONE), 'with --list')
         print(_listing(arm))
         return
     profile = find_profile(options.profile, arm, read_highest(options))
     if options.csv or options.plot:
+        refuse_without_effect(options, _OF_PLAYING, 'with --csv or --plot')
         check_out(options, '--csv', folder=False)
         check_out(options, '--plot', folder=False, draws=True)
         _write(options, profile, arm)

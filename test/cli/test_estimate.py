@@ -180,6 +180,9 @@ def test_the_help_names_every_parameter_and_topic(capsys: pytest.CaptureFixture[
         (['--config', 'nowhere.yaml'], 'nowhere.yaml'),
         (['--tendons', 'a', 'b'], 'tension_names'),
         (['--modulus-stddev', '-0.1'], 'material.youngs_modulus_stddev is -0.1'),
+        (['--no-copy'], '--no-copy has no effect without --out'),
+        (['--storage', 'sqlite3'], '--storage has no effect without --out'),
+        (['--rate', '0'], '--rate has no effect without --out'),
     ],
 )  # fmt: skip
 def test_wrong_options_are_one_line(

@@ -22,7 +22,7 @@ from octo_arm_model.cli.main import main
             (*SOLVE, TENSIONS, '--model', 'exact', '--gravity', '0', '0', '-9.81'),
             'material.density is 0.0, expected a density > 0',
         ),
-        ((*SOLVE, TENSIONS, '--density', '-1'), 'material.density is -1.0, expected'),
+        ((*SOLVE, TENSIONS, '--model', 'exact', '--density', '-1'), 'material.density is -1.0'),
         ((*SOLVE, TENSIONS, '--tip-force', '0', 'nan', '0'), 'loads.tip_force is (0.0, nan'),
         (
             (*SOLVE, TENSIONS, '--model', 'exact', '--tip-force', '0', '1e6', '0'),

@@ -71,6 +71,9 @@ def test_a_profile_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
         (('ramps', '--highest', '['), '--highest is not JSON'),
         (('ramps', '--config', 'nowhere'), "no preset arm 'nowhere'"),
         (('nowhere.csv',), 'nowhere.csv: No such file'),
+        (('ramps', '--csv', 'a.csv', '--loop'), '--loop has no effect with --csv or --plot'),
+        (('ramps', '--plot', 'a.png', '--topic', 'a'), '--topic has no effect with --csv'),
+        (('--list', '--csv', 'a.csv'), '--csv has no effect with --list'),
     ],
 )
 def test_wrong_input_is_one_line_and_status_2(

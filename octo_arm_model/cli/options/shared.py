@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,20 @@ def new_command(
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, default_of=parser.get_default)
     return parser
+
+
+def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Check that options ``names`` are as by default, since they do nothing ``why``.
+
+    Raises:
+        ConfigError: if one is not.
+    """
+    for name in names:
+        key = name.lstrip('-').replace('-', '_')
+        if getattr(options, key) != options.default_of(key):
+            raise ConfigError(f'{name} has no effect {why}')
 
 
 def add_number(
@@ -195,11 +207,14 @@ def read_config(options: argparse.Namespace) -> Config:
         ArmDefinitionError: if a value given on the command line is impossible.
     """
     config = find_config(options.config)
+    model = options.model or config.model
+    if model != 'exact':
+        refuse_without_effect(
+            options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
+        )
     if options.density is not None:
         arm = config.arm.with_density(options.density)
         config = dataclasses.replace(config, arm=arm)
-    if options.material and (options.model or config.model) != 'exact':
-        raise ConfigError('--material goes with --model exact; the others are linear')
     names = ('gravity', 'fluid_density', 'tip_force', 'tip_moment')
     given = {name: getattr(options, name) for name in names}
     loads: dict[str, Any] = {
@@ -209,7 +224,7 @@ def read_config(options: argparse.Namespace) -> Config:
     }
     return dataclasses.replace(
         config,
-        model=options.model or config.model,
+        model=model,
         stations=config.stations if options.stations is None else options.stations,
         law=options.material or config.law,
         loads=dataclasses.replace(config.loads, **loads),
