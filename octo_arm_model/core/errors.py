@@ -16,8 +16,8 @@ def shown(value: object) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """``names`` for a message, of many or long ones not all."""
-    text = ', '.join(name[:_SHOWN] for name in names[:_LISTED])
+    """``names`` on one line for a message, of many or long ones not all."""
+    text = ', '.join(' '.join(name[:_SHOWN].splitlines()) for name in names[:_LISTED])
     more = len(names) - _LISTED
     return f'{text} and {more} more' if more > 0 else text or 'none'
 

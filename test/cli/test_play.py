@@ -85,6 +85,17 @@ def test_wrong_input_is_one_line_and_status_2(
     assert err.count('\n') == 1
 
 
+def test_a_header_of_several_lines_is_named_on_one(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / 'profile.csv'
+    path.write_text('"time\nand",more\n0,1\n')
+    status, _, err = run(capsys, 'play', str(path), '--csv', str(tmp_path / 'out.csv'))
+    assert status == 2
+    assert 'header is time and, more; expected time, tendon_1_1' in err
+    assert err.count('\n') == 1
+
+
 def test_without_ros_playing_says_what_to_do(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

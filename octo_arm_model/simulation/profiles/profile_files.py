@@ -15,7 +15,7 @@ import yaml
 from octo_arm_model.config.csv_files import NUMBER, tension_columns
 from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ProfileError, shown
+from octo_arm_model.core.errors import ProfileError, listed, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
 from octo_arm_model.simulation.profiles.profile import CommandProfile
@@ -103,7 +103,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             # A tendon may be called time as well.
             if sorted(header) != sorted(names) or len(set(names)) < len(names):
                 expected = ', '.join(names)
-                raise _LineError(line, f'header is {", ".join(header)}; expected {expected}')
+                raise _LineError(line, f'header is {listed(header)}; expected {expected}')
             continue
         if len(cells) != len(header):
             raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
