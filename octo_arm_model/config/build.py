@@ -74,8 +74,8 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     )
 
 
-def build_uncertainty(given: Values) -> Uncertainty:
-    """Standard deviations of tensions, displacements, material and tendon offsets.
+def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
+    """Standard deviations of tensions, displacements, material and tendon offsets of ``arm``.
 
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
@@ -94,7 +94,7 @@ def build_uncertainty(given: Values) -> Uncertainty:
     # An error of the curvature, constant along the arm, that moves the tip by d turns it by
     # 2 d / length.
     return Uncertainty(
-        **deviations, model_position=model * given['body.length'], model_rotation=2.0 * model
+        **deviations, model_position=model * arm.length, model_rotation=2.0 * model
     )
 
 

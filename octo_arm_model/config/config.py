@@ -23,7 +23,7 @@ from octo_arm_model.config.yaml_files import read_text
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.core.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES, MIN_RATE
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.kinematics import Pose
@@ -100,19 +100,23 @@ class Config:
             given[parameter.name] = parameter.convert(value)
         if not given['base_frame']:
             raise ConfigError("base_frame is '', expected the name of a frame")
+        for name in ('base_frame', 'frame_prefix'):
+            if given[name].startswith('/'):
+                expected = 'expected no / at its beginning, where tf2 refuses one'
+                raise ConfigError(f'{name} is {shown(given[name])}, {expected}')
         if bool(given['tension_type']) != bool(given['tension_field']):
             raise ConfigError(
                 f'tension_type is {given["tension_type"]!r} and tension_field is '
                 f'{given["tension_field"]!r}, expected both or neither'
             )
         base = Pose(given['base.position'], given['base.quaternion'])
-        uncertainty = build_uncertainty(given)
+        arm = build_arm(given)
+        uncertainty = build_uncertainty(given, arm)
         if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
             raise ConfigError(
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
-        arm = build_arm(given)
         return cls(
             arm=arm,
             base=base,
