@@ -93,9 +93,7 @@ def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
     model = not_negative(name, given[name], 'standard deviation', '-')
     # An error of the curvature, constant along the arm, that moves the tip by d turns it by
     # 2 d / length.
-    return Uncertainty(
-        **deviations, model_position=model * arm.length, model_rotation=2.0 * model
-    )
+    return Uncertainty(**deviations, model_position=model * arm.length, model_rotation=2.0 * model)
 
 
 def _material(given: Values) -> Material:

@@ -44,6 +44,8 @@ DETAILS: dict[str, Any] = {
     TIP_WRENCH: WrenchStamped,
     CONTACT: WrenchStamped,
 }
+_UNIT = 1e-3  # by which the length of a quaternion may be off
+_MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # names in diagnostics, and characters of each
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -72,6 +74,9 @@ class PublishedStrains(NamedTuple):
     xi: FloatArray
     k: FloatArray
     q: FloatArray
+
+
+_STRAINS = PublishedStrains._fields[1:]
 
 
 class ArmClient:
@@ -162,17 +167,20 @@ class ArmClient:
             return
         message = decoded(data, DETAILS[name])
         if name == 'strains':
-            values = (message.s, message.tau, message.xi, message.k, message.q)
-            self.strains = PublishedStrains(message.model, *map(np.asarray, values))
+            parts = (_finite(part, getattr(message, part), len(message.s)) for part in _STRAINS)
+            self.strains = PublishedStrains(message.model, *parts)
         elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
             self._read_covariance(message)
         elif name in (TIP_WRENCH, CONTACT):
             force = message.wrench.force
-            self.force = np.array([force.x, force.y, force.z])
+            self.force = _finite('force', [force.x, force.y, force.z])
         else:
-            self.tip_deviation = np.sqrt(message.pose.covariance.reshape(6, 6).diagonal()[:3])
+            variance = _finite('covariance', message.pose.covariance).reshape(6, 6).diagonal()[:3]
+            if variance.min() < 0.0:
+                raise MessageError('covariance has variances below zero')
+            self.tip_deviation = np.sqrt(variance)
 
     @property
     def problem(self) -> str:
@@ -218,10 +226,12 @@ class ArmClient:
             if status.hardware_id.rpartition('/')[0] != self._namespace:
                 continue
             what = status.name.rpartition(': ')[2]
+            if status.name not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
+                continue
             self._problems[status.name] = ''
             # The output warns of skipped tensions, which are expected at high rates.
             if status.level != DiagnosticStatus.OK and what != 'output':
-                self._problems[status.name] = f'{what}: {status.message}'
+                self._problems[status.name] = f'{what}: {status.message}'[:_LONGEST_PROBLEM]
 
     def _read_tensions(self, message: JointState, arm: Arm) -> None:
         try:
@@ -230,18 +240,36 @@ class ArmClient:
             self.tensions = None  # of another arm, whose description has not arrived yet
 
     def _read_covariance(self, message: Any) -> None:
-        try:
-            self.covariance = read_covariance(message)
-        except OctoArmError:
-            self.covariance = None
+        self.covariance = None
+        found = read_covariance(message)
+        _finite('pose', found.pose)
+        _finite('contact', found.contact)
+        self.covariance = found
 
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
         stamp, poses = read_poses(data)
         if len(poses) < 2:
             return  # not the poses of a backbone
+        _finite('poses', poses)
+        if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
+            raise MessageError('poses have quaternions that are not of length 1')
         received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
         self.shape = PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
         # The publisher's sequence number counts skipped shapes as well; some middleware has none.
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
         self._meter.count(received, number)
+
+
+def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
+    """``values`` of a message, as many as ``size`` if given.
+
+    Raises:
+        MessageError: if they are not so many, or one is not finite.
+    """
+    array = np.asarray(values, np.float64)
+    if size is not None and array.size != size:
+        raise MessageError(f'{name} has {array.size} numbers, expected {size}')
+    if not np.isfinite(array).all():
+        raise MessageError(f'{name} holds numbers that are not finite')
+    return array

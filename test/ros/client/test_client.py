@@ -2,17 +2,23 @@
 
 import contextlib
 
+import numpy as np
 import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import CONFIG_FILE, RosClient, new_domain
 from std_msgs.msg import String
 
+from octo_arm_model import load_config
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
+from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr.estimate import CONTACT
 
 pytestmark = pytest.mark.slow
 TOPICS = {**POSES, 'strains': DETAILS['strains']}
@@ -43,3 +49,83 @@ def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
         publisher.publish(poses if name in POSES else strains)
         wait(lambda: not client.problem, 'a message')
         assert (client.shape if name in POSES else client.strains) is not None
+
+
+def _spoiled(part, change):
+    """A message of a ``part`` of what the node publishes, with a ``change`` to it."""
+    config = load_config(CONFIG_FILE)
+    backbone = config.solver().solve(np.zeros((3, 4)))
+    _, poses, strains = backbone_messages(backbone, Time(), config.base_frame)
+    stations = len(backbone.s)
+    covariance = DETAILS[COVARIANCE](s=backbone.s, pose=np.zeros(36 * stations))
+    messages = {
+        'backbone/poses': poses, 'strains': strains, 'tip_pose': DETAILS['tip_pose'](),
+        COVARIANCE: covariance, CONTACT: DETAILS[CONTACT](),
+    }  # fmt: skip
+    change(messages[part])
+    return messages[part]
+
+
+def _set(path, value):
+    *places, last = path.split('.')
+
+    def change(message):
+        for place in places:
+            message = message[int(place)] if place.isdigit() else getattr(message, place)
+        if last.isdigit():
+            message[int(last)] = value
+        else:
+            setattr(message, last, value)
+
+    return change
+
+
+SPOILED = {
+    ('backbone/poses', 'poses.3.position.x', np.nan): 'poses holds numbers that are not finite',
+    ('backbone/poses', 'poses.3.orientation.w', 2.0): 'quaternions that are not of length 1',
+    ('strains', 'q', (0.0,)): 'q has 1 numbers, expected 101',
+    ('strains', 'xi.5', np.inf): 'xi holds numbers that are not finite',
+    ('tip_pose', 'pose.covariance.7', -1.0): 'covariance has variances below zero',
+    ('tip_pose', 'pose.covariance.0', np.nan): 'covariance holds numbers that are not finite',
+    (COVARIANCE, 'pose.5', np.nan): 'pose holds numbers that are not finite',
+    (COVARIANCE, 'contact.5', np.nan): 'contact holds numbers that are not finite',
+    (COVARIANCE, 'pose', (0.0,)): 'pose has 1 numbers, expected 36 for each of 101 stations',
+    (CONTACT, 'wrench.force.y', np.inf): 'force holds numbers that are not finite',
+}
+
+
+@pytest.mark.parametrize('case', SPOILED, ids=lambda case: f'{case[0]}: {case[1]}')
+def test_numbers_that_nothing_can_be_drawn_of_are_a_problem(case):
+    name, path, value = case
+    with contextlib.closing(RosClient(new_domain())) as ros:
+        client = ArmClient(rclpy.create_node('reading', context=ros.context))
+        client.listen({**POSES, **DETAILS})
+        description = ros.node.create_publisher(String, 'arm_description', LATCHED_QOS)
+        description.publish(String(data=CONFIG_FILE.read_text()))
+        kind = {**POSES, **DETAILS}[name]
+        publisher = ros.node.create_publisher(kind, name, OUTPUT_QOS)
+
+        def wait(condition, what):
+            ros.wait(lambda: client.poll() or condition(), what)
+
+        wait(lambda: client.config and publisher.get_subscription_count(), 'a subscription')
+        publisher.publish(_spoiled(name, _set(path, value)))
+        wait(lambda: client.problem, 'a problem')
+        assert client.problem.startswith(f'{name}: ') and SPOILED[case] in client.problem
+        assert client.shape is client.strains is client.covariance is client.force is None
+        assert not client.tip_deviation.any()
+
+
+def test_problems_are_bounded():
+    with contextlib.closing(RosClient(new_domain())) as ros:
+        client = ArmClient(rclpy.create_node('reading', context=ros.context))
+        publisher = ros.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        status = [
+            DiagnosticStatus(name=f'a: {number}', level=b'\x02', message='x' * 2000,
+                             hardware_id='/arm')
+            for number in range(1000)
+        ]  # fmt: skip
+        ros.wait(publisher.get_subscription_count, 'a subscription')
+        publisher.publish(DiagnosticArray(status=status))
+        ros.wait(lambda: client.poll() or client.problem, 'problems')
+        assert len(client.problem) < 70_000
