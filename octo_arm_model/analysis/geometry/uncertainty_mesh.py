@@ -97,9 +97,9 @@ class UncertaintyDrawing:
 
         None where no force at all is as well within `INSIDE` of what is probable.
         """
-        if force @ np.linalg.pinv(covariance) @ force <= _THREE:
-            return None
         size = float(np.linalg.norm(force))
+        if not size or force @ np.linalg.pinv(covariance) @ force <= _THREE:
+            return None
         scale = min(self._scale, self._longest / size)
         along = force / size
         across = np.linalg.svd(along[np.newaxis])[2][1:]

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
@@ -167,8 +168,11 @@ class ArmClient:
             return
         message = decoded(data, DETAILS[name])
         if name == 'strains':
-            parts = (_finite(part, getattr(message, part), len(message.s)) for part in _STRAINS)
-            self.strains = PublishedStrains(message.model, *parts)
+            parts = [_finite(part, getattr(message, part), len(message.s)) for part in _STRAINS]
+            strains = PublishedStrains(message.model, *parts)
+            if (strains.q <= -1.0).any():
+                raise MessageError('q compresses the arm to nothing')
+            self.strains = strains
         elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
@@ -177,10 +181,8 @@ class ArmClient:
             force = message.wrench.force
             self.force = _finite('force', [force.x, force.y, force.z])
         else:
-            variance = _finite('covariance', message.pose.covariance).reshape(6, 6).diagonal()[:3]
-            if variance.min() < 0.0:
-                raise MessageError('covariance has variances below zero')
-            self.tip_deviation = np.sqrt(variance)
+            covariance = _finite('covariance', message.pose.covariance).reshape(6, 6)
+            self.tip_deviation = np.sqrt(_variances('covariance', covariance)[:3])
 
     @property
     def problem(self) -> str:
@@ -242,8 +244,11 @@ class ArmClient:
     def _read_covariance(self, message: Any) -> None:
         self.covariance = None
         found = read_covariance(message)
-        _finite('pose', found.pose)
-        _finite('contact', found.contact)
+        _variances('pose', _finite('pose', found.pose))
+        _variances('contact', _finite('contact', found.contact))
+        # NaN is that of what acts all along.
+        if np.isinf(found.contact_s):
+            raise MessageError('contact_s is infinite')
         self.covariance = found
 
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
@@ -265,11 +270,23 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
     """``values`` of a message, as many as ``size`` if given.
 
     Raises:
-        MessageError: if they are not so many, or one is not finite.
+        MessageError: if they are not so many, or one is not finite or beyond `LARGEST`.
     """
     array = np.asarray(values, np.float64)
     if size is not None and array.size != size:
         raise MessageError(f'{name} has {array.size} numbers, expected {size}')
-    if not np.isfinite(array).all():
-        raise MessageError(f'{name} holds numbers that are not finite')
+    if not (np.abs(array) <= LARGEST).all():
+        raise MessageError(f'{name} holds numbers that are not finite, or beyond {LARGEST:g}')
     return array
+
+
+def _variances(name: str, covariance: FloatArray) -> FloatArray:
+    """Diagonals (..., n) of a ``covariance`` (..., n, n).
+
+    Raises:
+        MessageError: if one is below zero.
+    """
+    found = np.diagonal(covariance, axis1=-2, axis2=-1)
+    if (found < 0.0).any():
+        raise MessageError(f'{name} has variances below zero')
+    return found
