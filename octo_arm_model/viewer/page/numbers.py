@@ -9,6 +9,7 @@ import numpy as np
 from octo_arm_model.analysis.geometry.self_intersection import Overlap
 from octo_arm_model.analysis.inverse import Inverse
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.ros.client.client import ArmClient, PublishedShape
@@ -42,10 +43,11 @@ def live(client: ArmClient) -> str:
     if deviation.any():
         spread = f' &plusmn; {deviation[0]:.1f} {deviation[1]:.1f} {deviation[2]:.1f}'
     distance = 1e3 * np.linalg.norm(shape.position[-1] - shape.position[0])
+    model = html.escape(client.strains.model[:MAX_NAME]) if client.strains else ''
     rows = [
         ('Tip', f'<span class="octo-arm-tip">{x:.2f} {y:.2f} {z:.2f}</span>{spread} mm'),
         ('To the base', f'{distance:.1f} mm, turned by {tip_angle(shape):.0f}°'),
-        ('Node', f'{client.strains.model if client.strains else ""}, {client.rate():.0f} Hz'),
+        ('Node', f'{model}, {client.rate():.0f} Hz'),
         ('Latency', _milliseconds(client.latency)),
     ]
     if client.force is not None and client.covariance is not None:

@@ -1,5 +1,7 @@
 """The texts of the page."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -12,6 +14,7 @@ pytest.importorskip('viser', reason='needs viser')
 from octo_arm_model import SolveError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.client.client import PublishedShape, PublishedStrains
 from octo_arm_model.viewer.page import numbers
 
 CONFIG = load_config(preset_path('renda2012_table4'))
@@ -37,3 +40,14 @@ def test_the_angle_of_the_tip_is_that_of_a_bend():
 def test_what_a_node_says_cannot_become_part_of_the_page():
     assert '<script>' not in numbers.failed(SolveError('<script>alert(1)</script>'))
     assert '<b>' not in numbers.waiting('/<b>')
+    backbone = SOLVER.solve(np.zeros((3, 4)))
+    strains = (getattr(backbone, name) for name in PublishedStrains._fields[1:])
+    client = SimpleNamespace(
+        shape=PublishedShape(backbone.position, backbone.quaternion, 0.0, 0.0),
+        strains=PublishedStrains('<script>alert(1)</script>', *strains),
+        tip_deviation=np.zeros(3), force=None, covariance=None, latency=0.0, problem='<b>',
+        rate=lambda: 1.0, age=lambda: 0.0,
+    )  # fmt: skip
+    text = numbers.live(client)
+    assert '<script>' not in text and '&lt;script&gt;' in text
+    assert '<b>' not in text
