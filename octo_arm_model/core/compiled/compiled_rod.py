@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -159,31 +159,38 @@ class CompiledRod:
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))
         force, moment = map(own, dead or _NO_LOADS)
-        self._check(
-            entry_point(differentiate())(
-                self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), *self._system_for_derivatives(shape), force, moment, pose, strain,
-                length,
-            )
-        )  # fmt: skip
+        self._differentiate(differentiate(), condition, shape, force, moment, pose, strain, length)
         return pose, strain, length
 
     def differentiate_tip(self, condition: Condition, shape: Shape) -> FloatArray:
         """`DifferentiateTip` of the rod."""
         tensions = condition.tensions
         tip = np.empty((6, 2 * tensions.size + 2))
-        self._check(
-            entry_point(differentiate_tip())(
-                self.tables, self._parameters, own(tensions), own(condition.tip_wrench),
-                state_of(shape), *self._system_for_derivatives(shape), tip,
-            )
-        )  # fmt: skip
+        self._differentiate(differentiate_tip(), condition, shape, tip)
         return tip
 
-    @staticmethod
-    def _check(sign: int) -> None:
+    def _differentiate(
+        self, kernel: Any, condition: Condition, shape: Shape, *arrays: FloatArray
+    ) -> None:
+        """Call a ``kernel`` of derivatives, which fills in some of the ``arrays``.
+
+        The system of a balance that was found by this rod is from then on the one linearised about
+        that very ``shape``: derivatives by other things are often asked for next.
+
+        Raises:
+            ConvergenceError: if it is singular.
+        """
+        self._is_differentiated = True
+        kept = self.known_about(shape)
+        system, turned = kept or KnownSystem(empty_system(self._tables), np.inf)
+        sign = entry_point(kernel)(
+            self.tables, self._parameters, own(condition.tensions), own(condition.tip_wrench),
+            state_of(shape), turned == 0.0, system, *arrays,
+        )  # fmt: skip
         if sign == 0:
             raise ConvergenceError('the balance under load', np.inf, 0)
+        if kept is not None:
+            self._kept.keep(shape.twist, KnownSystem(system, 0.0))
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
@@ -236,12 +243,6 @@ class CompiledRod:
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system about a balance that has this ``shape``, if it is kept."""
         return self._kept.about(shape.twist)
-
-    def _system_for_derivatives(self, shape: Shape) -> tuple[bool, System]:
-        """Whether the system linearised about this very ``shape`` is known, and if so, that."""
-        self._is_differentiated = True
-        known = self.known_about(shape) or self._nothing_known
-        return known.turned == 0.0, known.system
 
 
 def state_of(shape: Shape) -> RodState:

@@ -41,6 +41,7 @@ from octo_arm_model.core.compiled import kernel_cache, kernel_compiler, numba_bu
 from octo_arm_model.core.compiled.models import frame_kernels, paper_kernels
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.section.section_tables import section_tables
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget, Spending
 from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.linearised import TipAnswer
@@ -731,6 +732,25 @@ def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it(
     for part in np.linspace(1.0, 1.1, 40):
         solver.solve(part * tensions, start=last)
     assert settle.__self__.known_about(last.shape) is not None
+
+
+def test_derivatives_by_several_things_are_those_by_each_alone() -> None:
+    arm = TABLE_4.arm.with_density(1080.0)
+    loads = Loads(gravity=(0.0, 0.0, -9.81))
+    tensions, push = 0.5 * np.array(FETCHING_IN_SPACE), [Loads(tip_force=(1.0, 0.0, 0.0))]
+    ways = (
+        lambda solver, shape: solver.tip_covariance(shape, Uncertainty(tension=0.1)),
+        lambda solver, shape: solver.sensitivity(shape).compliance,
+        lambda solver, shape: solver.sensitivity_to_loads(shape, push).strain,
+    )
+
+    def found(*these: int) -> list[FloatArray]:
+        solver = Solver(arm, 'exact', 21, TABLE_4.base, loads=loads, compiled=True)
+        shape = solver.solve(1.01 * tensions, start=solver.solve(tensions))
+        return [ways[number](solver, shape) for number in these]
+
+    for alone, together in zip((found(number)[0] for number in range(3)), found(0, 1, 2)):
+        np.testing.assert_allclose(together, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
 def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:

@@ -9,7 +9,7 @@ from octo_arm_model.core.compiled.loaded.readout_kernels import read_changes
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState, find_state, find_wrench
-from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system, find_system
+from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (
     incompressible_widening,
@@ -120,39 +120,38 @@ def dead_wrenches(
 
 def linearise(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
-    is_known: bool, known: System,
-) -> tuple[System, int]:  # fmt: skip
-    """The system linearised about a balanced ``state`` of twist and orientations.
+    is_known: bool, system: System,
+) -> int:  # fmt: skip
+    """Linearise about a balanced ``state``, of which twist and orientations are given.
 
-    What derivatives need of this is filled in. If ``is_known`` the system is the ``known`` one.
+    Fills in the rotation matrices of the state and, unless it ``is_known``, the ``system``.
 
     Returns:
-        The system, and the sign of its determinant or 1 if it is known; 0 where it is singular.
+        The sign of its determinant, 1 for a known one; 0 where it is singular.
     """
     if is_known:
         find_rotation(state.turn, state.rotation)
-        return known, 1
+        return 1
     find_state(tables, tensions, tip_wrench, 1.0, state)
-    system = empty_system(tables)
-    return system, find_system(tables, state, system)
+    return find_system(tables, state, system)
 
 
 def differentiate(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
-    state: RodState, is_known: bool, known: System, force: FloatArray, moment: FloatArray,
+    state: RodState, is_known: bool, system: System, force: FloatArray, moment: FloatArray,
     pose: FloatArray, strain: FloatArray, length: FloatArray,
 ) -> int:  # fmt: skip
     """Fill in the changes of a balanced ``state`` of twist and orientations, as `derivatives`.
 
     ``pose`` (stations, 6, columns), ``strain`` (stations, 4, columns) and ``length`` (tendons,
     columns). Columns are those of dead loads, see `dead_wrenches`; without these, the wrench on
-    the tip and then those of `find_imbalance`. As to the ``known`` system see `linearise`.
+    the tip and then those of `find_imbalance`. As to the ``system`` see `linearise`.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
     """
     count, columns, tendons = state.twist.shape[1], pose.shape[2], tensions.size
-    system, sign = linearise(tables, tensions, tip_wrench, state, is_known, known)
+    sign = linearise(tables, tensions, tip_wrench, state, is_known, system)
     if sign == 0:
         return 0
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
@@ -188,7 +187,7 @@ def weigh(tables: RodTables, values: FloatArray) -> None:
 
 def differentiate_tip(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
-    state: RodState, is_known: bool, known: System, tip: FloatArray,
+    state: RodState, is_known: bool, system: System, tip: FloatArray,
 ) -> int:  # fmt: skip
     """Fill in the change of the ``tip`` (6, columns) by reciprocity, as `tip_derivatives`.
 
@@ -198,7 +197,7 @@ def differentiate_tip(
         The sign of the determinant of the system; 0 where it is singular.
     """
     count, tendons = state.twist.shape[1], tensions.size
-    system, sign = linearise(tables, tensions, tip_wrench, state, is_known, known)
+    sign = linearise(tables, tensions, tip_wrench, state, is_known, system)
     if sign == 0:
         return 0
     wrench = tip_wrenches(tables, state)

@@ -107,9 +107,12 @@ def find_state(
     scale, gradient = np.empty((4, count)), np.empty((4, count))
     evaluate_sections(tables.sections, tensions, state.twist, gradient, state.hessian, scale)
     for k in range(3):
+        force, moment, on_tip = state.force[k], state.moment[k], tip_wrench[k]
+        dead_force, dead_moment = tables.force[k], tables.moment[k]
         for i in range(count):
-            state.force[k, i] = factor * tables.force[k, i] + tip_wrench[k]
-            state.moment[k, i] = factor * tables.moment[k, i]
+            force[i] = factor * dead_force[i] + on_tip
+        for i in range(count):
+            moment[i] = factor * dead_moment[i]
     find_wrench(tables, state, state.force, state.moment, tip_wrench[3:], imbalance)
     outside = largest_in_rows(imbalance)
     for k in range(4):

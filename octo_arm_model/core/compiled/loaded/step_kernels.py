@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.loaded.response_kernels import link_changes
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
 from octo_arm_model.core.compiled.numerics.products import add_products
 from octo_arm_model.core.hints import FloatArray
+
+Three = tuple[float, float, float]
 
 
 def find_step(
@@ -49,15 +50,23 @@ def find_step(
             for j in range(s):
                 k[element, p, j] = more[p, element, j]
         solve_transposed(system.factors[element], system.pivots[element], own.reshape(1, 3 * s))
-        for p in range(3):
-            row, total, before, bent = system.to_moment[element, p], 0.0, 0.0, 0.0
-            for j in range(3 * s):
-                total += row[j] * own[j]
-            for j in range(s):
-                before += weights[j] * carried[p, element, j]
-                bent += weights[j] * k[element, p, j]
-            alone[p], alone[3 + p] = tables.step[element] * bent, before - total
-    link_changes(system, ends.reshape(elements, 6, 1))
+        moments = system.to_moment[element]
+        # Sums side by side, since each waits for the one before.
+        a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(s):
+            weight, turning = weights[j], tables.step[element] * weights[j]
+            a, b, c = (
+                a + turning * own[j], b + turning * own[s + j], c + turning * own[2 * s + j]
+            )  # fmt: skip
+            d, e, f = (
+                d + weight * carried[0, element, j], e + weight * carried[1, element, j],
+                f + weight * carried[2, element, j],
+            )  # fmt: skip
+        for j in range(3 * s):
+            bend = own[j]
+            d, e, f = d - moments[0, j] * bend, e - moments[1, j] * bend, f - moments[2, j] * bend
+        alone[0], alone[1], alone[2], alone[3], alone[4], alone[5] = a, b, c, d, e, f
+    link_step(system, ends)
     for element in range(elements):
         add_products(ends[element], system.bends[element], bends[element])
         for p in range(3):
@@ -88,3 +97,35 @@ def find_step(
             stretched[i] += across[i] * angle[i]
     for i in range(count):
         stretched[i] *= over[i]
+
+
+def link_step(system: System, ends: FloatArray) -> None:
+    """`response_kernels.link_changes` of one column, ``ends`` (elements, 6)."""
+    moment = 0.0, 0.0, 0.0
+    for element in range(len(ends) - 1, -1, -1):
+        own, both, here = ends[element], system.ends[element], system.by_turn[element + 1]
+        beyond = moment
+        turn = plus_three(both[:3, 3:], beyond, (own[0], own[1], own[2]))
+        turn = plus_three(system.inverse[element], turn, (0.0, 0.0, 0.0))
+        own[0], own[1], own[2] = turn
+        turn = plus_three(here, turn, beyond)
+        moment = plus_three(both[3:, 3:], turn, (own[3], own[4], own[5]))
+        own[3], own[4], own[5] = beyond
+    start = 0.0, 0.0, 0.0
+    for element in range(len(ends)):
+        own = ends[element]
+        following = plus_three(system.on[element], start, (own[0], own[1], own[2]))
+        own[0], own[1], own[2] = start
+        moment = plus_three(system.by_turn[element + 1], following, (own[3], own[4], own[5]))
+        own[3], own[4], own[5] = moment
+        start = following
+
+
+def plus_three(matrix: FloatArray, row: Three, more: Three) -> Three:
+    """The product of a ``matrix`` (3, 3) with ``row``, plus ``more``."""
+    a, b, c = row
+    return (
+        more[0] + (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c),
+        more[1] + (matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2] * c),
+        more[2] + (matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c),
+    )
