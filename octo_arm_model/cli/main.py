@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 from octo_arm_model.cli import (
     compare,
@@ -29,7 +30,23 @@ from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing, pipe_closed
 
-_COMMANDS = (
+
+class Command(Protocol):
+    """A module in this folder, named as its command."""
+
+    __name__: str
+    SUMMARY: str  # in the list of commands
+    DESCRIPTION: str
+    EPILOG: str
+
+    def add_options(self, parser: argparse.ArgumentParser) -> None:
+        """Add its options."""
+
+    def run(self, options: argparse.Namespace) -> int | None:
+        """Do it; the exit status, None for 0."""
+
+
+_COMMANDS: tuple[Command, ...] = (
     solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
     workspace,
 )  # fmt: skip
@@ -64,7 +81,15 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in _COMMANDS:
-        command.add_command(commands)
+        own = commands.add_parser(
+            command.__name__.rpartition('.')[2].replace('_', '-'),
+            help=command.SUMMARY,
+            description=command.DESCRIPTION,
+            epilog=command.EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        own.set_defaults(run=command.run, default_of=own.get_default)
+        command.add_options(own)
     return parser
 
 

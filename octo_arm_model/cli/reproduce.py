@@ -7,9 +7,9 @@ import dataclasses
 import itertools
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from octo_arm_model.cli.options.shared import add_path, new_command
+from octo_arm_model.cli.options.shared import add_path
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
@@ -18,12 +18,13 @@ from octo_arm_model.reproduce.page.document import Block, Picture
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
 
-_DESCRIPTION = """\
+SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
+DESCRIPTION = """\
 Compute the paper's figures and tables anew and check the claims of its text, with all three
 models, and write them on one page: OUTDIR/renda2012.html, which needs no other file and no
 network. A browser prints it on A4. Takes about five seconds; needs matplotlib.
 """
-_EPILOG = """\
+EPILOG = """\
 example:
   octo-arm reproduce reproduced
 
@@ -31,20 +32,13 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 """
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'reproduce',
-        _run,
-        "compute the paper's figures, tables and claims anew, on one page",
-        _DESCRIPTION,
-        _EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Write the page; 1 where a claim does not hold for the paper's own model."""
     # Imported before the work, so that a missing matplotlib is reported at once.
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
