@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import itertools
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from octo_arm_model.cli.options.shared import add_path
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
-from octo_arm_model.reproduce.page.document import Block, Picture
-
-if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
 
 SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
 DESCRIPTION = """\
@@ -47,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     claims = [claim() for claim in CLAIMS]
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:
-        page = as_html(_counting(content.blocks(claims), bar))
+        page = as_html(content.blocks(claims), bar)
     with writing(html):
         html.write_text(page, encoding='utf-8')
     print(html, content.summary(claims), sep='\n')
@@ -55,18 +47,3 @@ def run(options: argparse.Namespace) -> int:
     for claim in failed:
         print(f'octo-arm: does not hold: {claim.says} ({claim.where})', file=sys.stderr)
     return 1 if failed else 0
-
-
-def _counting(blocks: Sequence[Block], bar: Bar) -> list[Block]:
-    """``blocks`` whose pictures advance the ``bar`` when they are drawn."""
-    total = sum(isinstance(block, Picture) for block in blocks)
-    numbers = itertools.count(1)
-
-    def counting(picture: Picture) -> Picture:
-        def draw(figure: FigureBase) -> None:
-            picture.draw(figure)
-            bar(next(numbers), total)
-
-        return dataclasses.replace(picture, draw=draw)
-
-    return [counting(block) if isinstance(block, Picture) else block for block in blocks]

@@ -1,7 +1,7 @@
 """The paper's figures with all three models. Needs matplotlib.
 
-Each function draws on a figure, or on a part of one, as wide as `document.WIDTH`. Axes are those
-of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n = (0, -1, 0) and
+Each function draws on a figure, or on a part of one, as wide as the text of the page. Axes are
+those of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n = (0, -1, 0) and
 b = (0, 0, -1).
 """
 
