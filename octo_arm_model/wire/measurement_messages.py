@@ -29,9 +29,11 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.settings import SensorNoise
-from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
-from octo_arm_model.wire.displacement_messages import TYPE_NAME as JOINT_STATE
-from octo_arm_model.wire.displacement_messages import read_displacements
+from octo_arm_model.wire.displacement_messages import (
+    DISPLACEMENT_TYPE,
+    DISPLACEMENTS,
+    read_displacements,
+)
 from octo_arm_model.wire.stamp import Stamp
 
 # Of a quaternion that `TipPose` may take for one.
@@ -175,7 +177,7 @@ TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measu
 # Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
-        JOINT_STATE, 'lengths reeled in by the winches, as positions by tendon name [m]',
+        DISPLACEMENT_TYPE, 'lengths reeled in by the winches, as positions by tendon name [m]',
         _displacements,
     ),
     TIP_POSE: MeasurementMessage(

@@ -24,7 +24,7 @@ from octo_arm_model.core.errors import BagError
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording.recording import Stamped
-from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
+from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
 from octo_arm_model.wire.refusals import Refusals
 
 
@@ -55,7 +55,7 @@ class BagRecording:
         self._encoders: str | None = None
         self._tensions: tuple[str, str] | None = None  # topic, and the field they are in
         if files.displacements is None:
-            wanted = displacements, TOPIC, (TYPE_NAME,), 'displacements'
+            wanted = displacements, DISPLACEMENTS, (DISPLACEMENT_TYPE,), 'displacements'
             self._encoders = pick_usual(reader, *wanted)
         if files.tensions is not None:
             return

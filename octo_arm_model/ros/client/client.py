@@ -30,8 +30,7 @@ from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr.covariance import BackboneCovariance, read_covariance
+from octo_arm_model.wire.cdr.covariance import COVARIANCE, BackboneCovariance, read_covariance
 from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 

@@ -20,7 +20,7 @@ from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
-from octo_arm_model.wire import displacement_messages
+from octo_arm_model.wire.displacement_messages import DISPLACEMENTS, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -47,7 +47,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         node, diagnostics = self._node, self._diagnostics
         wrench = self._tip_wrench.open()
         self._winches = LatestSubscription(
-            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._refuse,
+            node, JointState, DISPLACEMENTS, self._on_displacements, self._refuse,
             self._work, diagnostics.skipped,
         )  # fmt: skip
         diagnostics.publishers[self._winches.topic] = self._winches.count_publishers
@@ -125,7 +125,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """Drive the named tendons by length from now on, and the others by tension."""
         winches, message = self._winches, decoded(data, JointState)
         assert winches is not None  # it called
-        found = displacement_messages.read_displacements(message, self._arm.config.arm)
+        found = read_displacements(message, self._arm.config.arm)
         self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:

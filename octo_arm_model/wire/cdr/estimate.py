@@ -16,9 +16,7 @@ from octo_arm_model.wire.cdr.backbone import (
     BackboneWriter,
     tendon_tensions,
 )
-from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr.covariance import TYPE_NAME as COVARIANCE_TYPE
-from octo_arm_model.wire.cdr.covariance import CovarianceWriter
+from octo_arm_model.wire.cdr.covariance import COVARIANCE, COVARIANCE_TYPE, CovarianceWriter
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 
@@ -122,12 +120,10 @@ class EstimateMessages:
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
-        shape, stamp = estimate.backbone, (sec, nanosec)
+        stamp = sec, nanosec
+        shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
         return {
-            'backbone/path': self._shape.path(shape, *stamp),
-            'backbone/poses': self._shape.poses(shape, *stamp),
-            'strains': self._shape.strains(shape, *stamp),
-            'tip_pose': self._shape.tip_pose(shape, estimate.pose_covariance[-1], *stamp),
+            **dict(zip(BACKBONE_TOPICS, shape)),
             TENSION_ESTIMATES: self._shape.tensions(estimate.tensions, *stamp),
             **self._besides.write(estimate, contact_of(estimate, self._arm), stamp),
         }
