@@ -17,9 +17,8 @@ from octo_arm_model.experiment.estimating.estimates import (
     follow,
     smoothed,
 )
-from octo_arm_model.experiment.estimating.history import Moment, moment_of
+from octo_arm_model.experiment.estimating.history import Moment, Touch, find_touches, moment_of
 from octo_arm_model.experiment.estimating.recorded import Recorded
-from octo_arm_model.experiment.estimating.touches import Touch, find_touches
 from octo_arm_model.wire.refusals import Refusals
 
 

@@ -34,14 +34,7 @@ class WaitingMessages:
     """Reads messages once the transforms are known that they need."""
 
     def __init__(self, node: Node, frames: SensorFrames, work: WorkQueue, refuse: Refuse) -> None:
-        """Wait for transforms of ``frames``.
-
-        Args:
-            node: the node.
-            frames: tells when further transforms are known.
-            work: has the turns in which messages are read.
-            refuse: called with the topic and the error of a message that is not read.
-        """
+        """Wait for transforms of ``frames``; ``refuse`` is called for each message not read."""
         self._node, self._frames = node, frames
         self._work, self._refuse = work, refuse
         self._waiting: collections.deque[_Waiting] = collections.deque()

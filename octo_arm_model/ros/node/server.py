@@ -42,11 +42,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     ) -> None:
         """Declare the parameters ``table`` of ``node``.
 
-        Args:
-            node: the node.
-            table: its parameters.
-            prepare: makes an arm of them, see `LiveParameters`.
-            publishers: makes the publishers of the node.
+        ``prepare`` makes an arm of them, see `LiveParameters`, and ``publishers`` what publishes.
 
         Raises:
             ConfigError: if a value is of another type than ROS needs.

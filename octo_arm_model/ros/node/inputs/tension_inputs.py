@@ -39,15 +39,9 @@ class TensionInputs:
         take: Callable[[str, Stamp | None, FloatArray], None],
         refuse: Refuse,
     ) -> None:
-        """Subscribe to nothing yet.
+        """Subscribe to nothing yet; ``current`` returns the arm that tensions are for.
 
-        Args:
-            node: the node that subscribes.
-            work: has the turns in which messages are answered.
-            diagnostics: told who publishes, and how many messages were skipped for newer ones.
-            current: returns the arm that tensions are for, which is there while active.
-            take: called with the topic, the stamp and the tensions of its latest message.
-            refuse: called with the topic and the error of a message that has none.
+        Others as in `TensionSubscription`.
         """
         self._node, self._work, self._diagnostics = node, work, diagnostics
         self._current, self._take, self._refuse = current, take, refuse

@@ -50,16 +50,11 @@ class LatestSubscription:
         work: WorkQueue,
         skipped: Callable[[int], None] = lambda older: None,
     ) -> None:
-        """Subscribe.
+        """Subscribe to messages of type ``kind`` on ``topic``.
 
-        Args:
-            node: the node that subscribes.
-            kind: type of the messages.
-            topic: what they come on.
-            read: called with the bytes of the latest message.
-            refuse: called with the topic and the error that ``read`` raises.
-            work: has the turns in which messages are read.
-            skipped: called before that with the number of older messages left out.
+        In a turn of ``work``, ``skipped`` is called with the number of older messages left out,
+        then ``read`` with the bytes of the latest, and ``refuse`` with the topic and the error
+        that ``read`` raises.
         """
         self._node, self._kind, self._work = node, kind, work
         self._read_data, self._refuse, self._skipped = read, refuse, skipped
@@ -130,18 +125,12 @@ class TensionSubscription(LatestSubscription):
     ) -> None:
         """Subscribe; ``refuse``, ``work`` and ``skipped`` as in `LatestSubscription`.
 
-        Args:
-            node: the node that subscribes.
-            topic: one of `TENSION_TOPICS`, which says what type messages are of, or another.
-            arm: returns the arm that they are for.
-            take: called with the whole name of the topic, the stamp, None where the type has none,
-                and the tensions, of `Arm.tension_shape` [N].
-            refuse: also called with what ``take`` raises.
-            work: see above.
-            skipped: see above.
-            prefix: replaces 'tendon_tensions' in the name that is subscribed to.
-            names: returns what the tendons are called there; empty for their own names.
-            message: the type of messages on another topic.
+        The ``topic`` is one of `TENSION_TOPICS`, which says of what type messages are, or another
+        with messages of the type ``message``; ``prefix`` replaces 'tendon_tensions' in its name.
+        ``arm`` returns the arm that they are for, and ``names`` what its tendons are called there,
+        empty for their own names. ``take`` is called with the whole name of the topic, the stamp,
+        None where the type has none, and the tensions, of `Arm.tension_shape` [N]; what it raises
+        is refused too.
         """
         self._message = TENSION_TOPICS[topic] if message is None else message
         self._arm, self._take, self._names = arm, take, names

@@ -30,14 +30,10 @@ class TipWrench:
         refuse: Refuse,
         heard: Callable[[str], None],
     ) -> None:
-        """Subscribe to nothing yet.
+        """Subscribe to nothing yet; ``current`` returns the arm that wrenches act on.
 
-        Args:
-            node: the node that subscribes.
-            work: has the turns in which messages are read.
-            current: returns the arm that they act on, which is there while active.
-            refuse: called with the topic and the error of a wrench that is none.
-            heard: called with the topic of a wrench that is one.
+        ``heard`` is called with the topic of each valid one, ``refuse`` also with the error of
+        each of the others.
         """
         self._node, self._work = node, work
         self._current, self._refuse, self._heard = current, refuse, heard
