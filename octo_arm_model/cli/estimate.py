@@ -161,11 +161,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _sources(options: argparse.Namespace) -> Sources:
-    """Where everything is taken from.
-
-    Raises:
-        OctoArmError: if an option is wrong.
-    """
+    """Where everything is taken from; OctoArmError if an option is wrong."""
     from octo_arm_model.experiment.estimating.recorded import Sources
 
     if options.clock_offset is not None:

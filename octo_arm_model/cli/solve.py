@@ -67,11 +67,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _by_name(text: str, option: str, example: str) -> dict[str, float]:
-    """Numbers by tendon of a JSON ``option``.
-
-    Raises:
-        TensionError: if it is no object of numbers.
-    """
+    """Numbers by tendon of a JSON ``option``; TensionError if it holds none."""
     values = read_json(text, option, example)
     if not isinstance(values, dict) or any(
         isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()

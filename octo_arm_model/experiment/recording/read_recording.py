@@ -79,11 +79,7 @@ def _check_sources(
     measured: Measured,
     files: CsvSources,
 ) -> None:
-    """Have each thing come from one place.
-
-    Raises:
-        MeasurementError: if it comes from none, or from two, or columns are those of no file.
-    """
+    """Check that each thing comes from one place; MeasurementError if not."""
     has_all = files.tensions is not None and files.midlines is not None
     driven = files.displacements is not None and files.midlines is not None
     if path is None and not (has_all or driven):

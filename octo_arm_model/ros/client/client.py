@@ -280,11 +280,7 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
 
 
 def _variances(name: str, covariance: FloatArray) -> FloatArray:
-    """Diagonals (..., n) of a ``covariance`` (..., n, n).
-
-    Raises:
-        MessageError: if one is below zero.
-    """
+    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
     found = np.diagonal(covariance, axis1=-2, axis2=-1)
     if (found < 0.0).any():
         raise MessageError(f'{name} has variances below zero')

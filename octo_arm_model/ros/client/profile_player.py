@@ -79,11 +79,7 @@ def play(
 
 
 def _open(topic: str, config: Config) -> CommandPublisher:
-    """Publisher of commands, on a node of its own.
-
-    Raises:
-        ConfigError: if ``topic`` is no name of a topic.
-    """
+    """Publisher of commands, on a node of its own; ConfigError if ``topic`` is no name."""
     node = rclpy.create_node('octo_arm_player')
     try:
         return CommandPublisher(node, topic, config)
@@ -94,11 +90,7 @@ def _open(topic: str, config: Config) -> CommandPublisher:
 def _find_listener(
     publisher: Any, timeout: float, received: Sequence[int], report: Report
 ) -> bool:
-    """Wait for a subscription; False if a signal came first.
-
-    Raises:
-        ConfigError: if there is none within ``timeout`` [s].
-    """
+    """Wait for a subscription; False if a signal came first, ConfigError after ``timeout`` [s]."""
     began = time.monotonic()
     while not publisher.get_subscription_count():
         waited = time.monotonic() - began

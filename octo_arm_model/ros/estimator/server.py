@@ -121,11 +121,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
 
     def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
-        """Correct the estimate by a ``measurement`` that came on ``topic`` and publish it.
-
-        Raises:
-            OctoArmError: if it is refused.
-        """
+        """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
         arm, tracker, outbox = self._arm, self._tracker, self._publishers
         assert tracker is not None and outbox is not None
         self._diagnostics.received(topic, stamp)

@@ -98,11 +98,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         readings: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> None:
-        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``.
-
-        Raises:
-            OctoArmError: if there is no answer.
-        """
+        """Answer ``readings`` of load cells or ``displacements``; OctoArmError if refused."""
         config, outbox, winding = self._arm.config, self._publishers, self._winding
         assert outbox is not None
         self._tip_wrench.update()

@@ -113,11 +113,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     @abstractmethod
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        """Answer what load cells read [N], of `Arm.tension_shape`, that came on ``topic``.
-
-        Raises:
-            OctoArmError: if it is refused.
-        """
+        """Answer readings of load cells [N], of `Arm.tension_shape`; OctoArmError if refused."""
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""

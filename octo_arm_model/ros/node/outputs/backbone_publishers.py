@@ -70,11 +70,7 @@ class BackbonePublishers:
         self._solver: Solver | None = None
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
-        """Another publisher; where it cannot be there are none.
-
-        Raises:
-            ConfigError: if an override of a QoS policy cannot be.
-        """
+        """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
         try:
             publisher = create_publisher(self._node, kind, topic, qos)
         except ConfigError:
