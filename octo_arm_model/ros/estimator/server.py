@@ -47,7 +47,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._stamps = Stamps(self._diagnostics.clock)
         self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
-        self._waiting = WaitingMessages(node, self._frames, self._work, self._refuse)
+        self._waiting = WaitingMessages(self._intake, self._frames)
 
     def _open(self) -> None:
         self._begin_anew()
@@ -71,9 +71,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         def take(data: bytes) -> None:
             self._waiting.take(made.topic, data, read)
 
-        made = LatestSubscription(
-            self._node, kind, topic, take, self._refuse, self._work, self._diagnostics.skipped
-        )
+        made = LatestSubscription(self._intake, kind, topic, take)
         return made
 
     def _close(self) -> None:

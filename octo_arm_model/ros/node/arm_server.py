@@ -35,9 +35,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
-        self._tip_wrench = TipWrench(
-            node, self._work, lambda: self._arm, self._refuse, self._diagnostics.heard.note
-        )
+        # Tensions are answered, not wrenches: of these none counts as skipped.
+        intake = self._intake._replace(skipped=lambda older: None)
+        self._tip_wrench = TipWrench(intake, lambda: self._arm, self._diagnostics.heard.note)
         self._winches: LatestSubscription | None = None
         self._memory = self._diagnostics.memory = FrictionMemory()
         self._winding = WoundSequence(self._memory)
@@ -47,9 +47,8 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         node, diagnostics = self._node, self._diagnostics
         wrench = self._tip_wrench.open()
         self._winches = LatestSubscription(
-            node, JointState, DISPLACEMENTS, self._on_displacements, self._refuse,
-            self._work, diagnostics.skipped,
-        )  # fmt: skip
+            self._intake, JointState, DISPLACEMENTS, self._on_displacements
+        )
         diagnostics.publishers[self._winches.topic] = self._winches.count_publishers
         diagnostics.heard.apart = frozenset({self._winches.topic, wrench})
         diagnostics.heard.unanswered = frozenset({wrench})

@@ -15,6 +15,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs.tension_inputs import TensionInputs, field_of
+from octo_arm_model.ros.node.inputs.tension_subscription import Intake
 from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.qos import check_overrides
@@ -55,10 +56,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics.end('unconfigured')
         self._refusal_log = RefusalLog(node)
         self._work = WorkQueue(node)
+        self._intake = Intake(node, self._work, self._refuse, self._diagnostics.skipped)
         self._tensions = TensionInputs(
-            node, self._work, self._diagnostics, lambda: self._arm.config, self._on_readings,
-            self._refuse,
-        )  # fmt: skip
+            self._intake, self._diagnostics, lambda: self._arm.config, self._on_readings
+        )
 
     def configure(self) -> None:
         """Load and validate the arm.

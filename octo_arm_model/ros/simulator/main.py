@@ -31,6 +31,7 @@ from octo_arm_model.ros.messages import decoded, tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.inputs.tension_subscription import (
     TOPICS,
+    Intake,
     LatestSubscription,
     TensionSubscription,
 )
@@ -78,24 +79,16 @@ class SimulatorNode(CheckedNode):
         self._push = PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
-        work = WorkQueue(self)
+        intake = Intake(self, WorkQueue(self), self._diagnostics.refuse, self._count)
         self._inputs = [
             TensionSubscription(
-                self,
-                topic,
-                lambda: self._config.arm,
-                self._on_command,
-                self._diagnostics.refuse,
-                work,
-                self._count,
-                prefix=TOPIC,
+                intake, topic, lambda: self._config.arm, self._on_command, prefix=TOPIC
             )
             for topic in TOPICS
         ]
         self._lengths = LatestSubscription(
-            self, JointState, f'{TOPIC}/displacements', self._on_lengths,
-            self._diagnostics.refuse, work, self._count,
-        )  # fmt: skip
+            intake, JointState, f'{TOPIC}/displacements', self._on_lengths
+        )
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
