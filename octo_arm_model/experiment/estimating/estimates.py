@@ -100,7 +100,7 @@ def smoothed(
     """Estimates by the smoother, each of all that the filter used.
 
     Where the filter begins anew so does the smoother, from the first measurement of that
-    beginning on: what was measured before tells nothing of an arm that was lost.
+    beginning on: the measurements before it belong to a state that was given up.
 
     Raises:
         MeasurementError: if the place of contact is unknown.

@@ -50,7 +50,7 @@ class Moment(NamedTuple):
 
 
 def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
-    """What ``one`` estimate of ``arm`` at a ``time`` [s] knows."""
+    """Tip, contact and their deviations by ``one`` estimate of ``arm`` at a ``time`` [s]."""
     estimate = one.estimate
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
     contact = contact_of(estimate, arm) or _NONE

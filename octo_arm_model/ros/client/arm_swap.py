@@ -19,7 +19,7 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
 
-_QUESTIONS = 2  # asked before a node counts as one that does not answer
+_QUESTIONS = 2  # requests sent before a node counts as one that does not answer
 
 
 def swap_arm(

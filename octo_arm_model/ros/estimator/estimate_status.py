@@ -14,7 +14,9 @@ from octo_arm_model.estimation.gating.consistency import Consistency
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.node.diagnostics import make_status
 
-_BAND = 0.999  # of the chi-square distribution, beyond which innovations are not as large as told
+_BAND = (
+    0.999  # of the chi-square distribution, beyond which innovations are too large for their noise
+)
 _FEWEST = 30  # innovations from which on that is judged
 _LONGEST = 900  # characters of what is not observable
 
@@ -120,7 +122,7 @@ class EstimateStatus:
 def consistency(one: Consistency) -> tuple[str, bool]:
     """Recent normalised squares of one kind of measurement in words, and if they are too large.
 
-    Their sum is chi-square distributed where noise and priors are as told. Smaller ones are no
+    Their sum is chi-square distributed where noise and priors are as the parameters say. Smaller ones are no
     fault: a prior for whatever may happen is too wide while nothing does.
     """
     if not one.recent:

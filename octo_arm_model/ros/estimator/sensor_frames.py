@@ -28,7 +28,7 @@ _LARGEST = 1000  # transforms of one message
 
 
 class NotKnownYet(MeasurementError):
-    """A pose is asked for of a time after the last transform that leads to it."""
+    """The time of a wanted pose is after the last transform that leads to it."""
 
     def __init__(self, reason: str, frame: str, target: str, stamp_ns: int) -> None:
         """Of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""

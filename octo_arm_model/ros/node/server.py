@@ -28,7 +28,7 @@ PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
 
 
 class Server(ABC, Generic[ArmT, PublishersT]):
-    """Answers tensions, and whatever else a node hears, on behalf of that node.
+    """Answers tensions, and the other inputs of a node, on behalf of that node.
 
     `configure` loads the arm, `activate` starts answering, `deactivate` stops and `cleanup` frees
     what `configure` took.

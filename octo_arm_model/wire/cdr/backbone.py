@@ -94,7 +94,7 @@ class BackboneWriter:
     def all(
         self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
     ) -> Iterator[bytes]:
-        """Messages on `BACKBONE_TOPICS` in their order, each written when it is asked for."""
+        """Messages on `BACKBONE_TOPICS` in their order, each written when it is iterated to."""
         yield self.path(backbone, sec, nanosec)
         yield self.poses(backbone, sec, nanosec)
         yield self.strains(backbone, sec, nanosec)

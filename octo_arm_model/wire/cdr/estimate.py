@@ -1,4 +1,4 @@
-"""The messages of an estimate, as bytes: those of its backbone, and what it knows besides."""
+"""The messages of an estimate, as bytes: those of its backbone, its contact and covariances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
-# Topics of what an estimate knows besides its backbone, and of all of it, and their types.
+# Topics of an estimate besides those of its backbone, and all of them, and their types.
 BESIDES: dict[str, str] = {
     COVARIANCE: COVARIANCE_TYPE,
     TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
@@ -36,7 +36,7 @@ ESTIMATES: dict[str, str] = {
 
 
 class EstimateWriter:
-    """Writes what estimates of one arm know besides its backbone, for one thread at a time."""
+    """Writes contacts, biases and covariances of one arm, for one thread at a time."""
 
     def __init__(self, frame_id: str, arm: Arm, s: FloatArray) -> None:
         """Lay out the messages of ``arm`` with the stations ``s`` (stations,) [m].
