@@ -29,7 +29,7 @@ class HeardInputs:
         self._last: dict[str, tuple[str, float]] = {}
 
     def source(self, topic: str) -> str:
-        """Key of the input of ``topic``: topics of tensions are one, as one may replace another."""
+        """Key of the input of ``topic``: one for all of tensions, which may replace each other."""
         return topic if topic in self.apart else ''
 
     def note(self, topic: str) -> None:
