@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import os
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NoReturn, TextIO
 
 from octo_arm_model.core.errors import OctoArmError
@@ -58,6 +61,36 @@ def pipe_closed() -> int:
 def missing(error: ModuleNotFoundError) -> str:
     """What to install where ``error`` is raised."""
     return f'needs {error.name}; install it with: pip install {error.name}'
+
+
+@contextlib.contextmanager
+def on_signals(handle: Callable[[int], None], same: float) -> Iterator[None]:
+    """Call ``handle`` with each SIGINT, SIGTERM and SIGHUP that comes within the block.
+
+    What whoever started the program ignores stays so. What comes less than ``same`` [s] after one
+    that was handled is that one again: shells and `timeout` send it to the program and its group.
+    """
+    newest = -math.inf
+
+    def take(number: int, frame: object) -> None:
+        nonlocal newest
+        if (now := time.monotonic()) >= newest + same:
+            newest = now
+            handle(number)
+
+    before = {
+        number: how
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if (how := signal.getsignal(number)) != signal.SIG_IGN
+        and threading.current_thread() is threading.main_thread()
+    }
+    for number in before:
+        signal.signal(number, take)
+    try:
+        yield
+    finally:
+        for number, how in before.items():
+            signal.signal(number, how)
 
 
 class StatusLine:

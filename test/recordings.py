@@ -17,7 +17,8 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.tensions import Reading, TensionTopic, read_topic
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS, float32
+from octo_arm_model.wire.cdr.layout import Layout
+from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
 STEP = 10**6  # between messages [ns]
@@ -59,7 +60,9 @@ def tensions_data(
 ) -> bytes:
     """Bytes of a message of tensions [N]."""
     (kind,) = (one for one in TENSION_TOPICS.values() if one.type_name == type_name)
-    number = np.float32 if kind.fields[kind.tensions] is float32 else np.float64
+    layout = Layout()
+    kind.fields[kind.tensions](layout, [0.0])
+    number = layout.slots[0].kind
     fields: dict[str, Any] = dict.fromkeys(kind.fields, np.zeros(0, number))
     fields[kind.tensions] = np.array(tensions, dtype=number).ravel()
     if kind.has_stamp:

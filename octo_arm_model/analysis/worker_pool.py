@@ -193,11 +193,7 @@ def on_cluster(config: Config, chunks: Sequence[FloatArray], scheduler: str) -> 
 
 
 def _find_scheduler(address: str) -> None:
-    """Check the address first: a client without scheduler logs two errors.
-
-    Raises:
-        ConfigError: if there is no scheduler.
-    """
+    """Check the address: a client would log two errors; ConfigError if nobody answers."""
     import asyncio  # which takes long to import, and nothing else needs
 
     from distributed.comm import connect

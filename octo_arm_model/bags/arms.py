@@ -12,7 +12,7 @@ from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, holds_displacements, namespace, usual_topics
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.errors import BagError, ConfigError
-from octo_arm_model.wire.displacement_messages import TOPIC, TYPE_NAME
+from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 
@@ -61,13 +61,13 @@ def find_arms(
         if len(picked) < len(named):
             raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
     else:
-        found = usual_topics(reader, TOPIC, (TYPE_NAME,))
+        found = usual_topics(reader, DISPLACEMENTS, (DISPLACEMENT_TYPE,))
         for usual, kind in TENSION_TOPICS.items():
             found += usual_topics(reader, usual, (kind.type_name,))
         picked = dict.fromkeys(sorted(found), '') or dict([pick_tensions(reader, None)])
     by_prefix: dict[str, list[str]] = {}
     for topic in picked:
-        by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, TOPIC)), []).append(topic)
+        by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)), []).append(topic)
     arms = []
     for prefix, own in by_prefix.items():
         values = dict(parameters if parameters is not None else describe(reader, prefix))

@@ -30,14 +30,10 @@ class EstimateOutput:
         models: Mapping[str, ArmModel],
         start_ns: int,
     ) -> None:
-        """Write to topics in the namespace ``prefix``, with its slash.
+        """Write to topics in the namespace ``prefix``, with its slash, by ``writer``.
 
-        Args:
-            writer: the bag.
-            prefix: see above.
-            parameters: of the arm.
-            models: it is estimated by, by the names of the hypotheses.
-            start_ns: when the bag begins [ns].
+        The arm of ``parameters`` is described there as of ``start_ns`` [ns]; it is estimated by
+        ``models``, named as the hypotheses.
 
         Raises:
             BagError: if the bag cannot be written.

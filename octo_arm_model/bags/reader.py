@@ -64,11 +64,7 @@ class BagReader:
             raise
 
     def _look(self) -> None:
-        """Collect topics and counts; the bag and its files must agree on them.
-
-        Raises:
-            ValueError: if they do not.
-        """
+        """Collect topics and counts; ValueError if the bag and its files do not agree on them."""
         storage = self._reader.storage
         files = storage.storages if isinstance(storage, DirectoryReader) else [storage]
         self._is_each_compressed = storage.metadata.compression_mode == 'message'

@@ -77,7 +77,7 @@ class SensorTopics:
     def prefix(self) -> str:
         """Namespace of the first of a usual name, or else of the first, with the slash."""
         usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
-        known = [topic for topic in self.all if any(names(topic, name) for name in usual)]
+        known = [topic for topic in self.all if names(topic, *usual)]
         return namespace((known or self.all)[0], usual)
 
 
@@ -119,7 +119,7 @@ def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[
         return pick_tensions(reader, wanted)
     found = [topic for topic in measured_topics(reader, TYPES) if topic not in others]
     there = [topic for topic in found if reader.count([topic])]
-    usual = [topic for topic in there if any(names(topic, name) for name in TENSION_TOPICS)]
+    usual = [topic for topic in there if names(topic, *TENSION_TOPICS)]
     return only_one(reader, usual or there, 'tensions') or '', ''
 
 

@@ -8,8 +8,7 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.core.errors import BagError, listed
 from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.cdr.estimate import ESTIMATES
-from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
-from octo_arm_model.wire.displacement_messages import TYPE_NAME as DISPLACEMENT_TYPE
+from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
@@ -20,12 +19,12 @@ ANSWERS: dict[str, str] = {
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
-_USUAL = (*TENSION_TOPICS, MIDLINE)
+_USUAL = (*TENSION_TOPICS, MIDLINE)  # that tensions or midlines are measured on
 
 
-def names(topic: str, usual: str) -> bool:
-    """Whether ``topic`` is the ``usual`` name."""
-    return f'/{topic}'.endswith(f'/{usual}')
+def names(topic: str, *usual: str) -> bool:
+    """Whether ``topic`` is one of the ``usual`` names, in whatever namespace."""
+    return f'/{topic}'.endswith(tuple(f'/{name}' for name in usual))
 
 
 def namespace(topic: str, usual: Iterable[str]) -> str:
@@ -39,16 +38,6 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
 def holds_displacements(topic: str, type_name: str) -> bool:
     """Whether messages of a type on ``topic`` are displacements for the node."""
     return names(topic, DISPLACEMENTS) and type_name == DISPLACEMENT_TYPE
-
-
-def is_answer(topic: str) -> bool:
-    """Whether ``topic`` is one that the model or an estimator answers on."""
-    return any(names(topic, answer) for answer in (*ANSWERS, *ESTIMATES))
-
-
-def is_usual(topic: str) -> bool:
-    """Whether ``topic`` is one that tensions or midlines are usually measured on."""
-    return any(names(topic, usual) for usual in _USUAL)
 
 
 def pick_topic(
@@ -84,7 +73,7 @@ def pick_topic(
     found = [topic for topic in measured_topics(reader, types or ()) if topic != without]
     for narrower in (
         [topic for topic in found if reader.count([topic])],
-        [topic for topic in found if is_usual(topic)],
+        [topic for topic in found if names(topic, *_USUAL)],
     ):
         if len(found) > 1 and narrower:
             found = [topic for topic in found if topic in narrower]
@@ -100,7 +89,7 @@ def measured_topics(reader: BagReader, types: Sequence[str]) -> list[str]:
     return [
         topic
         for topic, type_name in reader.topics.items()
-        if type_name in types and not (is_answer(topic) or names(topic, DISPLACEMENTS))
+        if type_name in types and not names(topic, *ANSWERS, *ESTIMATES, DISPLACEMENTS)
     ]
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.cli.options.experiment import EPILOG, add_recording
-from octo_arm_model.cli.options.shared import add_json, add_path, new_command
+from octo_arm_model.cli.options.experiment import RECORDINGS, add_recording
+from octo_arm_model.cli.options.shared import add_json, add_path
 from octo_arm_model.cli.output.files import check_out, refuse_inside, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import of_each, read_options
@@ -22,12 +22,14 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.shapes.observations import Observations
 
-_DESCRIPTION = """\
+SUMMARY = 'compare the model with midlines in a bag'
+DESCRIPTION = """\
 Compare the model with midlines or tips measured in a recorded experiment, for every steady step
 of the tensions: the error of the tip in per cent of the length of the arm, as in Table 1 of Renda
 et al. 2012, and of the whole midline: mean and largest distance to the model's, and Hausdorff's.
 """
-_EXAMPLES = """\
+EPILOG = (
+    """\
 examples:
   octo-arm compare experiment
   octo-arm compare experiment --model all --out compared
@@ -39,25 +41,20 @@ compare.json, a picture of every step like the paper's Figure 9, one of all step
 errors over the tensions, by loading and unloading.
 
 """
+    + RECORDINGS
+)
 ERRORS = ('tip', 'mean', 'max', 'hausdorff')
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'compare',
-        _run,
-        'compare the model with midlines in a bag',
-        _DESCRIPTION,
-        _EXAMPLES + EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_recording(parser)
     add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
     add_json(parser)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Compare recorded shapes with the models, and print and write the errors."""
     out = options.out
     refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)

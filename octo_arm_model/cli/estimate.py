@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from octo_arm_model.cli.options.estimator import add_estimator, read_estimator
 from octo_arm_model.cli.options.shared import (
@@ -20,7 +20,6 @@ from octo_arm_model.cli.options.shared import (
     add_storage,
     add_tendons,
     add_value,
-    new_command,
     read_config_option,
     refuse_without_effect,
 )
@@ -38,7 +37,8 @@ if TYPE_CHECKING:
     from octo_arm_model.experiment.estimating.recorded import Recorded, Sources
     from octo_arm_model.experiment.estimating.run import Result
 
-_DESCRIPTION = """\
+SUMMARY = 'estimate shape and contact force from all that a bag holds'
+DESCRIPTION = """\
 Estimate the shape of an arm, the force that touches it and how well both are known, from whatever
 a bag holds of these, each with its noise and at its own rate:
 
@@ -51,7 +51,7 @@ a bag holds of these, each with its noise and at its own rate:
 Estimated are the inputs of the model: true tensions, a contact, perhaps biases and E. What does
 not fit the rest is refused, and reported. Midlines of a camera are only compared with.
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm record-demo touched --touch 0.02
   octo-arm estimate touched --plot touch.png
@@ -76,16 +76,8 @@ cannot be written, 130 interrupted
 """
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'estimate',
-        _run,
-        'estimate shape and contact force from all that a bag holds',
-        _DESCRIPTION,
-        _EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_path(parser, 'bag', 'BAG', 'rosbag2 folder, .mcap or .db3 file; it stays as it is')
     add_config_option(parser, None, 'the arm_description in the bag')
     text = 'estimate each time from the whole recording instead of what was measured before'
@@ -127,7 +119,8 @@ def add_command(commands: Any) -> None:
     add_json(parser)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Estimate from the bag, and print and write what was found."""
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.estimating.recorded import read_recorded
     from octo_arm_model.experiment.estimating.run import estimate
@@ -168,11 +161,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sources(options: argparse.Namespace) -> Sources:
-    """Where everything is taken from.
-
-    Raises:
-        OctoArmError: if an option is wrong.
-    """
+    """Where everything is taken from; OctoArmError if an option is wrong."""
     from octo_arm_model.experiment.estimating.recorded import Sources
 
     if options.clock_offset is not None:

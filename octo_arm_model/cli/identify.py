@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import Any
 
-from octo_arm_model.cli.options.experiment import ALL, EPILOG, add_recording
-from octo_arm_model.cli.options.shared import add_json, add_path, new_command
+from octo_arm_model.cli.options.experiment import ALL, RECORDINGS, add_recording
+from octo_arm_model.cli.options.shared import add_json, add_path
 from octo_arm_model.cli.output.files import check_out, refuse_inside, writing
 from octo_arm_model.cli.output.fit import as_dict, summary
 from octo_arm_model.cli.output.progress import Bar
@@ -23,7 +22,8 @@ from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
 from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements
 from octo_arm_model.experiment.fitting.unknowns.unknown import FITS
 
-_DESCRIPTION = f"""\
+SUMMARY = 'fit the arm to midlines in a bag'
+DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
 confidence intervals and correlations. What can be fitted, by default youngs_modulus:
 
@@ -35,7 +35,8 @@ encoder readings of tendons under tension, with an unknown zero for each. The al
 as well where --align is 'fit', or not given while the midlines are not in base_frame. What the
 data cannot tell is left as it is, one parameter at a time, and said.
 """
-_EXAMPLES = """\
+EPILOG = (
+    """\
 examples:
   octo-arm identify experiment
   octo-arm identify experiment --out fitted.yaml --pictures fitted
@@ -54,18 +55,12 @@ said, with the interval of all of them together. The loss, too, is that of the l
 held-back loads, or --loss.
 
 """
+    + RECORDINGS
+)
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'identify',
-        _run,
-        'fit the arm to midlines in a bag',
-        _DESCRIPTION,
-        _EXAMPLES + EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_recording(parser, 'all')
     parser.add_argument(
         '--fit',
@@ -89,7 +84,8 @@ def add_command(commands: Any) -> None:
     add_json(parser)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Fit the models, and print and write the best; 1 where the data determine nothing."""
     refuse_inside(options.bag, options.out, options.pictures, options.csv)
     # Folders first: what is to be both is refused then.
     check_out(options, '--pictures', folder=True, draws=True)

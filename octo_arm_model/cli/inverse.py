@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from octo_arm_model.cli.options.shared import (
     add_highest,
     add_json,
     add_vector,
-    new_command,
     read_config,
     read_highest,
 )
@@ -27,18 +25,17 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.core.solver import Solver
 
-_DESCRIPTION = """\
+SUMMARY = 'find tensions for a wanted shape'
+DESCRIPTION = """\
 Find the tensions, none negative and none above --highest, that bring the tip of the arm to the
 wanted place, with the least effort (sum of squares of tension over bound). A target out of reach
 is approached as near as a local search finds, and the exit status is then 1.
 """
+EPILOG = ''
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands, 'inverse', _run, 'find tensions for a wanted shape', _DESCRIPTION
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_config(parser)
     add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
     orientation = 'orientation of the tip as well, its x axis along the arm'
@@ -58,7 +55,8 @@ def add_command(commands: Any) -> None:
     add_json(parser)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Find the tensions and print them; 1 where the target is out of reach."""
     # The most accurate model, unless another is asked for.
     options.model = options.model or 'exact'
     config = read_config(options)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-from octo_arm_model.cli.options.shared import add_config_argument, add_number, new_command
+from octo_arm_model.cli.options.shared import add_config_argument, add_number
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import load_parameters, naming
@@ -16,7 +15,8 @@ from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
-_DESCRIPTION = """\
+SUMMARY = 'exchange the arm of a running node'
+DESCRIPTION = """\
 Exchange the arm of a running node for that of CONFIG, between two messages: all parameters are set
 together, or none of them where they do not describe an arm, and then the node's reason is told.
 Parameters of the arm that CONFIG does not name return to their defaults, base_frame, base.position
@@ -26,7 +26,7 @@ them.
 `ros2 param load` sets the parameters of a file one by one instead. Each of them has to describe an
 arm together with all others as they are at that moment, so that some are taken and some refused.
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm load renda2012_table2
   octo-arm load my_arm.yaml --node /arm_3/octo_arm
@@ -39,10 +39,8 @@ _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 _NO_ROS = 'needs ROS 2 ({} is missing): source one, or put tools/with_ros in front'
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    summary = 'exchange the arm of a running node'
-    parser = new_command(commands, 'load', _run, summary, _DESCRIPTION, _EPILOG)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_config_argument(parser)
     parser.add_argument(
         '--node',
@@ -54,7 +52,8 @@ def add_command(commands: Any) -> None:
     add_number(parser, '--wait', 10.0, wait, 'S')
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Set all parameters of the node in one call."""
     positive('--wait', options.wait, 's')
     path = find_path(options.config)
     values = load_parameters(path)

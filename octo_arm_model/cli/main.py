@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import math
-import signal
 import sys
-import threading
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 from octo_arm_model.cli import (
     compare,
@@ -27,9 +23,25 @@ from octo_arm_model.cli import (
 from octo_arm_model.cli.output.files import folders_made
 from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
-from octo_arm_model.terminal import fail, make_parser, missing, pipe_closed
+from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed
 
-_COMMANDS = (
+
+class Command(Protocol):
+    """A module in this folder, named as its command."""
+
+    __name__: str
+    SUMMARY: str  # in the list of commands
+    DESCRIPTION: str
+    EPILOG: str
+
+    def add_options(self, parser: argparse.ArgumentParser) -> None:
+        """Add its options."""
+
+    def run(self, options: argparse.Namespace) -> int | None:
+        """Do it; the exit status, None for 0."""
+
+
+_COMMANDS: tuple[Command, ...] = (
     solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
     workspace,
 )  # fmt: skip
@@ -64,50 +76,30 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in _COMMANDS:
-        command.add_command(commands)
+        own = commands.add_parser(
+            command.__name__.rpartition('.')[2].replace('_', '-'),
+            help=command.SUMMARY,
+            description=command.DESCRIPTION,
+            epilog=command.EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        own.set_defaults(run=command.run, default_of=own.get_default)
+        command.add_options(own)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    with _interrupting() as received:
-        status = _run(arguments)
-    return 128 + received[0] if received else status
-
-
-@contextlib.contextmanager
-def _interrupting() -> Iterator[list[int]]:
-    """Have every signal that ends the program interrupt it, so that it tidies up.
-
-    Yields:
-        Which has come, if one has.
-    """
     received: list[int] = []
-    newest = -math.inf
 
-    def interrupt(number: int, frame: object) -> None:
-        nonlocal newest
-        # Some send it twice, such as `timeout`, to the program and its group; tidying up goes on.
-        if (now := time.monotonic()) < newest + _TWICE:
-            return
-        newest = now
+    def interrupt(number: int) -> None:
         received.append(number)
         raise KeyboardInterrupt
 
-    before = {
-        number: signal.getsignal(number)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if threading.current_thread() is threading.main_thread()
-    }
-    # What whoever started the program ignores stays so.
-    before = {number: how for number, how in before.items() if how != signal.SIG_IGN}
-    for number in before:
-        signal.signal(number, interrupt)
-    try:
-        yield received
-    finally:
-        for number, how in before.items():
-            signal.signal(number, how)
+    # Whatever ends the program interrupts it, so that it tidies up.
+    with on_signals(interrupt, _TWICE):
+        status = _run(arguments)
+    return 128 + received[0] if received else status
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from octo_arm_model.cli.options.shared import (
     add_highest,
     add_number,
     add_path,
-    new_command,
     read_highest,
     refuse_without_effect,
 )
@@ -31,7 +29,8 @@ from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.profiles.profile_files import write_csv
 from octo_arm_model.terminal import StatusLine
 
-_DESCRIPTION = """\
+SUMMARY = 'pull tendons along a profile of commands'
+DESCRIPTION = """\
 Pull the tendons of an arm along a profile: publish its tensions on tendon_commands, where the
 simulator octo_arm_sim or real winches listen. PROFILE is a movement of --list, or a file. A CSV
 file has the columns time [s] and one of tensions [N] for each tendon, by name; a YAML file has
@@ -39,7 +38,7 @@ times:, tensions: (a row for each time, tendons from the tip) and, if wanted, in
 smooth, linear or steps. What goes beyond a tendon's limit (tendon_limits of the arm) is not
 played. At the end, and at Ctrl-C, the tendons are let go smoothly.
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm play --list                                      # what this arm can do
   octo-arm play fetching_in_space --speed 2 --loop          # until Ctrl-C
@@ -56,11 +55,8 @@ _NO_ROS = (
 )
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands, 'play', _run, 'pull tendons along a profile of commands', _DESCRIPTION, _EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
     )
@@ -78,7 +74,8 @@ def add_command(commands: Any) -> None:
     add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """List, write, draw or play the profile."""
     positive('--speed', options.speed, '-')
     not_negative('--wait', options.wait, 'time', 's')
     lowest, highest = _RATES

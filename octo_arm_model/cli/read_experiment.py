@@ -90,16 +90,12 @@ def read_options(
 def of_each(
     models: Sequence[str], done: str, notes: list[str], work: Callable[[str], T]
 ) -> list[T]:
-    """What ``work`` makes of each of the ``models``, if of any; ``notes`` say of which not.
+    """Results of ``work`` for those ``models`` where it raises no ConfigError or SolveError.
 
-    Args:
-        models: their names.
-        done: what has been done to a model then, such as 'compared'.
-        notes: are added to.
-        work: raises ConfigError or SolveError where it makes nothing.
+    For the others ``notes`` say why they are not ``done``, such as 'compared'.
 
     Raises:
-        ConfigError: that of the last model, if there is nothing of any.
+        ConfigError: that of the last model, if there is no result for any.
         SolveError: likewise.
     """
     found: list[T] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from octo_arm_model.cli.options.shared import (
     add_config_option,
@@ -12,13 +11,13 @@ from octo_arm_model.cli.options.shared import (
     add_storage,
     add_value,
     add_values,
-    new_command,
 )
 from octo_arm_model.cli.output.files import unwritten
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
 
-_DESCRIPTION = """\
+SUMMARY = 'write a bag of a synthetic experiment'
+DESCRIPTION = """\
 Write a synthetic experiment, for trying out compare, identify and replay: nothing of it was
 measured. Its metadata and a topic note say so, and name the true parameters.
 
@@ -38,7 +37,7 @@ and 1 s to the next. Topics:
   /measured/markers  geometry_msgs/PoseArray, 20 Hz, with --markers: noise of 0.5 mm
   /note              std_msgs/String, latched: what this is
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm record-demo experiment
   octo-arm record-demo experiment --storage sqlite3 --seed 7
@@ -55,16 +54,8 @@ exit status: 0 done, 2 the input is wrong or OUT cannot be written, 130 interrup
 """
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'record-demo',
-        _run,
-        'write a bag of a synthetic experiment',
-        _DESCRIPTION,
-        _EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     more = '; arms that bear other tensions than this one are pulled accordingly'
     add_config_option(parser, 'renda2012_prototype', more=more)
@@ -85,7 +76,8 @@ def add_command(commands: Any) -> None:
     add_storage(parser)
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Write the bag."""
     from octo_arm_model.bags.demo.demo import add_demo
     from octo_arm_model.bags.demo.experiment import Experiment, custom_data
     from octo_arm_model.bags.writer import BagWriter

@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import json
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from octo_arm_model.cli.options.shared import (
     add_config_option,
@@ -18,7 +18,6 @@ from octo_arm_model.cli.options.shared import (
     add_storage,
     add_tendons,
     add_values,
-    new_command,
     read_config_option,
 )
 from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
@@ -27,14 +26,15 @@ from octo_arm_model.cli.output.progress import Bar
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay.report import Report
 
-_DESCRIPTION = """\
+SUMMARY = 'add to a bag of tensions the shapes of the arm'
+DESCRIPTION = """\
 Answer every message of tensions or tendon_displacements in a bag as the node would, byte for byte,
 and write a new bag: backbone/path, backbone/poses, strains and tip_pose, and where tendons are
 driven by length tendon_tension_estimates, in the namespace of the inputs and with their stamps,
 beside what the old bag holds. ROS is not needed, and all messages are answered,
 however fast they were recorded.
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm replay experiment experiment_shapes
   octo-arm replay experiment exact_shapes --model exact --config renda2012_prototype
@@ -57,16 +57,8 @@ bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 inte
 """
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'replay',
-        _run,
-        'add to a bag of tensions the shapes of the arm',
-        _DESCRIPTION,
-        _EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_path(parser, 'bag', 'IN', 'bag with tensions')
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     add_config_option(parser, None, 'what the bag says')
@@ -87,7 +79,8 @@ def add_command(commands: Any) -> None:
     add_json(parser, '')
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Write the bag of answers, and print how many messages have one."""
     from octo_arm_model.bags.arms import find_arms
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.bags.replay.csv_output import CsvAnswers

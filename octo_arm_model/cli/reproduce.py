@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import itertools
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.cli.options.shared import add_path, new_command
+from octo_arm_model.cli.options.shared import add_path
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
-from octo_arm_model.reproduce.page.document import Block, Picture
 
-if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
-
-_DESCRIPTION = """\
+SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
+DESCRIPTION = """\
 Compute the paper's figures and tables anew and check the claims of its text, with all three
 models, and write them on one page: OUTDIR/renda2012.html, which needs no other file and no
 network. A browser prints it on A4. Takes about five seconds; needs matplotlib.
 """
-_EPILOG = """\
+EPILOG = """\
 example:
   octo-arm reproduce reproduced
 
@@ -31,20 +24,13 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 """
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'reproduce',
-        _run,
-        "compute the paper's figures, tables and claims anew, on one page",
-        _DESCRIPTION,
-        _EPILOG,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Write the page; 1 where a claim does not hold for the paper's own model."""
     # Imported before the work, so that a missing matplotlib is reported at once.
     from octo_arm_model.reproduce.page import content
     from octo_arm_model.reproduce.page.html_page import as_html
@@ -53,7 +39,7 @@ def _run(options: argparse.Namespace) -> int:
     claims = [claim() for claim in CLAIMS]
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:
-        page = as_html(_counting(content.blocks(claims), bar))
+        page = as_html(content.blocks(claims), bar)
     with writing(html):
         html.write_text(page, encoding='utf-8')
     print(html, content.summary(claims), sep='\n')
@@ -61,18 +47,3 @@ def _run(options: argparse.Namespace) -> int:
     for claim in failed:
         print(f'octo-arm: does not hold: {claim.says} ({claim.where})', file=sys.stderr)
     return 1 if failed else 0
-
-
-def _counting(blocks: Sequence[Block], bar: Bar) -> list[Block]:
-    """``blocks`` whose pictures advance the ``bar`` when they are drawn."""
-    total = sum(isinstance(block, Picture) for block in blocks)
-    numbers = itertools.count(1)
-
-    def counting(picture: Picture) -> Picture:
-        def draw(figure: FigureBase) -> None:
-            picture.draw(figure)
-            bar(next(numbers), total)
-
-        return dataclasses.replace(picture, draw=draw)
-
-    return [counting(block) if isinstance(block, Picture) else block for block in blocks]

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import Any
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_json,
     add_value,
-    new_command,
     read_config,
     read_json,
 )
 from octo_arm_model.cli.output.solution import as_dict, summary
 from octo_arm_model.core.errors import TensionError, shown
 
+SUMMARY = 'solve an arm for one set of tensions or displacements'
+DESCRIPTION = """\
+Solve an arm for one set of tensions, or of lengths that winches reel in, and print its shape.
+"""
+EPILOG = ''
 _EXAMPLE = "'[[0,0,0.5,0]]'"
 _NAMED = '\'{"tendon_1_1": 0.02}\''
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands,
-        'solve',
-        _run,
-        'solve an arm for one set of tensions or displacements',
-        'Solve an arm for one set of tensions, or of lengths that winches reel in, and print its '
-        'shape.',
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_config(parser)
     text = (
         'tensions [N]: one row for each section, from the tip to the base, '
@@ -44,7 +39,8 @@ def add_command(commands: Any) -> None:
     add_json(parser)
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Solve once and print the shape."""
     # For one shape machine code takes longer to load than it saves.
     solver = read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
@@ -71,11 +67,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _by_name(text: str, option: str, example: str) -> dict[str, float]:
-    """Numbers by tendon of a JSON ``option``.
-
-    Raises:
-        TensionError: if it is no object of numbers.
-    """
+    """Numbers by tendon of a JSON ``option``; TensionError if it holds none."""
     values = read_json(text, option, example)
     if not isinstance(values, dict) or any(
         isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.cli.options.shared import (
@@ -15,7 +14,6 @@ from octo_arm_model.cli.options.shared import (
     add_number,
     add_path,
     add_value,
-    new_command,
     read_config,
     read_highest,
 )
@@ -24,13 +22,14 @@ from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.highest_tensions import default_highest
 
-_DESCRIPTION = """\
+SUMMARY = 'draw where the tip can go'
+DESCRIPTION = """\
 Find where the tip of the arm can go: solve it for many sets of tensions, spread evenly between 0
 and --highest for every tendon at once, and draw the tips. Sets of tensions that the model has no
 answer for are counted and left out. The arm can go somewhat further than the tips drawn: of many
 tendons, hardly ever all are near an end of their range at once.
 """
-_EPILOG = """\
+EPILOG = """\
 examples:
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm workspace renda2012_prototype --highest 3 --samples 16384
@@ -45,11 +44,8 @@ give the same tips whatever --processes or --scheduler are.
 _PARTS = 0.1  # of the section at its anchorage that a tendon alone may compress it by
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subparsers ``commands``."""
-    parser = new_command(
-        commands, 'workspace', _run, 'draw where the tip can go', _DESCRIPTION, _EPILOG
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
     add_config(parser)
     default = (
         'for each tendon, what alone compresses the cross section it is fastened at by 10 '
@@ -69,7 +65,8 @@ def add_command(commands: Any) -> None:
     add_json(parser, f', in SI units{sets}')
 
 
-def _run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Solve all samples, and draw and print where the tips are."""
     config = read_config(options)
     if options.out is None and not options.json:
         options.out = Path('workspace.png')

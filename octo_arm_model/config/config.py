@@ -188,11 +188,7 @@ def load_config(path: str | Path) -> Config:
 
 
 def _checked_rate(rate: float) -> float:
-    """The highest ``rate`` of the node's markers [Hz].
-
-    Raises:
-        ArmDefinitionError: if it is negative, or too low for a timer.
-    """
+    """The ``rate`` of markers [Hz]; ArmDefinitionError if negative or too low for a timer."""
     if 0.0 < rate < MIN_RATE:
         raise ArmDefinitionError('markers_rate', rate, f'0, or at least {MIN_RATE:g} [Hz]')
     return not_negative('markers_rate', rate, 'rate', 'Hz')

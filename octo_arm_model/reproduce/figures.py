@@ -1,7 +1,7 @@
 """The paper's figures with all three models. Needs matplotlib.
 
-Each function draws on a figure, or on a part of one, as wide as `document.WIDTH`. Axes are those
-of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n = (0, -1, 0) and
+Each function draws on a figure, or on a part of one, as wide as the text of the page. Axes are
+those of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n = (0, -1, 0) and
 b = (0, 0, -1).
 """
 
@@ -42,7 +42,7 @@ def figure_8(figure: FigureBase) -> None:
     for axes, tension in zip(grid.flat, UNKNOWN_TENSIONS, strict=True):
         draw_plane(axes, 'fem', cases.pull(1, (tension, 0.0, 0.0, 0.0), 1))
         axes.set_title(f'$T_{{11}}$ = {tension:g} N', pad=3)
-    label_axes(grid, 'x [mm]', 'y [mm]')
+    label_axes(grid)
     add_legend(figure, body=True)
 
 
@@ -65,7 +65,7 @@ def figure_9(figure: FigureBase) -> None:
         )  # fmt: skip
     right.set_title('Table 1: $T_{11}$ [N] at the tip', pad=3)
     left.set(xlim=(-12.0, 292.0), ylim=(-178.0, 25.0))
-    label_axes(np.array([[left, right]]), 'x [mm]', 'y [mm]')
+    label_axes(np.array([[left, right]]))
     add_legend(figure, body=True)
 
 

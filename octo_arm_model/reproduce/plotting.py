@@ -103,12 +103,12 @@ def mark(axes: Any, shape: Backbone, points: FloatArray, model: str) -> None:
     axes.plot(*points[cases.anchorages(shape)].T, 'o', color=colour, markersize=2.6)
 
 
-def label_axes(grid: Any, xlabel: str, ylabel: str) -> None:
-    """Labels along the outside of a ``grid`` (rows, columns) of axes."""
+def label_axes(grid: Any) -> None:
+    """Labels x and y [mm] along the outside of a ``grid`` (rows, columns) of axes."""
     for axes in grid[-1]:
-        axes.set_xlabel(xlabel)
+        axes.set_xlabel('x [mm]')
     for axes in grid[:, 0]:
-        axes.set_ylabel(ylabel)
+        axes.set_ylabel('y [mm]')
 
 
 def add_legend(

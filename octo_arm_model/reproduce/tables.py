@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from octo_arm_model.config.paper_data import (
@@ -18,12 +20,28 @@ from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.page.document import DataTable
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
 _ARMS = {
     'Table 2': 'table2', 'Table 4': 'table4', 'section 5.1': 'fem', 'section 5.2': 'prototype',
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """A table; all columns but the first are numbers.
+
+    Attributes:
+        title: text above it.
+        header: names of the columns.
+        rows: cells, as many to a row as the header has.
+        note: text below it.
+    """
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ''
 
 
 def arms() -> DataTable:

@@ -15,7 +15,7 @@ _END_TIMEOUT = 10.0  # [s] from SIGTERM to SIGKILL
 
 
 def stop_signals() -> Callable[[], bool]:
-    """Handle SIGINT, SIGTERM and SIGHUP; returns a function that tells whether one has come.
+    """Handle SIGINT, SIGTERM and SIGHUP; returns a function that says if one came.
 
     SIGHUP stays ignored where it is, so that a program outlives its terminal under `nohup`.
     """

@@ -52,11 +52,7 @@ class Access:
 
 
 def _origin_of(text: str) -> tuple[str, str, int]:
-    """Scheme, host and port of an origin.
-
-    Raises:
-        ConfigError: if it is none.
-    """
+    """Scheme, host and port of an origin; ConfigError if it is none."""
     parts = _split(text)
     if parts is None or parts.scheme not in _DEFAULT_PORTS or parts.path or not parts.hostname:
         raise ConfigError(f'origin is {text!r}, expected one such as http://arm.lab:8080')

@@ -14,7 +14,7 @@ from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.guard import RefusalLog
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.page import Page
-from octo_arm_model.viewer.page.theme import set_theme
+from octo_arm_model.viewer.page.scene import set_theme
 
 FRAME = 1.0 / 30.0  # [s] between pictures
 _IDLE = 0.2  # [s] between polls of the node while no browser is connected

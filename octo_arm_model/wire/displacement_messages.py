@@ -12,8 +12,8 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.wire.tension_fields import values_by_name
 
-TOPIC = 'tendon_displacements'
-TYPE_NAME = 'sensor_msgs/msg/JointState'
+DISPLACEMENTS = 'tendon_displacements'
+DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
 
 
 def read_displacements(message: Any, arm: Arm) -> dict[str, float]:

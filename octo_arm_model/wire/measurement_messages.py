@@ -1,4 +1,4 @@
-"""What an estimator is told besides tensions: which messages those are, and how each is read.
+"""Measurements besides tensions: the types of their messages, and how each is read.
 
 A message is an object of whichever library decoded it, as in `tension_messages`.
 """
@@ -29,9 +29,11 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.settings import SensorNoise
-from octo_arm_model.wire.displacement_messages import TOPIC as DISPLACEMENTS
-from octo_arm_model.wire.displacement_messages import TYPE_NAME as JOINT_STATE
-from octo_arm_model.wire.displacement_messages import read_displacements
+from octo_arm_model.wire.displacement_messages import (
+    DISPLACEMENT_TYPE,
+    DISPLACEMENTS,
+    read_displacements,
+)
 from octo_arm_model.wire.stamp import Stamp
 
 # Of a quaternion that `TipPose` may take for one.
@@ -42,7 +44,7 @@ PoseOf: TypeAlias = Callable[[str, int], Pose]
 
 @dataclass(frozen=True)
 class MeasuredArm:
-    """The arm that messages tell of.
+    """The arm that is measured.
 
     Attributes:
         config: its description.
@@ -109,18 +111,18 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     at, turned = message.pose.pose.position, message.pose.pose.orientation
     position = rotation.apply([at.x, at.y, at.z]) + origin
-    told: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    own: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     for part, stddev in ((slice(0, 3), noise.tip_position), (slice(3, 6), noise.tip_rotation)):
-        if not told[part, part].any():
-            told[part, part] = stddev**2 * np.eye(3)
-    if not told[:3, :3].any():
+        if not own[part, part].any():
+            own[part, part] = stddev**2 * np.eye(3)
+    if not own[:3, :3].any():
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
         )
     turn = np.kron(np.eye(2), rotation.as_matrix())
-    covariance = turn @ told @ turn.T
+    covariance = turn @ own @ turn.T
     covariance[:3, :3] += noise.model_position**2 * np.eye(3)
-    if not told[3:, 3:].any():
+    if not own[3:, 3:].any():
         return TipPosition(position, covariance[:3, :3])
     covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
     quaternion: FloatArray = np.array([turned.x, turned.y, turned.z, turned.w])
@@ -175,7 +177,7 @@ TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measu
 # Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
-        JOINT_STATE, 'lengths reeled in by the winches, as positions by tendon name [m]',
+        DISPLACEMENT_TYPE, 'lengths reeled in by the winches, as positions by tendon name [m]',
         _displacements,
     ),
     TIP_POSE: MeasurementMessage(

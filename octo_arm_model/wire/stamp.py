@@ -33,7 +33,7 @@ def time_of(stamp: Stamp | None) -> Stamp | None:
     """The ``stamp`` of a message; None where it has none or an unset one.
 
     Raises:
-        MessageError: if it is no time: clocks of those who are told of it end at such a stamp.
+        MessageError: if it is no time: the clocks of subscribers raise at such a stamp.
     """
     if stamp is None or not any(stamp):
         return None

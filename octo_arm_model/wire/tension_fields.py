@@ -68,14 +68,10 @@ def values_by_name(names: Sequence[str], values: Sequence[float], field: str) ->
 def tensions_by_names(
     values: FloatArray, names: Sequence[str] | None, wanted: Sequence[str], arm: Arm
 ) -> FloatArray:
-    """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,).
+    """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) of these ``names``.
 
-    Args:
-        values: as they came.
-        names: of the values; None where they have none.
-        wanted: name or number of each tendon's value, or `NONE`; empty for the tendons' own
-            names, or the order of the tendons where there are no names.
-        arm: whose tendons they are.
+    ``wanted`` is the name or number of each tendon's value, or `NONE`; empty for the tendons' own
+    names, or, where there are no names, the order of the tendons.
 
     Raises:
         TensionError: if a value is missing, or named more than once.

@@ -12,20 +12,19 @@ from octo_arm_model import MODELS
 from octo_arm_model.cli import reproduce
 from octo_arm_model.cli.main import main
 from octo_arm_model.reproduce.claims.claim import Claim, Finding
-from octo_arm_model.reproduce.page.document import Heading
 
 
 def test_a_claim_that_fails_is_said_and_is_status_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('matplotlib')
-    from octo_arm_model.reproduce.page import content
+    from octo_arm_model.reproduce.page import content, html_page
 
     claim = Claim(
         'The arm is straight.', 'section 8', '', dict.fromkeys(MODELS, Finding('2 mm', False))
     )
     monkeypatch.setattr(reproduce, 'CLAIMS', (lambda: claim,))
-    monkeypatch.setattr(content, 'blocks', lambda claims: [Heading('Title', 1), *claims])
+    monkeypatch.setattr(content, 'blocks', lambda claims: [html_page.heading('Title', 1), *claims])
     assert main(['reproduce', str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err == 'octo-arm: does not hold: The arm is straight. (section 8)\n'

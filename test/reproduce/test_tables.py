@@ -11,7 +11,6 @@ from octo_arm_model import MODELS, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.reproduce import tables
-from octo_arm_model.reproduce.page.document import DataTable
 
 
 def test_the_arms_are_those_printed() -> None:
@@ -52,6 +51,6 @@ def test_tips_in_table_1_are_those_of_the_solver_beside_the_papers_errors() -> N
     'make', [tables.arms, tables.finite_elements, tables.tip_errors, tables.tensions,
              tables.bending, tables.fetching]
 )  # fmt: skip
-def test_rows_are_as_long_as_the_header(make: Callable[[], DataTable]) -> None:
+def test_rows_are_as_long_as_the_header(make: Callable[[], tables.DataTable]) -> None:
     table = make()
     assert {len(row) for row in table.rows} == {len(table.header)}

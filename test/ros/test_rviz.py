@@ -9,7 +9,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.outputs.markers import TOPIC
+from octo_arm_model.ros.node.outputs.markers import MARKERS_TOPIC
 from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS
 
 CONFIG = load_config(preset_path('renda2012_table4'))
@@ -25,7 +25,7 @@ def test_rviz_shows_what_the_node_publishes():
     }
     assert topics == {
         'Grid': None,
-        'MarkerArray': TOPIC,
+        'MarkerArray': MARKERS_TOPIC,
         'Path': 'backbone/path',
         'PoseArray': 'backbone/poses',
         'TF': None,

@@ -134,11 +134,9 @@ def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
 
 
 def tension_colours(tensions: FloatArray, largest: float | None = None) -> FloatArray:
-    """Red, green, blue, alpha in [0, 1] of each tension, (tensions, 4), from grey to red.
+    """Red, green, blue, alpha in [0, 1] of each of ``tensions`` (n,) [N], (n, 4), grey to red.
 
-    Args:
-        tensions: tensions [N], (tensions,).
-        largest: tension of full red [N]; None for the largest of ``tensions``.
+    Full red is the ``largest`` [N]; None for that of ``tensions``.
     """
     scale = tensions.max(initial=0.0) if largest is None else largest
     share = np.zeros(tensions.shape)

@@ -14,9 +14,9 @@ from octo_arm_model.bags.demo.experiment import (
     Experiment,
     note,
 )
-from octo_arm_model.bags.demo.messages import START, DemoMessages
+from octo_arm_model.bags.demo.messages import LEVEL, START, TENSIONS, DemoMessages
 from octo_arm_model.bags.demo.true_arm import TrueArm
-from octo_arm_model.bags.topics import DESCRIPTION
+from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
@@ -25,6 +25,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.wire.displacement_messages import DISPLACEMENTS
+from octo_arm_model.wire.measurement_messages import MARKERS, TIP_POSE
 
 _POINTS = 41  # of a midline
 
@@ -45,7 +47,8 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
         within('--markers', s, 0.0, config.arm.length, 'm')
     rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
-    messages, true = DemoMessages(writer, config), TrueArm(parameters, experiment)
+    messages = DemoMessages(writer, config, _POINTS, len(experiment.markers))
+    true = TrueArm(parameters, experiment)
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
     writer.add_text('/note', note(experiment), START)
 
@@ -54,8 +57,10 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     # The load cell of a slack tendon reads zero, without noise.
     noise = experiment.tension_noise * rng.standard_normal(measured.size)
     measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
-    for time, tension in zip(sampled, measured):
-        messages.add_tension(time, tension)
+    tensions = np.zeros((measured.size, len(config.arm.tendons)))
+    tensions[:, 0] = measured
+    for time, row in zip(sampled, tensions):
+        messages.add(TENSIONS, time, row)
 
     if experiment.sheath or experiment.axial_stiffness:
         reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
@@ -63,7 +68,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
         for time, displacements in zip(sampled, reeled_in):
-            messages.add_displacements(time, displacements)
+            messages.add(DISPLACEMENTS, time, displacements)
 
     seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     seen = seen[rng.random(seen.size) >= experiment.dropped]
@@ -75,7 +80,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
             # From a random point on the tracking is lost, as at a reflection.
             lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
             midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
-        messages.add_midline(time, midline, experiment.clock_offset)
+        messages.add(MIDLINE, time, midline, LEVEL, ahead=experiment.clock_offset)
     if experiment.touch or experiment.markers:
         seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
         shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
@@ -103,8 +108,9 @@ def _add_measured(
         if experiment.touch:
             error = stddev * rng.standard_normal(6)
             turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
-            messages.add_tip_pose(time, shape.tip + error[:3], turned.as_quat(), stddev)
+            position, covariance = shape.tip + error[:3], np.diag(stddev**2)
+            messages.add(TIP_POSE, time, position, turned.as_quat(), covariance)
         if experiment.markers:
             points = interpolated(np.array(experiment.markers), shape.s, shape.position)
             noise = experiment.marker_noise * rng.standard_normal(points.shape)
-            messages.add_markers(time, points + noise)
+            messages.add(MARKERS, time, points + noise, LEVEL)

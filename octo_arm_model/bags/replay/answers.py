@@ -98,12 +98,7 @@ class Answers:
             # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
         writer, stamp = self._writer, reading.stamp
-        messages = [
-            writer.path(backbone, *stamp),
-            writer.poses(backbone, *stamp),
-            writer.strains(backbone, *stamp),
-            writer.tip_pose(backbone, covariance, *stamp),
-        ]
+        messages = list(writer.all(backbone, covariance, *stamp))
         if TENDON_LENGTHS in self.topics:
             lengths = self._solver.tendon_lengths(backbone)
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))

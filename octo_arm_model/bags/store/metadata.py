@@ -95,11 +95,7 @@ def check_folder(folder: Path) -> dict[str, str]:
 
 
 def _check(value: Any, kind: Any, where: str = '') -> None:
-    """Check that the ``value`` at ``where`` is of a ``kind`` of field, see above.
-
-    Raises:
-        ValueError: if it is not; the message names the field.
-    """
+    """Check that the ``value`` at ``where`` is of a ``kind``, see above; ValueError if not."""
     expected = ''
     if isinstance(kind, dict):
         _check_type(value, dict, where)

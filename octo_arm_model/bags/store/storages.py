@@ -65,11 +65,7 @@ class BoundedMcapReader(McapReader):
 
 
 def _chunks(file: BinaryIO, size: int) -> set[int]:
-    """Where the chunks of an MCAP file of so many bytes begin.
-
-    Raises:
-        ValueError: if its records do not fit into it.
-    """
+    """Where the chunks of an MCAP file begin; ValueError if a record does not fit into it."""
     if file.read(len(_MAGIC)) != _MAGIC:
         return set()  # rosbags says so.
     chunks: set[int] = set()

@@ -78,11 +78,7 @@ def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Types
 
 
 def _bounded(types: Typesdict) -> Typesdict:
-    """The ``types``, whose arrays of fixed length rosbags reads by code of as many terms.
-
-    Raises:
-        BagError: if one is too long for that.
-    """
+    """The ``types``; BagError if an array is too long, which rosbags reads by as many terms."""
     for name, (_, fields) in types.items():
         for field, (kind, content) in fields:
             length = content[1] if kind == Nodetype.ARRAY else 0

@@ -18,7 +18,8 @@ from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
 from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS
 
 ALL = 'all'
-EPILOG = """\
+# How recordings are read, behind the examples of each of the commands.
+RECORDINGS = """\
 recordings of laboratories, for compare and identify alike:
   octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
   octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm

@@ -19,26 +19,6 @@ from octo_arm_model.core.solver import MODELS
 _CONFIG = 'ROS parameter file of the arm, or the name of a preset'
 
 
-def new_command(
-    commands: Any,
-    name: str,
-    run: Callable[[argparse.Namespace], int | None],
-    summary: str,
-    description: str,
-    epilog: str = '',
-) -> argparse.ArgumentParser:
-    """Add the command ``name``, which calls ``run``, to the subparsers ``commands``."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=summary,
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.set_defaults(run=run, default_of=parser.get_default)
-    return parser
-
-
 def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
     """Check that options ``names`` are as by default, since they do nothing ``why``.
 

@@ -10,8 +10,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from octo_arm_model.core.hints import FloatArray
+    from octo_arm_model.experiment.estimating.history import Touch
     from octo_arm_model.experiment.estimating.run import Result
-    from octo_arm_model.experiment.estimating.touches import Touch
 
 
 def as_dict(result: Result) -> dict[str, Any]:

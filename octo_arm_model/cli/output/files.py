@@ -46,7 +46,7 @@ def check_out(
             tempfile.TemporaryFile(dir=place).close()
         except OSError as error:
             problem = error.strerror
-    elif not os.access(path, os.W_OK):  # not opened: whoever reads a pipe would see its end
+    elif not os.access(path, os.W_OK):  # not opened: the reader of a pipe would see its end
         problem = os.strerror(errno.EACCES)
     if problem is not None:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be written: {problem}')

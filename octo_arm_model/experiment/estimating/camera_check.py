@@ -1,4 +1,4 @@
-"""Estimates against the midlines of a camera, which the estimator was not told of."""
+"""Estimates against the midlines of a camera, which the estimator does not use."""
 
 from __future__ import annotations
 

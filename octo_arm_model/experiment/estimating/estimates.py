@@ -71,14 +71,9 @@ def follow(
     failed: Failed,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[Followed]:
-    """What a `Tracker` makes of each of ``groups``, from its first estimate on.
+    """What a `Tracker` makes of each of ``groups`` by ascending time, from its first estimate on.
 
-    Args:
-        groups: what was measured, by ascending time.
-        settings: of the estimator.
-        models: of its hypotheses.
-        failed: told why of times without an estimate, whose measurements are left out.
-        progress: called with how many of the times are done, and of how many.
+    Where measurements of one time give no estimate they are left out, and ``failed`` is called.
     """
     tracker = Tracker.from_settings(settings, models, 0.0)
     for number, group in enumerate(groups):
@@ -105,7 +100,7 @@ def smoothed(
     """Estimates by the smoother, each of all that the filter used.
 
     Where the filter begins anew so does the smoother, from the first measurement of that
-    beginning on: what was measured before tells nothing of an arm that was lost.
+    beginning on: the measurements before it belong to a state that was given up.
 
     Raises:
         MeasurementError: if the place of contact is unknown.

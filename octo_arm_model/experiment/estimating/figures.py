@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.experiment.estimating.camera_check import CameraErrors
-from octo_arm_model.experiment.estimating.history import Moment
-from octo_arm_model.experiment.estimating.touches import Touch
+from octo_arm_model.experiment.estimating.history import Moment, Touch
 from octo_arm_model.experiment.figure_files import new_figure
 
 _BAND = 1.96  # standard deviations on either side that hold 95 %

@@ -1,7 +1,12 @@
-"""The course of an estimate, for tables, pictures and the summary."""
+"""The course of an estimate, and when the arm was touched, for tables, pictures and summary.
+
+An arm is touched where its contact force is larger than its uncertainty explains.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +20,8 @@ from octo_arm_model.experiment.estimating.estimates import TimedEstimate
 
 SURE = 0.999  # probability of no false alarm at one time
 LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts
+GAP = 0.5  # [s] without a significant force that ends a touch
+SHORTEST = 0.1  # [s]
 _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 
 
@@ -43,7 +50,7 @@ class Moment(NamedTuple):
 
 
 def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
-    """What ``one`` estimate of ``arm`` at a ``time`` [s] knows."""
+    """Tip, contact and their deviations by ``one`` estimate of ``arm`` at a ``time`` [s]."""
     estimate = one.estimate
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
     contact = contact_of(estimate, arm) or _NONE
@@ -72,3 +79,39 @@ def is_touched(estimate: Estimate) -> bool:
     along = axes.T @ estimate.mean[where]
     square = float((along[learnt] ** 2 / variances[learnt]).sum())
     return square > chi_square_limit(SURE, int(learnt.sum()))
+
+
+class Touch(NamedTuple):
+    """One touch.
+
+    Attributes:
+        start: when it begins [s].
+        stop: when it ends [s].
+        force: median of the force in base_frame, (3,) [N].
+        stddev: median of its standard deviations, (3,) [N].
+        hypothesis: by which it was mostly found.
+    """
+
+    start: float
+    stop: float
+    force: FloatArray
+    stddev: FloatArray
+    hypothesis: str
+
+
+def find_touches(moments: Iterable[Moment]) -> list[Touch]:
+    """Intervals of significant forces among ``moments`` by ascending time."""
+    parts: list[list[Moment]] = []
+    for one in moments:
+        if one.is_significant:
+            if not parts or one.time - parts[-1][-1].time > GAP:
+                parts.append([])
+            parts[-1].append(one)
+    return [_touch(part) for part in parts if part[-1].time - part[0].time >= SHORTEST]
+
+
+def _touch(part: Sequence[Moment]) -> Touch:
+    force = np.median([one.wrench[:3] for one in part], axis=0)
+    stddev = np.median([one.wrench_stddev[:3] for one in part], axis=0)
+    ((name, _),) = Counter(one.hypothesis for one in part).most_common(1)
+    return Touch(part[0].time, part[-1].time, force, stddev, name)

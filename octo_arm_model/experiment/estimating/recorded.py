@@ -170,9 +170,9 @@ def _camera(
     refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
-    """Midlines or tips on a ``topic``, beside what the tensions alone tell.
+    """Midlines or tips on a ``topic``, to compare estimates and the shapes by tensions with.
 
-    ``refusals`` count the messages left out, and ``notes`` are told of what was decided.
+    ``refusals`` count the messages left out; decisions are added to ``notes``.
 
     Raises:
         BagError: if there is no such topic, or of another type.

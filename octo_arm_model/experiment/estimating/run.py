@@ -1,4 +1,4 @@
-"""What an estimator makes of a recording, in short; all of it goes to whoever writes it."""
+"""The estimates of a recording: each is passed to a writer, and a summary of all returned."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from octo_arm_model.experiment.estimating.estimates import (
     follow,
     smoothed,
 )
-from octo_arm_model.experiment.estimating.history import Moment, moment_of
+from octo_arm_model.experiment.estimating.history import Moment, Touch, find_touches, moment_of
 from octo_arm_model.experiment.estimating.recorded import Recorded
-from octo_arm_model.experiment.estimating.touches import Touch, find_touches
 from octo_arm_model.wire.refusals import Refusals
 
 
@@ -33,7 +32,7 @@ class Result:
         touches: when the arm was touched.
         consistency: of each kind of measurement, by its name.
         failures: times without an estimate, by the reason.
-        unlearnt: directions of the state that nothing had told of at the end, in words.
+        unlearnt: directions of the state that no measurement depended on at the end, in words.
         camera: errors against a camera; None where there is none.
         hypotheses: mean probability of each.
         restarts: times at which what was known before was given up [s].

@@ -59,7 +59,7 @@ class Identification:
 
     @property
     def is_trustworthy(self) -> bool:
-        """Whether the data determine any parameter but poses and zeros, if others were asked."""
+        """Whether the data determine a parameter other than poses and zeros, if one was fitted."""
         own = [name for name in self.estimates if is_of_arm(name)] or list(self.estimates)
         return any(self.estimates[name].value is not None for name in own)
 

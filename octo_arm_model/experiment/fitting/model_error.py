@@ -27,10 +27,8 @@ def unexplained(
 ) -> float:
     """Root mean square distance [m] that no change at single steps explains.
 
-    Args:
-        away: residuals of each step (m, 3) [m].
-        jacobian: their derivatives (m, 3, n).
-        columns: which of the n may change from step to step.
+    Of the residuals ``away`` of each step (m, 3) [m] and their derivatives (m, 3, n), of which the
+    ``columns`` may change from step to step.
     """
     squares = []
     for residuals, derivatives in zip(away, jacobian, strict=True):

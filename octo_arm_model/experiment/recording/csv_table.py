@@ -44,7 +44,7 @@ class CsvTable:
         columns: name and unit of each, '' where the header has none.
         rows: texts of each row.
         lines: line of each row.
-        given: column for each of the names it is asked for, or a number in place of one.
+        given: name of the column of each quantity where it has another, or a number instead.
         count: progress of the conversion of its columns.
     """
 

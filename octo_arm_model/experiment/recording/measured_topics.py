@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.store.records import Record, stamp_of
+from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
 from octo_arm_model.wire.refusals import Refusals
-
-if TYPE_CHECKING:
-    from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.store.records import Record
 
 TF = 'tf2_msgs/msg/TFMessage'
 MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
@@ -37,8 +36,6 @@ class MeasuredTopics:
         Raises:
             BagError: if a topic is missing, or of a type without points.
         """
-        from octo_arm_model.bags.topics import pick_topic
-
         self._reader, self._measured, self._points = reader, measured, points
         self._base_frame = base_frame
         what = 'markers' if measured.marker_s else 'midlines or tips'
@@ -105,8 +102,6 @@ class MeasuredTopics:
 
         In base_frame where transforms lead there, otherwise in their root.
         """
-        from octo_arm_model.bags.store.records import stamp_of
-
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
         found = self._messages(
             refusals, count, lambda record, message: [(record, one) for one in message.transforms]

@@ -9,18 +9,21 @@ from typing import TYPE_CHECKING, Any
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import find_path
-from octo_arm_model.core.errors import ConfigError, MeasurementError
+from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError
 from octo_arm_model.experiment.recording.count import Count
-from octo_arm_model.experiment.recording.csv_recording import CsvSources, csv_frames
+from octo_arm_model.experiment.recording.csv_recording import (
+    CsvSources,
+    csv_displacements,
+    csv_frames,
+    csv_tensions,
+)
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
-from octo_arm_model.experiment.recording.measured_topics import MeasuredTopics
-from octo_arm_model.experiment.recording.recording import Recording, assemble
-from octo_arm_model.experiment.recording.tendon_readings import pick_topics, read_tendons
+from octo_arm_model.experiment.recording.recording import Recording, Stamped, assemble
 from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
-    from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.experiment.recording.bag_recording import BagRecording
 
 
 def read_recording(
@@ -56,16 +59,17 @@ def read_recording(
     """
     given = None if config is None else load_parameters(find_path(config))
     _check_sources(path, tensions, displacements, measured, files)
-    count = Count(progress)
-    topics = tensions, displacements
     if path is None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, topics, measured, files, tendons, count)
+        return _gather(None, given, measured, files, tendons, Count(progress))
+    # They need rosbags.
     from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.experiment.recording.bag_recording import BagRecording
 
     with BagReader(path) as reader:
-        return _gather(reader, given, topics, measured, files, tendons, count)
+        bag = BagRecording(reader, tensions, displacements, files)
+        return _gather(bag, bag.parameters(given), measured, files, tendons, Count(progress))
 
 
 def _check_sources(
@@ -75,11 +79,7 @@ def _check_sources(
     measured: Measured,
     files: CsvSources,
 ) -> None:
-    """Have each thing come from one place.
-
-    Raises:
-        MeasurementError: if it comes from none, or from two, or columns are those of no file.
-    """
+    """Check that each thing comes from one place; MeasurementError if not."""
     has_all = files.tensions is not None and files.midlines is not None
     driven = files.displacements is not None and files.midlines is not None
     if path is None and not (has_all or driven):
@@ -102,50 +102,49 @@ def _check_sources(
 
 
 def _gather(
-    reader: BagReader | None,
-    given: dict[str, Any] | None,
-    topics: tuple[str | None, str | None],
+    bag: BagRecording | None,
+    parameters: dict[str, Any],
     measured: Measured,
     files: CsvSources,
     tendons: Sequence[str],
     count: Count,
 ) -> Recording:
-    """Readings and frames, each from a file or from the bag of ``reader``.
-
-    ``topics`` are those of tensions and of displacements, as far as they were named.
-    """
-    refusals, notes = Refusals(), list[str]()
-    picked: tuple[str, str] | None = None
-    encoders: str | None = None
-    if reader is not None:
-        from octo_arm_model.bags.arms import describe, find_arms
-
-        if any('synthetic' in text for text in reader.metadata.values()):
-            notes.append('the bag says that it is synthetic')
-        notes += reader.notes
-        picked, encoders = pick_topics(reader, topics, files)
-        if picked is not None or encoders is not None:
-            wanted = ':'.join(part for part in picked or (encoders,) if part)
-            given = dict(find_arms(reader, [wanted], given)[0].parameters)
-        elif given is None:
-            given = describe(reader)
-    assert given is not None
+    """Readings and frames, each from a file or from the ``bag``."""
+    refusals, notes = Refusals(), [] if bag is None else bag.notes
     if tendons:
-        given['tension_names'] = list(tendons)
-    config = Config.from_parameters(given)
+        parameters['tension_names'] = list(tendons)
+    config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
-    seen = None
+    topics = None
     if files.midlines is None:
-        assert reader is not None
-        seen = MeasuredTopics(reader, measured, points, config.base_frame)
-        count.expect(reader.count(list(dict.fromkeys(seen.topics))))
-    readings = read_tendons(reader, picked, encoders, files, config, refusals, count)
-    if seen is not None:
-        source, found = ', '.join(seen.topics), list(seen.read(refusals, count))
+        from octo_arm_model.experiment.recording.measured_topics import MeasuredTopics
+
+        assert bag is not None
+        topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
+        count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
+    pulled = reeled_in = None
+    if files.tensions is not None:
+        table = read_csv(files.tensions, files.columns, count)
+        pulled = Stamped(str(files.tensions), *csv_tensions(table, config, refusals))
+    elif bag is not None:
+        pulled = bag.tensions(config, refusals, count)
+    if files.displacements is not None:
+        table = read_csv(files.displacements, files.columns, count)
+        found = csv_displacements(table, config.arm, refusals)
+        reeled_in = Stamped(str(files.displacements), *found)
+    elif bag is not None:
+        reeled_in = bag.displacements(config, refusals, count)
+    for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
+        if stamped is not None and not stamped.rows:
+            raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
+    if topics is not None:
+        source, frames = ', '.join(topics.topics), list(topics.read(refusals, count))
     else:
         assert files.midlines is not None
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
-        found = csv_frames(table, measured, points, refusals)
-    count.add(count.total - count.done)  # columns that nothing asked for
-    return assemble(given, *readings, found, source, measured, points, refusals, notes)
+        frames = csv_frames(table, measured, points, refusals)
+    count.add(count.total - count.done)  # columns that were not used
+    return assemble(
+        parameters, pulled, reeled_in, frames, source, measured, points, refusals, notes
+    )

@@ -203,10 +203,9 @@ class TransformTree:
         return self._links.keys()
 
     def _path(self, frame: str, target: str) -> list[tuple[str, bool]]:
-        """Transforms from ``frame`` to ``target``, by child, and whether each is to its parent.
+        """Transforms from ``frame`` to ``target``: child, and whether to its parent.
 
-        Raises:
-            MeasurementError: if nothing connects the two.
+        MeasurementError if nothing connects the two.
         """
         up, down = self.chain(frame), self.chain(target)
         if up[-1] != down[-1]:

@@ -57,6 +57,17 @@ def of_models(judge: Callable[[str], Finding]) -> dict[str, Finding]:
     return {model: judge(model) for model in MODELS}
 
 
+def claim(
+    says: str, where: str, check: str
+) -> Callable[[Callable[[str], Finding]], Callable[[], Claim]]:
+    """Make a claim of a function that judges one model; it is called when the claim is made."""
+
+    def of(judge: Callable[[str], Finding]) -> Callable[[], Claim]:
+        return lambda: Claim(says, where, check, of_models(judge))
+
+    return of
+
+
 def below(value: float, digits: int) -> str:
     """``value`` to ``digits`` decimals, or that it is less than the last of them."""
     least = 10.0**-digits

@@ -19,33 +19,29 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.solver import MODELS, Solver
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, of_models
+from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, claim, of_models
 
 _SOFTER = 0.05  # of E
 _LOOP = 0.01  # [s]
 _REPEATS = 200
 
 
-def in_space() -> Claim:
+@claim(
+    'The manipulator can be bent and twisted ‘arbitrarily’ in 3D space by pulling several '
+    'cables anchored at different distances from the base.',
+    'section 3',
+    'The tensions of Figure 15. Holds if the arm is more than 1 % of L off the plane that '
+    'fits it best. The twist is that of the cross sections, the integral of τ: straight '
+    'cables give none, and what renda2012 has comes from its jump (11).',
+)
+def in_space(model: str) -> Finding:
     """Section 3."""
-
-    def judge(model: str) -> Finding:
-        shape = cases.solve('table4', model, FETCHING_IN_SPACE)
-        out = cases.out_of_plane(shape) / shape.s[-1]
-        return Finding(
-            f'{100 * out:.0f} % of L off the best plane, twist of '
-            f'{below(abs(cases.tip_rotation(shape)), 2)}°',
-            out > 0.01,
-        )
-
-    return Claim(
-        'The manipulator can be bent and twisted ‘arbitrarily’ in 3D space by pulling several '
-        'cables anchored at different distances from the base.',
-        'section 3',
-        'The tensions of Figure 15. Holds if the arm is more than 1 % of L off the plane that '
-        'fits it best. The twist is that of the cross sections, the integral of τ: straight '
-        'cables give none, and what renda2012 has comes from its jump (11).',
-        of_models(judge),
+    shape = cases.solve('table4', model, FETCHING_IN_SPACE)
+    out = cases.out_of_plane(shape) / shape.s[-1]
+    return Finding(
+        f'{100 * out:.0f} % of L off the best plane, twist of '
+        f'{below(abs(cases.tip_rotation(shape)), 2)}°',
+        out > 0.01,
     )
 
 
@@ -80,28 +76,24 @@ def weight() -> Claim:
     )
 
 
-def jumps() -> Claim:
+@claim(
+    'The behaviour of N(s) and M(s) has a point of discontinuity for every value of s '
+    'corresponding to an anchorage cross section.',
+    'section 4',
+    'Steps of q between neighbours of 401 stations, tensions of Figure 14. Holds if those at '
+    'the anchorages are ten times all others. (Figure 12 shows none: only cables that end '
+    'at the tip are pulled there.)',
+)
+def jumps(model: str) -> Finding:
     """Section 4."""
-
-    def judge(model: str) -> Finding:
-        shape = cases.solve('table4', model, FETCHING_IN_PLANE)
-        steps = np.abs(np.diff(shape.q))
-        at = cases.anchorages(shape)[:-1]
-        elsewhere = float(np.delete(steps, at).max())
-        return Finding(
-            'q steps by ' + ' and '.join(f'{steps[i]:.3f}' for i in at) + f', elsewhere by '
-            f'{elsewhere:.3f} at most',
-            bool(steps[at].min() > 10.0 * elsewhere),
-        )
-
-    return Claim(
-        'The behaviour of N(s) and M(s) has a point of discontinuity for every value of s '
-        'corresponding to an anchorage cross section.',
-        'section 4',
-        'Steps of q between neighbours of 401 stations, tensions of Figure 14. Holds if those at '
-        'the anchorages are ten times all others. (Figure 12 shows none: only cables that end '
-        'at the tip are pulled there.)',
-        of_models(judge),
+    shape = cases.solve('table4', model, FETCHING_IN_PLANE)
+    steps = np.abs(np.diff(shape.q))
+    at = cases.anchorages(shape)[:-1]
+    elsewhere = float(np.delete(steps, at).max())
+    return Finding(
+        'q steps by ' + ' and '.join(f'{steps[i]:.3f}' for i in at) + f', elsewhere by '
+        f'{elsewhere:.3f} at most',
+        bool(steps[at].min() > 10.0 * elsewhere),
     )
 
 
@@ -127,7 +119,14 @@ def measured() -> Claim:
     )
 
 
-def errors_grow() -> Claim:
+@claim(
+    'The error generally is higher on the distal part of the manipulator: a small error on '
+    'the base results in a big error on the tip because it is integrated along the arm.',
+    'section 5.2',
+    f'The prototype at {PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E {100 * _SOFTER:g} % '
+    'lower. Holds if it moves more the further it is from the base.',
+)
+def errors_grow(model: str) -> Finding:
     """Section 5.2."""
     config = cases.config('prototype')
     tensions = cases.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
@@ -137,47 +136,32 @@ def errors_grow() -> Claim:
         material, youngs_modulus=(1.0 - _SOFTER) * material.youngs_modulus
     )
     arm = dataclasses.replace(config.arm, material=softer)
-
-    def judge(model: str) -> Finding:
-        shape = cases.solve('prototype', model, tensions)
-        off = Solver(arm, model, cases.STATIONS, config.base).solve(tensions).position
-        error = np.linalg.norm(off - shape.position, axis=1) * 1e3
-        quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
-        return Finding(
-            f'{quarters[0]:.1f} mm at L/4, {quarters[1]:.1f} at L/2, {error[-1]:.1f} at the tip',
-            bool((np.diff(error) > 0.0).all()),
-        )
-
-    return Claim(
-        'The error generally is higher on the distal part of the manipulator: a small error on '
-        'the base results in a big error on the tip because it is integrated along the arm.',
-        'section 5.2',
-        f'The prototype at {PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E {100 * _SOFTER:g} % '
-        'lower. Holds if it moves more the further it is from the base.',
-        of_models(judge),
+    shape = cases.solve('prototype', model, tensions)
+    off = Solver(arm, model, cases.STATIONS, config.base).solve(tensions).position
+    error = np.linalg.norm(off - shape.position, axis=1) * 1e3
+    quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
+    return Finding(
+        f'{quarters[0]:.1f} mm at L/4, {quarters[1]:.1f} at L/2, {error[-1]:.1f} at the tip',
+        bool((np.diff(error) > 0.0).all()),
     )
 
 
-def antagonists() -> Claim:
+@claim(
+    'A robot arm such as that described in this paper is able to modulate its flexional '
+    'stiffness just by properly actuating antagonistic tendons.',
+    'section 7',
+    'The prototype’s curvature under 0.1 N more in T11 than in T13, with 2 N in both against '
+    'none. Holds if it is lower at every station.',
+)
+def antagonists(model: str) -> Finding:
     """Section 7."""
-
-    def judge(model: str) -> Finding:
-        free, held = (
-            cases.solve('prototype', model, cases.pull(1, (both + 0.1, 0.0, both, 0.0), 1)).k
-            for both in (0.0, 2.0)
-        )
-        lower = 100.0 * (1.0 - held / free)
-        return Finding(
-            f'curvature lower by {lower.min():.0f} to {lower.max():.0f} %', bool(lower.min() > 0.0)
-        )
-
-    return Claim(
-        'A robot arm such as that described in this paper is able to modulate its flexional '
-        'stiffness just by properly actuating antagonistic tendons.',
-        'section 7',
-        'The prototype’s curvature under 0.1 N more in T11 than in T13, with 2 N in both against '
-        'none. Holds if it is lower at every station.',
-        of_models(judge),
+    free, held = (
+        cases.solve('prototype', model, cases.pull(1, (both + 0.1, 0.0, both, 0.0), 1)).k
+        for both in (0.0, 2.0)
+    )
+    lower = 100.0 * (1.0 - held / free)
+    return Finding(
+        f'curvature lower by {lower.min():.0f} to {lower.max():.0f} %', bool(lower.min() > 0.0)
     )
 
 

@@ -14,7 +14,7 @@ from octo_arm_model.config.paper_data import (
 from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases, figures, tables
 from octo_arm_model.reproduce.claims.claim import Claim, count
-from octo_arm_model.reproduce.page.document import TITLE, Block, Heading, Paragraph, Picture
+from octo_arm_model.reproduce.page.html_page import TITLE, Block, Picture, heading, paragraph
 
 _MADE = f"""\
 Every number and curve here was computed when the page was made, by octo-arm reproduce of \
@@ -54,19 +54,19 @@ def summary(claims: Sequence[Claim]) -> str:
 def blocks(claims: Sequence[Claim]) -> list[Block]:
     """Everything on the page, in the order of the paper."""
     return [
-        Heading(TITLE, 1),
-        Paragraph(
+        heading(TITLE, 1),
+        paragraph(
             'F. Renda, M. Cianchetti, M. Giorelli, A. Arienti, C. Laschi: A 3D steady-state model '
             'of a tendon-driven continuum soft manipulator inspired by the octopus arm. '
             'Bioinspir. Biomim. 7 (2012) 025006.'
         ),
-        *(Paragraph(text) for text in (_MADE, _MODELS, _READ)),
-        Heading('What the text claims'),
-        Paragraph(f'The paper’s words, shortened. {summary(claims)}'),
+        *(paragraph(text) for text in (_MADE, _MODELS, _READ)),
+        heading('What the text claims'),
+        paragraph(f'The paper’s words, shortened. {summary(claims)}'),
         *claims,
-        Heading('The arms'),
+        heading('The arms'),
         tables.arms(),
-        Heading('5.1 Analytical versus FEM model'),
+        heading('5.1 Analytical versus FEM model'),
         Picture(
             'Figure 8',
             'Arm of section 5.1, one cable; the body is true to scale. The paper shows finite '
@@ -76,7 +76,7 @@ def blocks(claims: Sequence[Claim]) -> list[Block]:
             figures.figure_8,
         ),
         tables.finite_elements(),
-        Heading('5.2 Analytical model versus real prototype'),
+        heading('5.2 Analytical model versus real prototype'),
         Picture(
             'Figure 9',
             'Left, the prototype at 3 N; the midline of the real arm, which the paper compares '
@@ -85,7 +85,7 @@ def blocks(claims: Sequence[Claim]) -> list[Block]:
             figures.figure_9,
         ),
         tables.tip_errors(),
-        Heading('6.1 Bending'),
+        heading('6.1 Bending'),
         Picture(
             'Figure 10',
             'Bending planes and the ratios of the cables’ tensions, seen from the tip: the arm of '
@@ -107,7 +107,7 @@ def blocks(claims: Sequence[Claim]) -> list[Block]:
             3.3,
             figures.figure_12,
         ),
-        Heading('6.2 Fetching'),
+        heading('6.2 Fetching'),
         Picture(
             'Figure 14',
             'Fetching in one plane: the arm of Table 4, tensions of Table 5; the body is true to '
@@ -122,10 +122,10 @@ def blocks(claims: Sequence[Claim]) -> list[Block]:
             5.3,
             figures.figure_15,
         ),
-        Heading('What the paper does not give'),
-        *(Paragraph(text) for text in _MISSING),
-        Heading('Where the paper is at odds with itself'),
-        *(Paragraph(text) for text in _contradictions()),
+        heading('What the paper does not give'),
+        *(paragraph(text) for text in _MISSING),
+        heading('Where the paper is at odds with itself'),
+        *(paragraph(text) for text in _contradictions()),
     ]
 
 

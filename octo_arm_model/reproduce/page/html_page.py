@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
-from collections.abc import Iterable
-from html import escape as escape_markup
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import matplotlib
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from octo_arm_model.reproduce.claims.claim import Claim
-from octo_arm_model.reproduce.page.document import (
-    TITLE,
-    WIDTH,
-    Block,
-    DataTable,
-    Heading,
-    Paragraph,
-    Picture,
-    typeset,
-    verdict,
-)
 from octo_arm_model.reproduce.plotting import STYLE
+from octo_arm_model.reproduce.tables import DataTable
 
+TITLE = 'Renda et al. 2012, reproduced'
+_WIDTH = 6.7  # of the text [in]: A4 less its margins
 _CSS = """
 html { font: 17px/1.45 'STIX Two Text', 'Times New Roman', Times, serif; color: #111;
   background: #fff; }
@@ -68,9 +63,49 @@ tr:last-child td { border-bottom: 1px solid #111; }
 """
 
 
-def as_html(blocks: Iterable[Block]) -> str:
-    """The ``blocks`` as one HTML file, which is well-formed XML too."""
-    content = '\n'.join(_element(block) for block in blocks)
+@dataclass(frozen=True)
+class Picture:
+    """A figure.
+
+    Attributes:
+        name: the paper's, such as ``Figure 8``.
+        caption: what is shown.
+        height: of the picture, which is as wide as the text [in].
+        draw: draws it on a matplotlib figure of that size.
+    """
+
+    name: str
+    caption: str
+    height: float
+    draw: Callable[[FigureBase], None]
+
+
+# A part of the page: markup, or what is drawn when the page is made.
+Block: TypeAlias = str | DataTable | Picture | Claim
+
+
+def as_html(
+    blocks: Sequence[Block], progress: Callable[[int, int], None] = lambda done, total: None
+) -> str:
+    """The ``blocks`` as one HTML file, which is well-formed XML too.
+
+    ``progress`` is called with the numbers of pictures drawn and of all.
+    """
+    drawn, total = 0, sum(isinstance(block, Picture) for block in blocks)
+    parts = []
+    for block in blocks:
+        match block:
+            case str():
+                parts.append(block)
+            case DataTable():
+                parts.append(_table(block))
+            case Claim():
+                parts.append(_claim(block))
+            case Picture():
+                parts.append(_figure(block))
+                drawn += 1
+                progress(drawn, total)
+    content = '\n'.join(parts)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8"/>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1"/>\n'
@@ -79,22 +114,25 @@ def as_html(blocks: Iterable[Block]) -> str:
     )
 
 
+def heading(text: str, level: int = 2) -> str:
+    """A heading, of level 1 for the title."""
+    return f'<h{level}>{_text(text)}</h{level}>'
+
+
+def paragraph(text: str) -> str:
+    """Running text."""
+    return f'<p>{_text(text)}</p>'
+
+
+def typeset(text: str) -> str:
+    """``text`` with minus signs where numbers have hyphens, and no line broken before a unit."""
+    text = re.sub(r'(?<![\w.])-(?=\d)', '\N{MINUS SIGN}', text)
+    text = re.sub(r'(?<=\d) (?=(%|N|mm|ms)\b|%)', '\N{NO-BREAK SPACE}', text)
+    return text.replace('% of L', '%\N{NO-BREAK SPACE}of\N{NO-BREAK SPACE}L')
+
+
 def _text(text: str) -> str:
-    return escape_markup(typeset(text))
-
-
-def _element(block: Block) -> str:
-    match block:
-        case Heading(text, level):
-            return f'<h{level}>{_text(text)}</h{level}>'
-        case Paragraph(text):
-            return f'<p>{_text(text)}</p>'
-        case DataTable():
-            return _table(block)
-        case Picture():
-            return _figure(block)
-        case Claim():
-            return _claim(block)
+    return html.escape(typeset(text))
 
 
 def _table(table: DataTable) -> str:
@@ -121,7 +159,7 @@ def _figure(picture: Picture) -> str:
 
 def _svg(picture: Picture) -> bytes:
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, picture.height))
+        figure = Figure(figsize=(_WIDTH, picture.height))
         picture.draw(figure)
         file = io.BytesIO()
         # Without the date, so that the same figure gives the same file.
@@ -131,8 +169,9 @@ def _svg(picture: Picture) -> bytes:
 
 def _claim(claim: Claim) -> str:
     findings = ''.join(
-        f'<dt>{_text(model)}: <span class="{_CLASSES[finding.holds]}">'
-        f'{verdict(finding.holds)}</span></dt><dd>{_text(finding.value)}</dd>'
+        '<dt>{}: <span class="{}">{}</span></dt><dd>{}</dd>'.format(
+            _text(model), *_VERDICTS[finding.holds], _text(finding.value)
+        )
         for model, finding in claim.findings.items()
     )
     return (
@@ -143,4 +182,7 @@ def _claim(claim: Claim) -> str:
     )
 
 
-_CLASSES = {True: 'holds', False: 'fails', None: 'open'}
+# Class and word of what is found.
+_VERDICTS = {
+    True: ('holds', 'holds'), False: ('fails', 'fails'), None: ('open', 'not judged'),
+}  # fmt: skip

@@ -19,7 +19,7 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
 
-_QUESTIONS = 2  # asked before a node counts as one that does not answer
+_QUESTIONS = 2  # requests sent before a node counts as one that does not answer
 
 
 def swap_arm(
@@ -81,11 +81,7 @@ def _swap(
 
 
 def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
-    """What a node answers to ``ask``, which may be asked twice.
-
-    Raises:
-        ConfigError: if there is no answer within ``timeout`` [s].
-    """
+    """What ``ask``, called up to twice, returns; ConfigError after ``timeout`` [s]."""
     # A server that has not discovered the reader of its answers yet loses the first.
     asked, begin = list[Future](), time.monotonic()
     for part in range(_QUESTIONS):

@@ -30,8 +30,7 @@ from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr.covariance import BackboneCovariance, read_covariance
+from octo_arm_model.wire.cdr.covariance import COVARIANCE, BackboneCovariance, read_covariance
 from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
@@ -281,11 +280,7 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
 
 
 def _variances(name: str, covariance: FloatArray) -> FloatArray:
-    """Diagonals (..., n) of a ``covariance`` (..., n, n).
-
-    Raises:
-        MessageError: if one is below zero.
-    """
+    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
     found = np.diagonal(covariance, axis1=-2, axis2=-1)
     if (found < 0.0).any():
         raise MessageError(f'{name} has variances below zero')

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,6 +21,7 @@ from octo_arm_model.ros.start import start_ros
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
+from octo_arm_model.terminal import on_signals
 
 RELEASE_TIME = 2.0  # [s] from the last tensions to slack
 _POLL = 0.05  # [s] between looks
@@ -62,13 +61,14 @@ def play(
         ProfileError: if ``profile`` goes beyond the limit of a tendon.
     """
     check_profile(profile, config.arm, tendon_limits(config))
-    with _Interruptions() as interruptions:
+    received: list[int] = []  # signals, which would otherwise leave the tendons tensioned
+    with on_signals(received.append, _SAME_SIGNAL):
         start_ros([])
         try:
             commands = _open(topic, config)
             publisher = commands.publisher
-            player = _Player(commands, config, rate, interruptions)
-            if _find_listener(publisher, timeout, interruptions, report):
+            player = _Player(commands, config, rate, received)
+            if _find_listener(publisher, timeout, received, report):
                 player.play(profile, speed, loop, partial(report, 'playing'))
                 if release:
                     player.release(partial(report, 'releasing'))
@@ -79,11 +79,7 @@ def play(
 
 
 def _open(topic: str, config: Config) -> CommandPublisher:
-    """Publisher of commands, on a node of its own.
-
-    Raises:
-        ConfigError: if ``topic`` is no name of a topic.
-    """
+    """Publisher of commands, on a node of its own; ConfigError if ``topic`` is no name."""
     node = rclpy.create_node('octo_arm_player')
     try:
         return CommandPublisher(node, topic, config)
@@ -91,45 +87,10 @@ def _open(topic: str, config: Config) -> CommandPublisher:
         raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
 
 
-class _Interruptions:
-    """Counts signals that would otherwise end the program with tendons tensioned.
-
-    SIGINT, SIGTERM and, of a terminal that closes, SIGHUP; but what whoever started the program
-    ignores stays so.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._last = -math.inf
-
-    def __enter__(self) -> _Interruptions:
-        self._before = {
-            number: signal.signal(number, self._on_signal)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-            if signal.getsignal(number) != signal.SIG_IGN
-        }
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _on_signal(self, number: int, frame: object) -> None:
-        now = time.monotonic()
-        # Shells and supervisors may send one signal to both the process and its group.
-        if now - self._last > _SAME_SIGNAL:
-            self.count += 1
-        self._last = now
-
-
 def _find_listener(
-    publisher: Any, timeout: float, interruptions: _Interruptions, report: Report
+    publisher: Any, timeout: float, received: Sequence[int], report: Report
 ) -> bool:
-    """Wait for a subscription; False if a signal came first.
-
-    Raises:
-        ConfigError: if there is none within ``timeout`` [s].
-    """
+    """Wait for a subscription; False if a signal came first, ConfigError after ``timeout`` [s]."""
     began = time.monotonic()
     while not publisher.get_subscription_count():
         waited = time.monotonic() - began
@@ -140,7 +101,7 @@ def _find_listener(
             )
         report('waiting for a subscriber', waited, timeout)
         time.sleep(_POLL)
-        if interruptions.count:
+        if received:
             return False
     return True
 
@@ -153,10 +114,10 @@ class _Player:
         commands: CommandPublisher,
         config: Config,
         rate: float,
-        interruptions: _Interruptions,
+        received: Sequence[int],
     ) -> None:
         self._commands, self._rate = commands, rate
-        self._interruptions = interruptions
+        self._received = received
         self._newest: FloatArray = np.zeros(len(config.arm.tendons))
         self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
 
@@ -168,11 +129,11 @@ class _Player:
         report: Callable[[float, float], None],
     ) -> None:
         """Publish ``profile`` up to its last row, or until the next interruption."""
-        allowed = self._interruptions.count
+        allowed = len(self._received)
         duration = profile.duration / speed
         began = time.monotonic()
         sent = 0
-        while self._interruptions.count <= allowed:
+        while len(self._received) <= allowed:
             played = time.monotonic() - began
             self._send(profile.at(speed * played, loop=loop))
             report(played if loop else min(played, duration), duration)

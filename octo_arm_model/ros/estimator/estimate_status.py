@@ -14,7 +14,7 @@ from octo_arm_model.estimation.gating.consistency import Consistency
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.node.diagnostics import make_status
 
-_BAND = 0.999  # of the chi-square distribution, beyond which innovations are not as large as told
+_BAND = 0.999  # of the chi-square distribution; innovations beyond it are too large
 _FEWEST = 30  # innovations from which on that is judged
 _LONGEST = 900  # characters of what is not observable
 
@@ -120,8 +120,8 @@ class EstimateStatus:
 def consistency(one: Consistency) -> tuple[str, bool]:
     """Recent normalised squares of one kind of measurement in words, and if they are too large.
 
-    Their sum is chi-square distributed where noise and priors are as told. Smaller ones are no
-    fault: a prior for whatever may happen is too wide while nothing does.
+    Their sum is chi-square distributed where noise and priors are right. Smaller ones are no
+    fault: a prior that allows for changes is too wide while nothing changes.
     """
     if not one.recent:
         return '', False

@@ -59,5 +59,5 @@ class PreparedEstimator(Prepared):
         return prepared
 
     def tracker(self) -> Tracker:
-        """A tracker of the arm that knows nothing but the prior."""
+        """A tracker of the arm that begins with the prior."""
         return Tracker.from_settings(self.settings, self.models, self.settings.window)

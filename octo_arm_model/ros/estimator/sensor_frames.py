@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from octo_arm_model.core.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
-from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC
+from octo_arm_model.ros.node.outputs.backbone_publishers import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.qos import create_subscription, is_overridden
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire.stamp import Stamp
@@ -28,7 +28,7 @@ _LARGEST = 1000  # transforms of one message
 
 
 class NotKnownYet(MeasurementError):
-    """A pose is asked for of a time after the last transform that leads to it."""
+    """The time of a wanted pose is after the last transform that leads to it."""
 
     def __init__(self, reason: str, frame: str, target: str, stamp_ns: int) -> None:
         """Of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""

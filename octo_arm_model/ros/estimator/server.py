@@ -47,7 +47,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._stamps = Stamps(self._diagnostics.clock)
         self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
-        self._waiting = WaitingMessages(node, self._frames, self._work, self._refuse)
+        self._waiting = WaitingMessages(self._intake, self._frames)
 
     def _open(self) -> None:
         self._begin_anew()
@@ -71,9 +71,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         def take(data: bytes) -> None:
             self._waiting.take(made.topic, data, read)
 
-        made = LatestSubscription(
-            self._node, kind, topic, take, self._refuse, self._work, self._diagnostics.skipped
-        )
+        made = LatestSubscription(self._intake, kind, topic, take)
         return made
 
     def _close(self) -> None:
@@ -121,11 +119,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
 
     def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
-        """Correct the estimate by a ``measurement`` that came on ``topic`` and publish it.
-
-        Raises:
-            OctoArmError: if it is refused.
-        """
+        """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
         arm, tracker, outbox = self._arm, self._tracker, self._publishers
         assert tracker is not None and outbox is not None
         self._diagnostics.received(topic, stamp)

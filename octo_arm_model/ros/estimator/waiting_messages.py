@@ -8,13 +8,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.timer import Timer
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
-from octo_arm_model.ros.node.inputs.tension_subscription import Refuse
-from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.ros.node.inputs.tension_subscription import Intake
 
 MOST_WAITING = 50  # messages, beyond which the oldest is refused
 LARGEST = 50_000  # bytes of a message that waits
@@ -33,17 +31,9 @@ class _Waiting(NamedTuple):
 class WaitingMessages:
     """Reads messages once the transforms are known that they need."""
 
-    def __init__(self, node: Node, frames: SensorFrames, work: WorkQueue, refuse: Refuse) -> None:
-        """Wait for transforms of ``frames``.
-
-        Args:
-            node: the node.
-            frames: tells when further transforms are known.
-            work: has the turns in which messages are read.
-            refuse: called with the topic and the error of a message that is not read.
-        """
-        self._node, self._frames = node, frames
-        self._work, self._refuse = work, refuse
+    def __init__(self, intake: Intake, frames: SensorFrames) -> None:
+        """Wait for transforms of ``frames``."""
+        self._intake, self._frames = intake, frames
         self._waiting: collections.deque[_Waiting] = collections.deque()
         self._timer: Timer | None = None
         self._is_due = False
@@ -53,13 +43,13 @@ class WaitingMessages:
         """Begin to refuse what waits for too long."""
         # Steady: ROS time may stand still.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self._node.create_timer(_PERIOD, self._expire, clock=clock)
+        self._timer = self._intake.node.create_timer(_PERIOD, self._expire, clock=clock)
 
     def close(self) -> None:
         """Forget what waits."""
         self.forget()
         if self._timer is not None:
-            self._node.destroy_timer(self._timer)
+            self._intake.node.destroy_timer(self._timer)
         self._timer, self._is_due = None, False
 
     def forget(self) -> None:
@@ -84,7 +74,7 @@ class WaitingMessages:
 
     def _refuse_oldest(self) -> None:
         oldest = self._waiting.popleft()
-        self._refuse(oldest.topic, oldest.error)
+        self._intake.refuse(oldest.topic, oldest.error)
 
     def _expire(self) -> None:
         while self._waiting and self._waiting[0].until < time.monotonic():
@@ -93,7 +83,7 @@ class WaitingMessages:
     def _on_transforms(self) -> None:
         if self._waiting and not self._is_due:
             self._is_due = True
-            self._work.add(self._read_next)
+            self._intake.work.add(self._read_next)
 
     def _read_next(self) -> bool:
         """Read the oldest message whose transform is known; whether there was one."""
@@ -107,5 +97,5 @@ class WaitingMessages:
         try:
             one.read(one.data)
         except OctoArmError as error:
-            self._refuse(one.topic, error)
+            self._intake.refuse(one.topic, error)
         return True

@@ -20,7 +20,7 @@ from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
-from octo_arm_model.wire import displacement_messages
+from octo_arm_model.wire.displacement_messages import DISPLACEMENTS, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
 
@@ -35,9 +35,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
-        self._tip_wrench = TipWrench(
-            node, self._work, lambda: self._arm, self._refuse, self._diagnostics.heard.note
-        )
+        # Tensions are answered, not wrenches: of these none counts as skipped.
+        intake = self._intake._replace(skipped=lambda older: None)
+        self._tip_wrench = TipWrench(intake, lambda: self._arm, self._diagnostics.heard.note)
         self._winches: LatestSubscription | None = None
         self._memory = self._diagnostics.memory = FrictionMemory()
         self._winding = WoundSequence(self._memory)
@@ -47,9 +47,8 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         node, diagnostics = self._node, self._diagnostics
         wrench = self._tip_wrench.open()
         self._winches = LatestSubscription(
-            node, JointState, displacement_messages.TOPIC, self._on_displacements, self._refuse,
-            self._work, diagnostics.skipped,
-        )  # fmt: skip
+            self._intake, JointState, DISPLACEMENTS, self._on_displacements
+        )
         diagnostics.publishers[self._winches.topic] = self._winches.count_publishers
         diagnostics.heard.apart = frozenset({self._winches.topic, wrench})
         diagnostics.heard.unanswered = frozenset({wrench})
@@ -98,11 +97,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         readings: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> None:
-        """Answer ``readings`` of load cells or ``displacements`` that came on ``topic``.
-
-        Raises:
-            OctoArmError: if there is no answer.
-        """
+        """Answer ``readings`` of load cells or ``displacements``; OctoArmError if refused."""
         config, outbox, winding = self._arm.config, self._publishers, self._winding
         assert outbox is not None
         self._tip_wrench.update()
@@ -125,7 +120,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """Drive the named tendons by length from now on, and the others by tension."""
         winches, message = self._winches, decoded(data, JointState)
         assert winches is not None  # it called
-        found = displacement_messages.read_displacements(message, self._arm.config.arm)
+        found = read_displacements(message, self._arm.config.arm)
         self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -48,14 +49,8 @@ class Diagnostics:
         self.heard = HeardInputs()
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.memory: FrictionMemory | None = None
-        self._totals = dict.fromkeys(
-            (
-                'answered', 'refused', 'failed', 'unaffordable', 'skipped', 'backwards', 'ahead',
-                'old', 'unstamped',
-            ),
-            0,
-        )  # fmt: skip
-        self._lately = dict(self._totals)
+        # Of messages, by what became of them: of all, and of those since the last report.
+        self._totals, self._lately = Counter[str](), Counter[str]()
         self._topics: dict[str, int] = {}
         self._received = 0
         self._newest: dict[str, float] = {}
@@ -146,7 +141,7 @@ class Diagnostics:
             status.hardware_id = name
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-        self._lately = dict.fromkeys(self._lately, 0)
+        self._lately.clear()
         self._topics, self._received, self._busy = {}, 0, 0.0
 
     def _solver(self) -> DiagnosticStatus:

@@ -29,7 +29,7 @@ class HeardInputs:
         self._last: dict[str, tuple[str, float]] = {}
 
     def source(self, topic: str) -> str:
-        """What ``topic`` is one of: those of tensions may go on in place of each other."""
+        """Key of the input of ``topic``: one for all of tensions, which may replace each other."""
         return topic if topic in self.apart else ''
 
     def note(self, topic: str) -> None:

@@ -37,8 +37,8 @@ class Prepared:
         if config.tension_type:
             message_class(config.tension_type)
         solver = config.solver(budget=config.solve_budget)
-        # What is tabulated or loaded at its first use is so before messages come. Whether a solve
-        # keeps to its budget is told when they do.
+        # Tables are made and machine code is loaded at the first use: here, before messages come.
+        # A solve beyond its budget is reported when one comes.
         with contextlib.suppress(ContinuationError):
             backbone = solver.solve(0.0 * solver.rest_lengths)
             solver.tendon_lengths(backbone)

@@ -15,6 +15,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs.tension_inputs import TensionInputs, field_of
+from octo_arm_model.ros.node.inputs.tension_subscription import Intake
 from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.qos import check_overrides
@@ -27,7 +28,7 @@ PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
 
 
 class Server(ABC, Generic[ArmT, PublishersT]):
-    """Answers tensions, and whatever else a node hears, on behalf of that node.
+    """Answers tensions, and the other inputs of a node, on behalf of that node.
 
     `configure` loads the arm, `activate` starts answering, `deactivate` stops and `cleanup` frees
     what `configure` took.
@@ -42,11 +43,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     ) -> None:
         """Declare the parameters ``table`` of ``node``.
 
-        Args:
-            node: the node.
-            table: its parameters.
-            prepare: makes an arm of them, see `LiveParameters`.
-            publishers: makes the publishers of the node.
+        ``prepare`` makes an arm of them, see `LiveParameters`, and ``publishers`` what publishes.
 
         Raises:
             ConfigError: if a value is of another type than ROS needs.
@@ -59,10 +56,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics.end('unconfigured')
         self._refusal_log = RefusalLog(node)
         self._work = WorkQueue(node)
+        self._intake = Intake(node, self._work, self._refuse, self._diagnostics.skipped)
         self._tensions = TensionInputs(
-            node, self._work, self._diagnostics, lambda: self._arm.config, self._on_readings,
-            self._refuse,
-        )  # fmt: skip
+            self._intake, self._diagnostics, lambda: self._arm.config, self._on_readings
+        )
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -117,11 +114,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     @abstractmethod
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        """Answer what load cells read [N], of `Arm.tension_shape`, that came on ``topic``.
-
-        Raises:
-            OctoArmError: if it is refused.
-        """
+        """Answer readings of load cells [N], of `Arm.tension_shape`; OctoArmError if refused."""
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""

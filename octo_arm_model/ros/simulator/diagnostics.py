@@ -36,7 +36,7 @@ class SimulatorDiagnostics:
         self.warn(topic, error)
 
     def warn(self, topic: str, error: OctoArmError) -> None:
-        """Say why what is asked for on ``topic`` cannot be, at most once a second."""
+        """Warn of what a message on ``topic`` led to, at most once a second."""
         self._refusal_log.warn(topic, error)
 
     def publish(self, source: str) -> None:

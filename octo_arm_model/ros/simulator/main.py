@@ -31,6 +31,7 @@ from octo_arm_model.ros.messages import decoded, tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.inputs.tension_subscription import (
     TOPICS,
+    Intake,
     LatestSubscription,
     TensionSubscription,
 )
@@ -47,7 +48,7 @@ from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
-from octo_arm_model.wire import displacement_messages
+from octo_arm_model.wire.displacement_messages import DISPLACEMENTS, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_fields import NONE
 
@@ -72,32 +73,22 @@ class SimulatorNode(CheckedNode):
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
         self._diagnostics = SimulatorDiagnostics(self)
-        self._encoders = create_publisher(
-            self, JointState, displacement_messages.TOPIC, OUTPUT_QOS
-        )
+        self._encoders = create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._sensors = SensorPublishers(self)
         self._push = PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
-        work = WorkQueue(self)
+        intake = Intake(self, WorkQueue(self), self._diagnostics.refuse, self._count)
         self._inputs = [
             TensionSubscription(
-                self,
-                topic,
-                lambda: self._config.arm,
-                self._on_command,
-                self._diagnostics.refuse,
-                work,
-                self._count,
-                prefix=TOPIC,
+                intake, topic, lambda: self._config.arm, self._on_command, prefix=TOPIC
             )
             for topic in TOPICS
         ]
         self._lengths = LatestSubscription(
-            self, JointState, f'{TOPIC}/displacements', self._on_lengths,
-            self._diagnostics.refuse, work, self._count,
-        )  # fmt: skip
+            intake, JointState, f'{TOPIC}/displacements', self._on_lengths
+        )
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -148,7 +139,7 @@ class SimulatorNode(CheckedNode):
     def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
         message = decoded(data, JointState)
-        found = displacement_messages.read_displacements(message, self._config.arm)
+        found = read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
         self._is_playing = False
 

@@ -34,7 +34,7 @@ class QueuedService:
         self._under_way: tuple[Steps, Any, Any] | None = None
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
-        # What sends the response gets the header that tells whose it is, the callback does not.
+        # `send_response` gets the header that identifies the request, the callback does not.
         self._send = self._service.send_response
         self._service.send_response = self._add  # type: ignore[method-assign]
 
@@ -69,7 +69,7 @@ class QueuedService:
             self._work.add(self._go_on)
 
     def _go_on(self) -> bool:
-        """Answer the oldest request, or go on with it; whether more is to be done."""
+        """Advance the oldest request by one step; returns whether any is unanswered."""
         if self._under_way is None:
             if not self._waiting:
                 return False

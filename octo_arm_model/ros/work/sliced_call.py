@@ -1,4 +1,4 @@
-"""A long call done in slices of time by whoever waits for it."""
+"""A long call that its caller does in slices of time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LONGEST_WAIT = 0.5  # [s] for a signal that came just before a wait
 
 
 class _Abandoned(BaseException):
-    """Nobody wants the result any more."""
+    """Raised in a suspended function whose result is no longer needed."""
 
 
 class SlicedCall(Generic[Result]):

@@ -11,8 +11,13 @@ import viser
 from octo_arm_model.analysis.geometry.octopus_layout import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.page import numbers
-from octo_arm_model.viewer.page.scene import BODY_COLOUR, ArmScene, LiveShape, set_scene
-from octo_arm_model.viewer.page.theme import set_theme
+from octo_arm_model.viewer.page.scene import (
+    BODY_COLOUR,
+    ArmScene,
+    LiveShape,
+    set_scene,
+    set_theme,
+)
 from octo_arm_model.viewer.page.view import View
 
 _READING = 0.5  # [s] between numbers

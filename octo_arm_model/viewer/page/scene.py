@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -23,6 +23,7 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.viewer.page.view import FIELD, View, across, tangent_of
 
 Colour = tuple[int, int, int]
+_BRAND: Colour = (200, 85, 61)
 BODY_COLOUR: Colour = (222, 140, 126)
 OTHER_COLOUR: Colour = (112, 152, 196)
 GHOST_COLOUR: Colour = (150, 150, 155)
@@ -75,7 +76,10 @@ class ArmScene:
     def show(self, shape: Backbone | LiveShape, pull: FloatArray) -> None:
         """Draw ``shape``; ``pull`` (tendons,) is each tension over its limit, 0 to 1."""
         drawn = self._drawing.draw(shape.position, shape.quaternion, shape.q)
-        self._show_body(drawn.vertices.astype(np.float32))
+        self._body = show_mesh(
+            self._scene, self._body, f'{self._name}/body', drawn.vertices, self._drawing.triangles,
+            color=self._colour, opacity=self._opacity,
+        )  # fmt: skip
         if not self._has_tendons:
             return
         self._show_discs(drawn)
@@ -88,34 +92,17 @@ class ArmScene:
             np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
         )
 
-    def _show_body(self, vertices: NDArray[np.float32]) -> None:
-        if self._body is None:
-            self._body = self._scene.add_mesh_simple(
-                f'{self._name}/body',
-                vertices,
-                self._drawing.triangles.astype(np.uint32),
-                color=self._colour,
-                opacity=self._opacity,
-            )
-        self._body.vertices = vertices
-
     def _show_discs(self, drawn: Drawn) -> None:
         unit, triangles = self._disc
         radius = drawn.disc_radius[:, np.newaxis]
         local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
         turn = Quaternions.from_xyzw(drawn.disc_quaternion).matrix()
         placed = drawn.disc_position[:, np.newaxis] + np.einsum('xyd,ydv->dvx', turn, local)
-        vertices = placed.reshape(-1, 3).astype(np.float32)
-        if self._discs is None:
-            each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
-            self._discs = self._scene.add_mesh_simple(
-                f'{self._name}/discs',
-                vertices,
-                (triangles + each).reshape(-1, 3).astype(np.uint32),
-                color=DISC_COLOUR,
-                flat_shading=True,
-            )
-        self._discs.vertices = vertices
+        each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
+        self._discs = show_mesh(
+            self._scene, self._discs, f'{self._name}/discs', placed.reshape(-1, 3),
+            (triangles + each).reshape(-1, 3), color=DISC_COLOUR, flat_shading=True,
+        )  # fmt: skip
 
     def _show_tendons(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
         if self._tendons is None:
@@ -133,6 +120,22 @@ class ArmScene:
         self.root.remove()
 
 
+def show_mesh(
+    scene: viser.SceneApi,
+    mesh: viser.MeshHandle | None,
+    name: str,
+    vertices: FloatArray,
+    triangles: IntArray,
+    **options: Any,
+) -> viser.MeshHandle:
+    """The ``mesh`` with other ``vertices``; where it is None it is added to ``scene``."""
+    points: NDArray[np.float32] = vertices.astype(np.float32)
+    if mesh is None:
+        return scene.add_mesh_simple(name, points, triangles.astype(np.uint32), **options)
+    mesh.vertices = points
+    return mesh
+
+
 def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
     ring = np.concatenate([unit_circle(_SIDES), np.zeros((1, _SIDES))])
@@ -141,17 +144,19 @@ def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)
 
 
+def set_theme(gui: viser.GuiApi, title: str) -> None:
+    """Set the colours and the title, and dock the panel at the right edge."""
+    gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
+    gui.set_panel_label(title)
+    gui.main_panel.dock_right()
+
+
 def set_scene(
     server: viser.ViserServer, view: View, middle: FloatArray, length: float, depth: float
 ) -> None:
-    """Set floor, light and initial camera.
+    """Set floor, light and the initial ``view`` for arms of a ``length`` about ``middle`` [m].
 
-    Args:
-        server: the server of the scene.
-        view: initial camera.
-        middle: centre of the arms (3,) [m].
-        length: size of the arms [m].
-        depth: of the floor below ``middle`` [m].
+    The floor is so much in ``depth`` below ``middle`` (3,) [m].
     """
     # Without a graphics card shadows take half of the rendering time.
     server.scene.configure_default_lights(cast_shadow=False)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
@@ -13,7 +11,7 @@ from octo_arm_model.analysis.geometry.uncertainty_mesh import (
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.viewer.page.scene import Colour
+from octo_arm_model.viewer.page.scene import Colour, show_mesh
 from octo_arm_model.wire.cdr.covariance import BackboneCovariance
 
 TUBE_COLOUR: Colour = (90, 140, 215)
@@ -69,15 +67,8 @@ class UncertaintyScene:
         colour: Colour,
         opacity: float | None,
     ) -> None:
-        points: NDArray[np.float32] = vertices.astype(np.float32)
-        if name not in self._meshes:
-            self._meshes[name] = self._scene.add_mesh_simple(
-                f'/estimate/{name}',
-                points,
-                triangles.astype(np.uint32),
-                color=colour,
-                opacity=opacity,
-                side='double',
-            )
-        mesh = self._meshes[name]
-        mesh.vertices, mesh.visible = points, True
+        mesh = self._meshes[name] = show_mesh(
+            self._scene, self._meshes.get(name), f'/estimate/{name}', vertices, triangles,
+            color=colour, opacity=opacity, side='double',
+        )  # fmt: skip
+        mesh.visible = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -52,10 +52,10 @@ class BackboneWriter:
         self._model, self._s, self._section = model, s, section
         self._position_shape, self._tendons = (s.size, 3), len(tendon_names)
         frame = text_field('frame_id', frame_id)
-        self._poses = Template(_pose_array(frame, s.size))
-        self._path = Template(_path(frame, s.size))
+        self._poses = Template(pose_array(frame, s.size))
+        self._path = Template(path(frame, s.size))
         self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
-        self._tip = Template(_pose_with_covariance(frame))
+        self._tip = Template(pose_with_covariance(frame))
         self._lengths = Template(_joint_state(frame, tendon_names))
         self._tensions = Template(tendon_tensions(frame, tendon_names))
 
@@ -91,6 +91,15 @@ class BackboneWriter:
         new = backbone.position[-1:], backbone.quaternion[-1:], covariance
         return self._tip.write(sec, nanosec, *new)
 
+    def all(
+        self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
+    ) -> Iterator[bytes]:
+        """Messages on `BACKBONE_TOPICS` in their order, each written when it is iterated to."""
+        yield self.path(backbone, sec, nanosec)
+        yield self.poses(backbone, sec, nanosec)
+        yield self.strains(backbone, sec, nanosec)
+        yield self.tip_pose(backbone, covariance, sec, nanosec)
+
     def tendon_lengths(
         self, lengths: FloatArray, tensions: FloatArray, sec: int, nanosec: int
     ) -> bytes:
@@ -120,10 +129,10 @@ class BackboneBatchWriter:
         """Lay out the messages as `BackboneWriter` does."""
         frame = text_field('frame_id', frame_id)
         layouts = (
-            _path(frame, s.size),
-            _pose_array(frame, s.size),
+            path(frame, s.size),
+            pose_array(frame, s.size),
             _section_strains(frame, text_field('model', model), s, section),
-            _pose_with_covariance(frame),
+            pose_with_covariance(frame),
         )
         self._templates = [BatchTemplate(layout) for layout in layouts]
 
@@ -147,14 +156,16 @@ class BackboneBatchWriter:
         return list(zip(*columns))
 
 
-def _pose_array(frame: bytes, stations: int) -> Layout:
+def pose_array(frame: bytes, stations: int) -> Layout:
+    """Layout of a geometry_msgs/PoseArray."""
     layout = Layout(frame)
     layout.count(stations)
     layout.poses(stations)
     return layout
 
 
-def _path(frame: bytes, stations: int) -> Layout:
+def path(frame: bytes, stations: int) -> Layout:
+    """Layout of a nav_msgs/Path, every pose with the header of the whole."""
     layout = Layout(frame)
     layout.count(stations)
     layout.poses(stations, frame)
@@ -171,7 +182,8 @@ def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArra
     return layout
 
 
-def _pose_with_covariance(frame: bytes) -> Layout:
+def pose_with_covariance(frame: bytes) -> Layout:
+    """Layout of a geometry_msgs/PoseWithCovarianceStamped."""
     layout = Layout(frame)
     layout.poses(1)
     layout.numbers(6, 6)

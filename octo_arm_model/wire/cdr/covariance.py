@@ -11,8 +11,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 
-TOPIC = 'backbone/covariance'
-TYPE_NAME = 'octo_arm_msgs/msg/BackboneCovariance'
+COVARIANCE = 'backbone/covariance'
+COVARIANCE_TYPE = 'octo_arm_msgs/msg/BackboneCovariance'
 _PARTS = 6  # three of position or force, three of rotation or moment
 
 

@@ -57,14 +57,10 @@ class MarkersWriter:
     def write(
         self, backbone: Backbone, sec: int, nanosec: int, largest_tension: float | None = None
     ) -> bytes:
-        """Markers of one shape, all with the same header.
+        """Markers of one shape with the stations laid out for, all with the same header.
 
-        Args:
-            backbone: a single solution with the stations this was prepared for.
-            sec: seconds of its stamp.
-            nanosec: nanoseconds of its stamp.
-            largest_tension: tension drawn in full red [N], as is all beyond it; None for the
-                largest of this shape.
+        Tensions of ``largest_tension`` [N] and beyond are drawn in full red; None for the largest
+        of this shape.
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
@@ -91,13 +87,10 @@ class FramesWriter:
     """
 
     def __init__(self, arm: Arm, s: FloatArray, base_frame: str, prefix: str = '') -> None:
-        """Lay out the frames of ``arm``, whose names begin with ``prefix``.
+        """Lay out the frames of ``arm``, children of ``base_frame``.
 
-        Args:
-            arm: the arm.
-            s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
-            base_frame: frame the backbone is expressed in, parent of all.
-            prefix: what the names begin with, to tell several arms apart.
+        Their names begin with ``prefix``. ``s`` (stations,) [m] are the stations of the backbones
+        to come, as `Solver.grid` has them.
 
         Raises:
             ConfigError: if UTF-8 cannot hold a name.

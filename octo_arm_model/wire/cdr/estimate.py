@@ -1,4 +1,4 @@
-"""The messages of an estimate, as bytes: those of its backbone, and what it knows besides."""
+"""The messages of an estimate, as bytes: those of its backbone, its contact and covariances."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ from octo_arm_model.wire.cdr.backbone import (
     BackboneWriter,
     tendon_tensions,
 )
-from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
-from octo_arm_model.wire.cdr.covariance import TYPE_NAME as COVARIANCE_TYPE
-from octo_arm_model.wire.cdr.covariance import CovarianceWriter
+from octo_arm_model.wire.cdr.covariance import COVARIANCE, COVARIANCE_TYPE, CovarianceWriter
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
-# Topics of what an estimate knows besides its backbone, and of all of it, and their types.
+# Topics of an estimate besides those of its backbone, and all of them, and their types.
 BESIDES: dict[str, str] = {
     COVARIANCE: COVARIANCE_TYPE,
     TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
@@ -38,7 +36,7 @@ ESTIMATES: dict[str, str] = {
 
 
 class EstimateWriter:
-    """Writes what estimates of one arm know besides its backbone, for one thread at a time."""
+    """Writes contacts, biases and covariances of one arm, for one thread at a time."""
 
     def __init__(self, frame_id: str, arm: Arm, s: FloatArray) -> None:
         """Lay out the messages of ``arm`` with the stations ``s`` (stations,) [m].
@@ -122,12 +120,10 @@ class EstimateMessages:
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
-        shape, stamp = estimate.backbone, (sec, nanosec)
+        stamp = sec, nanosec
+        shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
         return {
-            'backbone/path': self._shape.path(shape, *stamp),
-            'backbone/poses': self._shape.poses(shape, *stamp),
-            'strains': self._shape.strains(shape, *stamp),
-            'tip_pose': self._shape.tip_pose(shape, estimate.pose_covariance[-1], *stamp),
+            **dict(zip(BACKBONE_TOPICS, shape)),
             TENSION_ESTIMATES: self._shape.tensions(estimate.tensions, *stamp),
             **self._besides.write(estimate, contact_of(estimate, self._arm), stamp),
         }

@@ -15,7 +15,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 
-TOPIC = 'tendon_tension_profiles'
+TENSION_PROFILES = 'tendon_tension_profiles'
 PREFIX = 'tension_'  # of the field of a tendon, so that none is called as a coordinate
 _FLOAT32, _FLOAT64 = 7, 8  # of sensor_msgs/PointField
 # A point in memory: x, y and z of 4 bytes, 4 that pad, then s and the tensions of 8.

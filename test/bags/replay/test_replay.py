@@ -202,8 +202,12 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
 
 @pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
 @pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
-def test_stamps_stay_as_they_are(tmp_path: Path, kind: str, options: list[str]) -> None:
-    stamps = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9), (0, 7)]
+def test_stamps_stay_as_they_are_or_are_refused(
+    tmp_path: Path, kind: str, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = [(1, 999_999_999), (2**31 - 1, 999_999_999), (0, 7)]
+    bad = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9)]
+    stamps = [good[0], *bad, *good[1:]]
     content = samples(ARM, random_tensions(ARM, len(stamps)), '/tendon_tensions', kind)
     for number, stamp in enumerate(stamps):
         data = content[number].data
@@ -216,7 +220,8 @@ def test_stamps_stay_as_they_are(tmp_path: Path, kind: str, options: list[str]) 
         found = [
             struct.unpack_from('<iI', data, 4) for *_, data in content_of(tmp_path / 'out', topic)
         ]
-        assert found == stamps
+        assert found == good
+    assert f'  {len(bad)} refused\n' in capsys.readouterr().out
 
 
 # What else is in the bag ------------------------------------------------------------------------

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip('matplotlib')
+
 from octo_arm_model import MODELS
 from octo_arm_model.cli.main import main
 from octo_arm_model.reproduce.claims.all_claims import CLAIMS
 from octo_arm_model.reproduce.claims.claim import Claim, count
-from octo_arm_model.reproduce.page.document import Picture, typeset
+from octo_arm_model.reproduce.page.html_page import Picture, as_html, typeset
 
 FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
 
@@ -26,7 +28,6 @@ def claims() -> list[Claim]:
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder that the command writes; warnings of the package are errors."""
-    pytest.importorskip('matplotlib')
     folder = tmp_path_factory.mktemp('reproduce') / 'new' / 'folder'
     assert main(['reproduce', str(folder)]) == 0
     return folder
@@ -68,9 +69,7 @@ def test_the_page_needs_nothing_else(page: ElementTree.Element, folder: Path) ->
 
 
 def test_the_same_picture_comes_out_the_same() -> None:
-    pytest.importorskip('matplotlib')
     from octo_arm_model.reproduce import figures
-    from octo_arm_model.reproduce.page.html_page import as_html
 
     picture = Picture('Figure 12', 'DOF & "more" <than> that', 3.0, figures.figure_12)
     assert as_html([picture]) == as_html([picture])
@@ -102,3 +101,15 @@ def test_a_browser_prints_it_on_a4_with_nothing_cut_off(folder: Path) -> None:
     assert len(sizes) > 5
     assert {(round(float(x)), round(float(y))) for x, y in sizes} == {(595, 842)}
     assert widest <= 642
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('-30.26°, -1', '−30.26°, −1'), ('two-fold 3-4', 'two-fold 3-4'), ('T-1', 'T-1'),
+        ('5 % of L', '5\u00a0%\u00a0of\u00a0L'), ('3 N more', '3\u00a0N more'),
+        ('1 Nm', '1 Nm'),
+    ],
+)  # fmt: skip
+def test_numbers_are_set_as_numbers(text: str, expected: str) -> None:
+    assert typeset(text) == expected

@@ -17,7 +17,7 @@ from octo_arm_model import load_config
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
-from octo_arm_model.wire.cdr.covariance import TOPIC as COVARIANCE
+from octo_arm_model.wire.cdr.covariance import COVARIANCE
 from octo_arm_model.wire.cdr.estimate import CONTACT
 
 pytestmark = pytest.mark.slow

@@ -25,6 +25,7 @@ from octo_arm_model.ros.estimator.waiting_messages import (
     MOST_WAITING,
     WaitingMessages,
 )
+from octo_arm_model.ros.node.inputs.tension_subscription import Intake
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.work.work_queue import WorkQueue
 
@@ -129,9 +130,10 @@ def clock(monkeypatch):
 def waiting(node, clock):
     """Messages that wait, and lists of those ``read`` and ``refused``."""
     frames, refused, done = SensorFrames(node), [], []
-    made = WaitingMessages(
-        node, frames, WorkQueue(node), lambda topic, error: refused.append((topic, str(error)))
+    intake = Intake(
+        node, WorkQueue(node), lambda topic, error: refused.append((topic, str(error)))
     )
+    made = WaitingMessages(intake, frames)
 
     def read(data):
         frames.pose_of('rail', 'base', int(data[:6]))

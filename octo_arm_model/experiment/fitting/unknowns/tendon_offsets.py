@@ -14,14 +14,9 @@ from octo_arm_model.core.arm.tendon import Section
 def move_tendons(
     values: Mapping[str, Any], arm: Arm, moved: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Parameters ``values`` of ``arm`` with each tendon farther from the midline, all along it.
+    """Parameters ``values`` of ``arm``, each tendon ``moved`` [m] away from the midline, by name.
 
     Sections have one distance for all their tendons, so the paths become tables.
-
-    Args:
-        values: parameters by their dotted names.
-        arm: the arm they describe.
-        moved: how much farther each tendon is [m], by name.
     """
     new = dict(values)
     if not values.get('tendons.table_s'):

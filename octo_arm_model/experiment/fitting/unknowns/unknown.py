@@ -140,7 +140,7 @@ def unknowns_of(
     if name == 'tendon_offsets':
         return [Unknown(f'{OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
     if name == AXIAL:
-        # Where the two together are open, the stiffness is what cannot be told: it comes last.
+        # Where both together are undetermined the stiffness is left out: it comes last.
         zeros = [Unknown(f'{ZERO}{tendon}', 'm', 0.0, 1e-3) for tendon in encoders]
         first = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
         return [*zeros, Unknown(name, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, first)]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rclpy.node import Node
-
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
@@ -13,10 +11,9 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs.tension_subscription import (
     FIELD_TOPIC,
     TOPICS,
-    Refuse,
+    Intake,
     TensionSubscription,
 )
-from octo_arm_model.ros.work.work_queue import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_messages import FieldMessage
 
@@ -32,25 +29,17 @@ class TensionInputs:
 
     def __init__(
         self,
-        node: Node,
-        work: WorkQueue,
+        intake: Intake,
         diagnostics: Diagnostics,
         current: Callable[[], Config],
         take: Callable[[str, Stamp | None, FloatArray], None],
-        refuse: Refuse,
     ) -> None:
-        """Subscribe to nothing yet.
+        """Subscribe to nothing yet; ``current`` returns the arm that tensions are for.
 
-        Args:
-            node: the node that subscribes.
-            work: has the turns in which messages are answered.
-            diagnostics: told who publishes, and how many messages were skipped for newer ones.
-            current: returns the arm that tensions are for, which is there while active.
-            take: called with the topic, the stamp and the tensions of its latest message.
-            refuse: called with the topic and the error of a message that has none.
+        Others as in `TensionSubscription`.
         """
-        self._node, self._work, self._diagnostics = node, work, diagnostics
-        self._current, self._take, self._refuse = current, take, refuse
+        self._intake, self._diagnostics = intake, diagnostics
+        self._current, self._take = current, take
         self._inputs: list[TensionSubscription] = []
         self._field_input: TensionSubscription | None = None
         self._is_active = False
@@ -76,13 +65,12 @@ class TensionInputs:
         if self._is_active:
             # A topic may have another type once the executor has let go of the subscription.
             self._unsubscribe_from_field()
-            self._work.add(self._subscribe_to_field)
+            self._intake.work.add(self._subscribe_to_field)
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
         made = TensionSubscription(
-            self._node, topic, lambda: self._current().arm, self._take, self._refuse, self._work,
-            self._diagnostics.skipped, names=lambda: self._current().load_cells.names,
-            message=message,
+            self._intake, topic, lambda: self._current().arm, self._take,
+            names=lambda: self._current().load_cells.names, message=message,
         )  # fmt: skip
         self._diagnostics.publishers[made.topic] = made.count_publishers
         return made
@@ -93,7 +81,9 @@ class TensionInputs:
             try:
                 self._field_input = self._subscribe(FIELD_TOPIC, field)
             except OctoArmError as error:
-                self._node.get_logger().error(f'{FIELD_TOPIC} is not subscribed to: {error}')
+                self._intake.node.get_logger().error(
+                    f'{FIELD_TOPIC} is not subscribed to: {error}'
+                )
         return False
 
     def _unsubscribe_from_field(self) -> None:

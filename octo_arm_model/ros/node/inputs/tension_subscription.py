@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -29,6 +29,22 @@ TOPICS = tuple(TENSION_TOPICS)
 FIELD_TOPIC = 'tendon_tensions/field'
 
 
+class Intake(NamedTuple):
+    """What the subscriptions of a node share.
+
+    Attributes:
+        node: the node.
+        work: has the turns in which messages are read.
+        refuse: called with a topic and why a message on it is refused.
+        skipped: called with the number of messages left out for a newer one, before that is read.
+    """
+
+    node: Node
+    work: WorkQueue
+    refuse: Refuse
+    skipped: Callable[[int], None] = lambda older: None
+
+
 class LatestSubscription:
     """Subscription to one topic, of which only the latest message is answered.
 
@@ -41,40 +57,26 @@ class LatestSubscription:
     """
 
     def __init__(
-        self,
-        node: Node,
-        kind: Any,
-        topic: str,
-        read: Callable[[bytes], None],
-        refuse: Refuse,
-        work: WorkQueue,
-        skipped: Callable[[int], None] = lambda older: None,
+        self, intake: Intake, kind: Any, topic: str, read: Callable[[bytes], None]
     ) -> None:
-        """Subscribe.
+        """Subscribe to messages of type ``kind`` on ``topic``.
 
-        Args:
-            node: the node that subscribes.
-            kind: type of the messages.
-            topic: what they come on.
-            read: called with the bytes of the latest message.
-            refuse: called with the topic and the error that ``read`` raises.
-            work: has the turns in which messages are read.
-            skipped: called before that with the number of older messages left out.
+        ``read`` is called with the bytes of the latest; a message is refused by the OctoArmError
+        that it raises.
         """
-        self._node, self._kind, self._work = node, kind, work
-        self._read_data, self._refuse, self._skipped = read, refuse, skipped
+        self._intake, self._kind, self._read_data = intake, kind, read
         self._latest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
         self._subscription = create_subscription(
-            node, kind, topic, self._keep, INPUT_QOS, raw=True
+            intake.node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
         self.topic = self._subscription.topic_name
 
     def close(self) -> None:
         """Destroy the subscription."""
         self._is_open = False
-        self._node.destroy_subscription(self._subscription)
+        self._intake.node.destroy_subscription(self._subscription)
 
     def count_publishers(self) -> int:
         """How many publishers of the topic there are."""
@@ -85,7 +87,7 @@ class LatestSubscription:
         self._latest = message
         if not self._is_due:
             self._is_due = True
-            self._work.add(self._answer_due)
+            self._intake.work.add(self._answer_due)
 
     def _answer_due(self) -> bool:
         self._is_due = False
@@ -104,11 +106,11 @@ class LatestSubscription:
         self._latest, self._older = None, 0
         if latest is None:
             return
-        self._skipped(older)
+        self._intake.skipped(older)
         try:
             self._read_data(latest)
         except OctoArmError as error:
-            self._refuse(self.topic, error)
+            self._intake.refuse(self.topic, error)
 
 
 class TensionSubscription(LatestSubscription):
@@ -116,39 +118,30 @@ class TensionSubscription(LatestSubscription):
 
     def __init__(
         self,
-        node: Node,
+        intake: Intake,
         topic: str,
         arm: Callable[[], Arm],
         take: Callable[[str, Stamp | None, FloatArray], None],
-        refuse: Refuse,
-        work: WorkQueue,
-        skipped: Callable[[int], None],
         *,
         prefix: str = 'tendon_tensions',
         names: Callable[[], Sequence[str]] = tuple,
         message: TensionMessage | FieldMessage | None = None,
     ) -> None:
-        """Subscribe; ``refuse``, ``work`` and ``skipped`` as in `LatestSubscription`.
+        """Subscribe.
 
-        Args:
-            node: the node that subscribes.
-            topic: one of `TENSION_TOPICS`, which says what type messages are of, or another.
-            arm: returns the arm that they are for.
-            take: called with the whole name of the topic, the stamp, None where the type has none,
-                and the tensions, of `Arm.tension_shape` [N].
-            refuse: also called with what ``take`` raises.
-            work: see above.
-            skipped: see above.
-            prefix: replaces 'tendon_tensions' in the name that is subscribed to.
-            names: returns what the tendons are called there; empty for their own names.
-            message: the type of messages on another topic.
+        The ``topic`` is one of `TENSION_TOPICS`, which says of what type messages are, or another
+        with messages of the type ``message``; ``prefix`` replaces 'tendon_tensions' in its name.
+        ``arm`` returns the arm that they are for, and ``names`` what its tendons are called there,
+        empty for their own names. ``take`` is called with the whole name of the topic, the stamp,
+        None where the type has none, and the tensions, of `Arm.tension_shape` [N]; what it raises
+        is refused too.
         """
         self._message = TENSION_TOPICS[topic] if message is None else message
         self._arm, self._take, self._names = arm, take, names
         self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
         kind = message_class(self._message.type_name)
-        super().__init__(node, kind, name, self._read_latest, refuse, work, skipped)
+        super().__init__(intake, kind, name, self._read_latest)
 
     def _read_latest(self, data: bytes) -> None:
         tensions, stamp = self._read(data, self._arm())

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.node import Node
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import decoded, wrench_from_stamped
-from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription, Refuse
+from octo_arm_model.ros.node.inputs.tension_subscription import Intake, LatestSubscription
 from octo_arm_model.ros.node.prepared_arm import Prepared
-from octo_arm_model.ros.work.work_queue import WorkQueue
 
 
 class TipWrench:
@@ -23,32 +21,19 @@ class TipWrench:
     """
 
     def __init__(
-        self,
-        node: Node,
-        work: WorkQueue,
-        current: Callable[[], Prepared],
-        refuse: Refuse,
-        heard: Callable[[str], None],
+        self, intake: Intake, current: Callable[[], Prepared], heard: Callable[[str], None]
     ) -> None:
-        """Subscribe to nothing yet.
+        """Subscribe to nothing yet; ``current`` returns the arm that wrenches act on.
 
-        Args:
-            node: the node that subscribes.
-            work: has the turns in which messages are read.
-            current: returns the arm that they act on, which is there while active.
-            refuse: called with the topic and the error of a wrench that is none.
-            heard: called with the topic of a wrench that is one.
+        ``heard`` is called with the topic of each that is not refused.
         """
-        self._node, self._work = node, work
-        self._current, self._refuse, self._heard = current, refuse, heard
+        self._intake, self._current, self._heard = intake, current, heard
         self._latest: LatestSubscription | None = None
         self.value: FloatArray | None = None
 
     def open(self) -> str:
         """Subscribe; returns the whole name of the topic."""
-        self._latest = LatestSubscription(
-            self._node, WrenchStamped, 'tip_wrench', self._keep, self._refuse, self._work
-        )
+        self._latest = LatestSubscription(self._intake, WrenchStamped, 'tip_wrench', self._keep)
         return self._latest.topic
 
     def close(self) -> None:
@@ -76,7 +61,7 @@ class TipWrench:
             problem = f'it was given in {given!r}, and base_frame is {frame!r}'
         if problem:
             self.value = None
-            self._node.get_logger().warning(f'tip_wrench dropped: {problem}')
+            self._intake.node.get_logger().warning(f'tip_wrench dropped: {problem}')
 
     def _keep(self, data: bytes) -> None:
         """Keep the wrench for the tensions to come."""

@@ -19,9 +19,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.messages import message_class
-from octo_arm_model.ros.node.outputs.frames import TF_QOS, TF_TOPIC, frames_class
-from octo_arm_model.ros.node.outputs.markers import TOPIC as MARKERS_TOPIC
-from octo_arm_model.ros.node.outputs.markers import MarkerPublisher
+from octo_arm_model.ros.node.outputs.markers import MARKERS_TOPIC, MarkerPublisher
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.wire.cdr.backbone import (
     BACKBONE_TOPICS,
@@ -30,8 +28,7 @@ from octo_arm_model.wire.cdr.backbone import (
     BackboneWriter,
 )
 from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
-from octo_arm_model.wire.cdr.tension_profiles import TOPIC as PROFILES_TOPIC
-from octo_arm_model.wire.cdr.tension_profiles import TensionProfilesWriter
+from octo_arm_model.wire.cdr.tension_profiles import TENSION_PROFILES, TensionProfilesWriter
 from octo_arm_model.wire.stamp import Stamp
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -41,6 +38,9 @@ LATCHED_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+# As in tf2_ros; frames of many nodes share the topic.
+TF_TOPIC = '/tf'
+TF_QOS = QoSProfile(depth=100)
 
 
 class BackbonePublishers:
@@ -59,7 +59,7 @@ class BackbonePublishers:
         ]
         self._lengths = self._open(JointState, TENDON_LENGTHS)
         self._estimates = self._open(TendonTensions, TENSION_ESTIMATES)
-        self._profiles = self._open(PointCloud2, PROFILES_TOPIC)
+        self._profiles = self._open(PointCloud2, TENSION_PROFILES)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
         kind = frames_class(node)
@@ -70,11 +70,7 @@ class BackbonePublishers:
         self._solver: Solver | None = None
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
-        """Another publisher; where it cannot be there are none.
-
-        Raises:
-            ConfigError: if an override of a QoS policy cannot be.
-        """
+        """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
         try:
             publisher = create_publisher(self._node, kind, topic, qos)
         except ConfigError:
@@ -124,11 +120,8 @@ class BackbonePublishers:
         assert self._writer is not None and self._solver is not None
         writer = self._writer
         # Published before the next one is serialised, for the least latency of each.
-        path, poses, strains, tip = self._publishers
-        path.publish(writer.path(backbone, *stamp))
-        poses.publish(writer.poses(backbone, *stamp))
-        strains.publish(writer.strains(backbone, *stamp))
-        tip.publish(writer.tip_pose(backbone, covariance, *stamp))
+        for publisher, data in zip(self._publishers, writer.all(backbone, covariance, *stamp)):
+            publisher.publish(data)
         if self._transforms is not None:
             assert self._frames is not None
             self._transforms.publish(self._frames.write(backbone, *stamp))
@@ -144,3 +137,18 @@ class BackbonePublishers:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""
         if self._writer is not None and self._estimates.get_subscription_count():
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
+
+
+def frames_class(node: Node) -> Any | None:
+    """The class ``tf2_msgs/msg/TFMessage``; None, and a log line of ``node``, without tf2_msgs.
+
+    tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        node.get_logger().warning(
+            'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
+        )
+        return None
+    return TFMessage

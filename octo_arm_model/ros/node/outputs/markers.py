@@ -17,7 +17,7 @@ from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
-TOPIC = 'markers'
+MARKERS_TOPIC = 'markers'
 
 
 class _StampedBackbone(NamedTuple):

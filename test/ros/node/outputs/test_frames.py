@@ -14,7 +14,7 @@ from rotations import matrix_of
 from tf2_msgs.msg import TFMessage
 
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.ros.node.outputs.frames import frames_class
+from octo_arm_model.ros.node.outputs.backbone_publishers import frames_class
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,7 @@ from octo_arm_model import Solver
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
-from octo_arm_model.experiment.estimating.history import Moment, is_touched
-from octo_arm_model.experiment.estimating.touches import GAP, find_touches
+from octo_arm_model.experiment.estimating.history import GAP, Moment, find_touches, is_touched
 
 UNKNOWNS = Unknowns(Walk(5.0), tip_force=LIKELY)
 
