@@ -202,10 +202,14 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
 
 @pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
 @pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
-def test_stamps_stay_as_they_are(tmp_path: Path, kind: str, options: list[str]) -> None:
-    stamps = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9), (0, 7)]
-    content = samples(ARM, random_tensions(ARM, len(stamps)), '/tendon_tensions', kind)
-    for number, stamp in enumerate(stamps):
+def test_stamps_that_are_times_stay_as_they_are(
+    tmp_path: Path, kind: str, options: list[str]
+) -> None:
+    stamps = [(1, 999_999_999), (2**31 - 1, 10**9 - 1), (0, 7)]
+    no_times = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9)]
+    given = [*stamps[:1], *no_times, *stamps[1:]]
+    content = samples(ARM, random_tensions(ARM, len(given)), '/tendon_tensions', kind)
+    for number, stamp in enumerate(given):
         data = content[number].data
         data = data[:4] + struct.pack('<iI', *stamp) + data[12:]
         content[number] = content[number]._replace(data=data)
@@ -382,6 +386,11 @@ def test_without_a_description_the_arm_must_be_given(
     bag = write_bag(tmp_path / 'in', samples(ARM, random_tensions(ARM, 3)))
     assert main(['replay', str(bag), str(tmp_path / 'out')]) == 2
     assert 'no topic arm_description, so say which arm' in capsys.readouterr().err
+    text = parameters_as_yaml({**TABLE_4, 'base_frame': ''})
+    content = [text_sample('/arm_description', text), *samples(ARM, random_tensions(ARM, 1))]
+    other = write_bag(tmp_path / 'other', content)
+    assert main(['replay', str(other), str(tmp_path / 'out')]) == 2
+    assert f"{other}, /arm_description: base_frame is ''" in capsys.readouterr().err
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--config', 'renda2012_table4']) == 0
     inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
     for words in ([inside], [str(tmp_path / 'new'), '--csv', inside],
