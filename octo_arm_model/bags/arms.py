@@ -10,7 +10,8 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.types import STRING
 from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, holds_displacements, namespace, usual_topics
-from octo_arm_model.config.parameter_files import parse_parameters
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import naming, parameters_of
 from octo_arm_model.core.errors import BagError, ConfigError
 from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
@@ -110,4 +111,7 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         raise ConfigError(f'{reader.path}: it has {what}, so say which arm it was by --config')
     for last in reader.messages(topics):
         record = last
-    return parse_parameters(reader.decode(record).data, f'{reader.path}, {topics[0]}')
+    with naming(f'{reader.path}, {topics[0]}'):
+        values = parameters_of(reader.decode(record).data)
+        Config.from_parameters(values)
+    return values

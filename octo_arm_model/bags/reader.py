@@ -21,6 +21,7 @@ from octo_arm_model.core.errors import BagError, OctoArmError, listed
 from octo_arm_model.wire.stamp import Stamp
 
 T = TypeVar('T')
+_LONGEST = 500  # characters of what a parser complains of, which may be all that it was given
 
 
 class BagReader:
@@ -125,7 +126,7 @@ class BagReader:
         except PermissionError:
             raise
         except Exception as error:
-            problem = ' '.join(str(error).split()) or type(error).__name__
+            problem = ' '.join(str(error)[:_LONGEST].split()) or type(error).__name__
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:

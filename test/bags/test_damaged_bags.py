@@ -364,6 +364,16 @@ def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path) -> None:
         ('type: std_msgs/msg/String', 'type: 5', 'topic_metadata.type is 5, expected text'),
         ('mcap\n  ', 'paper\n  ', "storage_identifier is 'paper', expected one of 'mcap', 'sq"),
         ("compression_mode: ''", 'compression_mode: zip', "compression_mode is 'zip', expected o"),
+        (
+            '  - bag.mcap',
+            '  - bag.mcap\n  - elsewhere/bag.mcap',
+            "relative_file_paths[1] is 'bag.mcap', expected each file once",
+        ),
+        (
+            '  duration:\n    nanoseconds: ',
+            '  duration:\n    nanoseconds: -',
+            'duration.nanoseconds is -',
+        ),
     ],
 )
 @pytest.mark.parametrize('command', ['replay', 'compare', 'identify'])
@@ -384,6 +394,15 @@ def test_every_command_names_the_field(
     (line,) = capsys.readouterr().err.splitlines()
     assert expected in line
     assert command == 'compare' or not (tmp_path / 'out').exists()  # a folder, and empty
+
+
+def test_what_a_parser_complains_of_is_cut(tmp_path: Path) -> None:
+    path = bag(tmp_path / 'bag')
+    text = (path / 'metadata.yaml').read_text()
+    (path / 'metadata.yaml').write_text(text.replace('- bag.mcap', f'- {5000 * "a"}'))
+    problem = problem_of(path)
+    assert 'File name too long' in problem
+    assert len(problem) < 1000
 
 
 def test_custom_data_are_as_they_are_written(tmp_path: Path) -> None:

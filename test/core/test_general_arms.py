@@ -85,6 +85,12 @@ def test_a_helix_winds_as_far_as_it_is_told_and_its_slope_is_its_derivative() ->
         np.testing.assert_allclose(tendon.slope(s)[row], difference, atol=1e-8)
 
 
+@pytest.mark.parametrize('angle', [-7.0, 12345.6, 2.0**60, 1e25])
+def test_the_place_of_a_tendon_is_that_of_its_angle_however_large(angle: float) -> None:
+    n, b = Tendon(Constant(0.01), Constant(angle)).place(np.zeros(1))
+    assert (n, b) == (0.01 * np.cos(angle), 0.01 * np.sin(angle))
+
+
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
 def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None:
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())

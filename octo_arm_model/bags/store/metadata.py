@@ -38,7 +38,7 @@ _BAG = {
     'version': range(1, 10),  # to that of Jazzy, the newest
     'storage_identifier': ('mcap', 'sqlite3'),
     'relative_file_paths': [str],
-    'duration': {'nanoseconds': _INTEGER},
+    'duration': {'nanoseconds': _COUNT},
     'starting_time': {'nanoseconds_since_epoch': _INTEGER},
     'message_count': _COUNT,
     'topics_with_message_count': [_TOPIC],
@@ -69,8 +69,11 @@ def check_folder(folder: Path) -> dict[str, str]:
     about = whole[_ROOT]
     # rosbags looks beside the metadata, whatever folder is named.
     files = [folder / PurePath(file).name for file in about['relative_file_paths']]
-    for file in files:
+    for number, file in enumerate(files):
         check_file(file)
+        if file in files[:number]:
+            where = f'relative_file_paths[{number}]'
+            raise ValueError(f'{NAME}: {where} is {shown(file.name)}, expected each file once')
     for number, topic in enumerate(about['topics_with_message_count']):
         where = f'topics_with_message_count[{number}].topic_metadata.offered_qos_profiles'
         profiles = topic['topic_metadata'].get('offered_qos_profiles') or []

@@ -14,6 +14,7 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+_MOST_QUARTERS = 2**20  # beyond 2**53 every number is a multiple of pi / 2, up to rounding
 _OF_QUARTERS = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])  # cosines and sines
 
 
@@ -45,8 +46,8 @@ class Tendon:
         angle = self.angle.value(s)
         # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
         quarter = np.round(angle / QUARTERS[1])
-        is_quarter = angle == quarter * QUARTERS[1]
-        cosine, sine = _OF_QUARTERS[:, quarter.astype(int) % 4]
+        is_quarter = (angle == quarter * QUARTERS[1]) & (np.abs(quarter) <= _MOST_QUARTERS)
+        cosine, sine = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
         return (
             np.where(is_quarter, cosine, np.cos(angle)),
             np.where(is_quarter, sine, np.sin(angle)),

@@ -7,6 +7,7 @@ panels there is an interval of zero length, so that its two ends hold the values
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,7 @@ STEP_PER_RADIUS = 1.0
 # Within an interval the logarithm of the bending stiffness changes by at most this much, a place
 # of a tendon by this part of that radius, and its slope: the error of fourth order is below 1e-5.
 MOST_CHANGE = 0.3
-# Changes are looked for in so many parts of what becomes intervals: a table's are steepest inside.
+# Changes are looked for in so many parts of such an interval: a table's are steepest inside.
 _PARTS = 8
 
 
@@ -193,7 +194,10 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
     # Both are checked before arrays of that size are made.
     if ends.size - 1 > most:
         raise _too_many_intervals(arm)
-    parts = np.linspace(ends[:-1], ends[1:], _PARTS + 1)
+    # 2 % more, so that intervals between default stations are not split where the arm is thick.
+    longest = 1.02 * arm.length / MIN_INTERVALS
+    count = math.ceil(_PARTS * max(1.0, np.diff(ends).max() / longest * (1.0 - _SAME)))
+    parts = np.linspace(ends[:-1], ends[1:], count + 1)
     # Tendons that end where the panel begins do not act in it.
     acts = [arm.sections[i - 1].anchorage >= ends[-1] for i in arm.tendon_section]
     place, slope = (
@@ -205,12 +209,16 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
     described = np.concatenate([
         np.log(modulus * radius**4)[np.newaxis], *(place / thickness), *slope
     ])  # fmt: skip
-    change = _PARTS * np.abs(np.diff(described, axis=1)).max(axis=(0, 1))
+    change = count * np.abs(np.diff(described, axis=1)).max(axis=(0, 1))
+    # By as much one of the two components of a place changes at least: that a tendon winds by
+    # whole turns within each part, its places alone do not show.
+    angle = np.stack([tendon.angle.value(parts) for tendon in arm.tendons])[acts]
+    wound = np.abs(np.diff(angle, axis=1)) * (np.hypot(*place) / thickness)[:, 1:]
+    change = np.maximum(change, math.sqrt(0.5) * count * wound.max(axis=(0, 1), initial=0.0))
     smallest_radius = np.minimum(thickness[0], thickness[-1])
-    # 2 % more, so that intervals between default stations are not split where the arm is thick.
-    longest = np.minimum(1.02 * arm.length / MIN_INTERVALS, STEP_PER_RADIUS * smallest_radius)
     with np.errstate(over='ignore'):
-        pieces = np.maximum(np.diff(ends) / longest, change / MOST_CHANGE)
+        pieces = np.diff(ends) / np.minimum(longest, STEP_PER_RADIUS * smallest_radius)
+        pieces = np.maximum(pieces, change / MOST_CHANGE)
         pieces = np.maximum(np.ceil(pieces * (1.0 - _SAME)), 1.0)
     if not pieces.sum() <= most:
         raise _too_many_intervals(arm)

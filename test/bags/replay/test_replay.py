@@ -387,6 +387,11 @@ def test_without_a_description_the_arm_must_be_given(
     bag = write_bag(tmp_path / 'in', samples(ARM, random_tensions(ARM, 3)))
     assert main(['replay', str(bag), str(tmp_path / 'out')]) == 2
     assert 'no topic arm_description, so say which arm' in capsys.readouterr().err
+    text = parameters_as_yaml({**TABLE_4, 'base_frame': ''})
+    content = [text_sample('/arm_description', text), *samples(ARM, random_tensions(ARM, 1))]
+    other = write_bag(tmp_path / 'other', content)
+    assert main(['replay', str(other), str(tmp_path / 'out')]) == 2
+    assert f"{other}, /arm_description: base_frame is ''" in capsys.readouterr().err
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--config', 'renda2012_table4']) == 0
     inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
     for words in ([inside], [str(tmp_path / 'new'), '--csv', inside],

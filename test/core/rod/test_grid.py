@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -139,6 +140,29 @@ def test_what_changes_within_few_millimetres_is_integrated_as_on_a_fine_grid(
     )
     np.testing.assert_allclose(tip, fine, rtol=0.0, atol=1e-6)
     assert StationGrid.build(arm).step.size < 1.5 * StationGrid.build(table4.arm).step.size
+
+
+def wound(turns: float) -> Arm:
+    """A slender arm with two tendons that wind about it on one side."""
+    twist = (math.tau * turns, math.tau * turns)
+    section = Section(0.3, 0.0079, 0.0079, angles=(0.0, 1.0), twist=twist)
+    return Arm(Material(1e5), Body(0.3, 0.01, 0.01), (section,))
+
+
+@pytest.mark.parametrize('stations', [2, 3, 6])
+def test_few_stations_do_not_hide_how_a_tendon_winds(stations: int) -> None:
+    tip, fine = (
+        Solver(wound(40), 'exact', stations=n).solve([[0.5, 0.0]]).tip for n in (stations, 1001)
+    )
+    np.testing.assert_allclose(tip, fine, rtol=0.0, atol=1e-7 * 0.3)
+
+
+def test_whole_turns_between_places_that_are_looked_at_are_seen() -> None:
+    # As many as there are parts in which changes are looked for, at the default stations.
+    grid = StationGrid.build(wound(8 * MIN_INTERVALS))
+    assert grid.step.max() < 0.3 / (8 * MIN_INTERVALS) / 10.0
+    with pytest.raises(ConfigError, match='more than 20000 intervals'):
+        StationGrid.build(wound(80 * MIN_INTERVALS))
 
 
 @given(arms(), STATION_COUNTS, st.floats(-6.0, 6.0))
