@@ -14,7 +14,7 @@ from octo_arm_model import Arm, Body, Loads, Pose, Solver
 from octo_arm_model.core.rod.grid import panels_of
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 
 
 class LoadedBvp:
@@ -93,12 +93,7 @@ class LoadedBvp:
             twist[row, 0] = (1 + q) * np.interp(s, start.s, getattr(start, name))
         twist[3, 0] = 1 + q
         for _ in range(30):
-            strain = to_scaled(energy.law, twist)
-            gradient, hessian = energy.material(strain)
-            pulled, across = energy.tendon_derivatives(strain, pulls)
-            gradient += pulled
-            hessian += across
-            gradient, hessian = unscale(energy, twist, gradient, hessian)
+            gradient, hessian = derivatives_by_twist(energy, twist, pulls)
             left = (wrench - gradient)[:, 0].T
             step = np.linalg.solve(hessian[:, :, 0].transpose(2, 0, 1), left[..., np.newaxis])
             twist[:, 0] += step[..., 0].T

@@ -103,12 +103,12 @@ class Exact:
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
-        is_loaded = self.is_loaded(tip_wrench)
-        if is_loaded and tensions.ndim == 1:
+        is_loaded, is_one = self.is_loaded(tip_wrench), tensions.ndim == 1
+        if is_loaded and is_one:
             return self._loaded.solve(tensions, tip_wrench, start, before)
         if self.slides and not is_loaded:
             return self.rods.slide(_sections, tensions, before)
-        rows = np.atleast_2d(tensions)
+        rows = tensions[np.newaxis] if is_one else tensions
         if not is_loaded:
             solution = self.unloaded.solve(rows)
         else:
@@ -123,7 +123,7 @@ class Exact:
                     error.number = number
                     raise
             solution = stacked(found)
-        return solution if tensions.ndim > 1 else solution.one()
+        return solution.one() if is_one else solution
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon at every node, see `Statics`."""

@@ -67,7 +67,16 @@ class UnloadedExact:
         s = np.concatenate([panel.start + panel.length * points for panel in panels])
         self.at_points = self._sections_at(s, np.repeat([panel.section for panel in panels], each))
         self._at_nodes: dict[int, SectionEnergy] = {}
-        self.tail = tail_matrix(each)
+        self.tail, self._each, count = tail_matrix(each), each, setup.grid.nodes.size
+        # From the points of each panel to its nodes, the last two Chebyshev coefficients, and zero
+        # for nodes that no tendon reaches.
+        most = max(nodes.numbers.size for nodes in self.panels)
+        self._from_points = np.zeros((len(self.panels), each, most + 3))
+        self._from_points[:, :, -3:-1] = self.tail
+        self._columns = np.full(count, most + 2)
+        for panel, (numbers, from_points) in enumerate(self.panels):
+            self._from_points[panel, :, : numbers.size] = from_points
+            self._columns[numbers] = panel * (most + 3) + np.arange(numbers.size)
         described = _described(setup.arm, s), _described(setup.arm, setup.grid.nodes)
         self.uneven = np.array([
             _misses(described[0][:, panel * each : (panel + 1) * each], described[1], nodes)
@@ -92,17 +101,18 @@ class UnloadedExact:
         coarse = to_twist(energy.law, found.strain)
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
-        count = len(tensions)
-        twist = np.zeros((energy.strains, count, self._setup.grid.nodes.size))
-        by_panel = coarse.reshape(energy.strains, count, -1, len(self.tail))
-        for panel, (numbers, from_points) in enumerate(self.panels):
-            twist[..., numbers] = by_panel[:, :, panel] @ from_points
+        count, panels = len(tensions), len(self.panels)
+        found_by_panel = np.empty((energy.strains * count, panels, self._from_points.shape[-1]))
+        by_panel = coarse.reshape(-1, panels, self._each)
+        np.matmul(by_panel.swapaxes(0, 1), self._from_points, out=found_by_panel.swapaxes(0, 1))
+        twist = found_by_panel.reshape(energy.strains, count, -1).take(self._columns, axis=-1)
         twist[3] += 1.0
         residual, iterations = found.residual, np.full(count, found.iterations)
-        tail = np.abs(by_panel @ self.tail).max(axis=3)
+        tail = np.abs(found_by_panel[..., -3:-1]).reshape(energy.strains, count, panels, 2)
         size = np.abs(coarse).max(axis=2)
         size[:3] = size[:3].max(axis=0)
-        unresolved = (tail > RESOLVED * size[:, :, np.newaxis]).any(axis=0) | self.uneven
+        unresolved = (tail > RESOLVED * size[:, :, np.newaxis, np.newaxis]).any(axis=(0, 3))
+        unresolved |= self.uneven
         if np.count_nonzero(unresolved):
             residual = residual.copy()
             for panel in np.flatnonzero(unresolved.any(axis=0)).tolist():

@@ -109,12 +109,10 @@ class Results:
         else:
             position, quaternion = self.position[part], self.quaternion[part]
             backbone_frames(twist, self._grid, self._base, position, quaternion)
-        at_stations = self._grid.station_node
-        stretch = twist[3][..., at_stations]
-        tau, xi, k, q = self.strains
-        for angular, strain in zip(twist, (tau, xi, k)):
-            np.divide(angular[..., at_stations], stretch, out=strain[part])
-        np.subtract(stretch, 1.0, out=q[part])
+        at_stations = twist[:4].take(self._grid.station_node, axis=-1)
+        stretch, strains = at_stations[3], self.strains if part == () else self.strains[:, part]
+        np.divide(at_stations[:3], stretch, out=strains[:3])
+        np.subtract(stretch, 1.0, out=strains[3])
 
     def set_tendons(self, points: FloatArray, stations: FloatArray) -> None:
         """Take tensions at the ``points`` (tendons, points) of the last arm [N].

@@ -66,8 +66,8 @@ class Solution(NamedTuple):
             return self
         return Solution(
             self.twist[:, 0],
-            float(np.max(self.residual)),
-            int(np.max(self.iterations)),
+            np.asarray(self.residual).item(),
+            np.asarray(self.iterations).item(),
             self.shape,
             self.frames and (self.frames[0][0], self.frames[1][0]),
             self.tendons and TendonTensions(*(part[:, 0] for part in self.tendons)),

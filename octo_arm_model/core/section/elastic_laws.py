@@ -59,21 +59,20 @@ def neo_hookean_density(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
     """`Density` of the law neo_hookean, of numbers or arrays."""
-    fibre = np.sqrt(bend)
     # The root of lambda^2 - z; NaN where a fibre has no length left.
-    w = np.sqrt(stretch - fibre) * np.sqrt(stretch + fibre)
+    w = np.sqrt(stretch * np.abs(stretch) - bend)
     total = stretch + w
     over, over_w = 1.0 / total, 1.0 / w
-    both = over_w * over
-    cube = over_w * over_w * over_w * (1.0 / 6.0)
-    mixed = cube * over * over
+    third = over_w * over * (1.0 / 3.0)
+    square = over_w * over_w
+    mixed = square * over * third
     twice = total + w
     return (
-        stretch * (1.0 / 3.0) - (2.0 / 3.0) * both,
-        1.0 / 24.0 + both * over * (1.0 / 3.0),
-        1.0 / 3.0 + 4.0 * cube,
-        -2.0 * twice * mixed,
-        (twice + w) * over * mixed,
+        stretch * (1.0 / 3.0) - (third + third),
+        third * over + 1.0 / 24.0,
+        square * over_w * (2.0 / 3.0) + 1.0 / 3.0,
+        -twice * mixed,
+        (twice + w) * over * mixed * 0.5,
     )
 
 

@@ -18,14 +18,14 @@ straight tendons in planes through the midline.
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
-from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.formulas import bending_terms, tendon_direction
+from octo_arm_model.core.section.elastic_laws import Density, Law
+from octo_arm_model.core.section.formulas import bending_factors, tendon_direction
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.tendons.planar_tendons import PlanarTendons
@@ -35,8 +35,9 @@ from octo_arm_model.core.section.tendons.tendon_tables import TendonTables, by_s
 if TYPE_CHECKING:
     from octo_arm_model.core.section.condensed import Condensed
 
-# Entries of the lower half of a symmetric matrix, row by row.
-LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
+# That of the sections and its two derivatives; numbers where there is none.
+Widening: TypeAlias = tuple[Number, Number, Number]
+
 MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
 
 
@@ -50,7 +51,8 @@ class SectionEnergy:
         s: arc coordinate of each node [m].
         strains: how many strains a cross section has: 4, or 6 with shear.
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
-        stiffness: of the undeformed cross sections.
+        stiffness: of the undeformed cross sections, (1, nodes) as all that follows: operations
+            on arrays of one shape take NumPy a third of the time.
         radius: reference radius at each node [m].
         squared_radius: its square [m^2], likewise.
         lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
@@ -61,8 +63,10 @@ class SectionEnergy:
         dx: slope of ``x`` [-].
         dy: slope of ``y`` [-].
         squared_slope: sum of their squares.
-        shear_stiffness: G A [N], (nodes,).
-        poisson: Poisson's ratio [-], (nodes,).
+        twice: 2 E A R^2 [N m^2], (1, nodes).
+        fourth: 2 R^2 times that, (1, nodes).
+        shear_stiffness: G A [N], (1, nodes).
+        poisson: Poisson's ratio [-], (1, nodes).
     """
 
     # Tables of every tendon.
@@ -76,13 +80,14 @@ class SectionEnergy:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
         self.law, self.s = law, nodes
         self.strains = 6 if shear else 4
-        self.stiffness = SectionStiffness.at(arm, nodes)
-        self.radius = arm.body.radius(nodes)
+        stiffness = SectionStiffness.at(arm, nodes)
+        self.stiffness = SectionStiffness(*(part[np.newaxis] for part in stiffness))
+        self.radius = arm.body.radius(nodes)[np.newaxis]
         self.active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
             :, np.newaxis
         ]
         self.transmission = transmission(arm, nodes, section)[:, np.newaxis]
-        self.poisson = arm.material.poisson_ratio_at(nodes)
+        self.poisson = arm.material.poisson_ratio_at(nodes)[np.newaxis]
         self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
         # Offsets along n and b and their slopes, zero where the tendon does not act.
         self.x, self.y, self.dx, self.dy = (
@@ -92,13 +97,14 @@ class SectionEnergy:
         # Maps curvatures and stretch to u_t; its transpose, forces along t to moments and force.
         self._levers = np.stack([self.y, -self.x, np.ones_like(self.x)])
         lever = np.hypot(self.x, self.y)
-        self.lever_max = np.maximum(self.radius, np.max(lever, axis=(0, 1), initial=0.0))
+        self.lever_max = np.maximum(self.radius, np.max(lever, axis=0, initial=0.0))
         routing_torque = np.abs(self.x * self.dy - self.y * self.dx)
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         self.squared_slope = self.dx**2 + self.dy**2
         self.squared_radius = self.radius**2
-        self._twice = 2.0 * self.stiffness.axial * self.squared_radius
+        self.twice = 2.0 * self.stiffness.axial * self.squared_radius
+        self.fourth = 2.0 * self.squared_radius * self.twice
         self._pulled: dict[bytes, SectionEnergy] = {}
         self._tabulated: TendonTables | None = None
 
@@ -159,8 +165,8 @@ class SectionEnergy:
             length = np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
         return u_t, u_n, u_b, length
 
-    def widening(self, stretch: FloatArray) -> tuple[Number, Number, Number]:
-        """The widening of the sections and its two derivatives; numbers where there is none."""
+    def widening(self, stretch: FloatArray) -> Widening:
+        """See `Widening`, for a ``stretch`` (batch, nodes)."""
         return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
@@ -205,14 +211,9 @@ class SectionEnergy:
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
         """Gradient (n, batch, nodes) of the whole energy, for a `widening` and its derivative."""
-        bending, stretch = strain[1:3], strain[3]
-        f = self.law.density(stretch, np.add.reduce(bending * bending) * self.squared_radius)
         gradient = self.tendon_gradient(strain, local_tensions, width, slope)
-        gradient[0] += self.stiffness.torsion * strain[0]
-        gradient[1:3] += (self._twice * f.by_bend) * bending
-        gradient[3] += self.stiffness.axial * f.by_stretch
-        if self.strains == 6:
-            gradient[4:] += self.shear_stiffness * strain[4:]
+        f = self._density(strain)
+        self._add_stress(strain, f, self.twice * f.by_bend, gradient)
         return gradient
 
     def tendon_gradient(
@@ -225,10 +226,10 @@ class SectionEnergy:
         return by_strain(np.einsum('cmj...,cj...->m...', tables.by, pull), slope)
 
     def tendon_derivatives(
-        self, strain: FloatArray, local_tensions: FloatArray
+        self, strain: FloatArray, local_tensions: FloatArray, widening: Widening
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of sum T |u|."""
-        width, slope, bend = self.widening(strain[3])
+        width, slope, bend = widening
         tables = self._tables()
         u, length = tables.directions(strain, width)
         weight = local_tensions / length
@@ -241,21 +242,52 @@ class SectionEnergy:
         hessian[3, 3] += bend * gradient[-1]
         return by_strain(gradient, slope), hessian[:-1, :-1]
 
-    def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
+    def derivatives(
+        self, strain: FloatArray, local_tensions: FloatArray, widening: Widening
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of the whole energy.
 
         Both are NaN where the state is impossible, see `Density`.
         """
-        t, n, b, stretch = strain[:4]
-        f = self.law.density(stretch, (n * n + b * b) * self.squared_radius)
-        terms = bending_terms(n, b, *f, self.stiffness.axial, self.squared_radius)
-        gradient = np.empty_like(strain)
-        hessian = np.zeros((len(strain), *strain.shape))
-        gradient[0], gradient[1:4] = self.stiffness.torsion * t, terms[:3]
-        hessian[0, 0] = self.stiffness.torsion
-        for (i, j), term in zip(LOWER, terms[3:]):
-            hessian[1 + i, 1 + j] = hessian[1 + j, 1 + i] = term
-        if len(strain) == 6:
-            gradient[4:] = self.shear_stiffness * strain[4:]
-            hessian[4, 4] = hessian[5, 5] = self.shear_stiffness
+        gradient, hessian = self.tendon_derivatives(strain, local_tensions, widening)
+        self._add_material(strain, gradient, hessian)
         return gradient, hessian
+
+    def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `derivatives`, of the elastic energy."""
+        gradient, hessian = np.zeros_like(strain), np.zeros((len(strain), *strain.shape))
+        self._add_material(strain, gradient, hessian)
+        return gradient, hessian
+
+    def _density(self, strain: FloatArray) -> Density:
+        bending = strain[1:3]
+        return self.law.density(strain[3], np.add.reduce(bending * bending) * self.squared_radius)
+
+    def _add_material(self, strain: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
+        """Add those of the elastic energy."""
+        f, bending = self._density(strain), strain[1:3]
+        once, both, second = bending_factors(
+            f.by_bend, f.by_stretch_bend, f.by_bend_bend, self.twice, self.fourth
+        )
+        self._add_stress(strain, f, once, gradient)
+        hessian[0, 0] += self.stiffness.torsion
+        hessian[1:3, 1:3] += (second * bending)[:, np.newaxis] * bending
+        hessian[1, 1] += once
+        hessian[2, 2] += once
+        across = both * bending
+        hessian[1:3, 3] += across
+        hessian[3, 1:3] += across
+        hessian[3, 3] += self.stiffness.axial * f.by_stretch_stretch
+        if self.strains == 6:
+            hessian[4, 4] += self.shear_stiffness
+            hessian[5, 5] += self.shear_stiffness
+
+    def _add_stress(
+        self, strain: FloatArray, f: Density, once: FloatArray, gradient: FloatArray
+    ) -> None:
+        """Add the gradient of the elastic energy; ``once`` as of `bending_factors`."""
+        gradient[0] += self.stiffness.torsion * strain[0]
+        gradient[1:3] += once * strain[1:3]
+        gradient[3] += self.stiffness.axial * f.by_stretch
+        if self.strains == 6:
+            gradient[4:] += self.shear_stiffness * strain[4:]

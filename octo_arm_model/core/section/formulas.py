@@ -147,6 +147,17 @@ def condensed_terms(
     )  # fmt: skip
 
 
+def bending_factors(
+    by_bend: Number, stretch_bend: Number, bend_bend: Number, twice: Number, fourth: Number
+) -> tuple[Number, Number, Number]:
+    """Factors of the Hessian of the elastic energy by the two curvatures c and the stretch.
+
+    Of 1 and of c in their derivatives with the stretch, and of c c^T; the first times c is also
+    the gradient. From the `Density` of the law, ``twice`` E A R^2 and ``fourth`` 2 R^2 times that.
+    """
+    return twice * by_bend, twice * stretch_bend, fourth * bend_bend
+
+
 def bending_terms(
     n: Number, b: Number, by_stretch: Number, by_bend: Number, stretch_stretch: Number,
     stretch_bend: Number, bend_bend: Number, axial: Number, squared: Number,
@@ -156,7 +167,9 @@ def bending_terms(
     From the `Density` of the law, E A and the square of the radius.
     """
     twice = 2.0 * axial * squared
-    once, both, second = twice * by_bend, twice * stretch_bend, 2.0 * squared * twice * bend_bend
+    once, both, second = bending_factors(
+        by_bend, stretch_bend, bend_bend, twice, 2.0 * squared * twice
+    )
     return (
         once * n, once * b, axial * by_stretch,
         second * n * n + once,
@@ -201,15 +214,17 @@ def planar_start(load: Number, force: Number, softening: Number) -> tuple[Number
 
     For ``load``, the moment over E A and the radius, ``force`` of compression over E A, and
     bending stiffness that sheaths take over 2 E A and the square of the radius. The bend is the
-    curvature times the radius. Correct to first order for every law, and a possible state for any
-    load.
+    curvature times the radius. Correct to first order for every law, near the balance of rubber
+    for much larger loads, and a possible state for any.
     """
-    straight = 1.0 / np.sqrt(1.0 + 2.0 * force)
-    slope = 4.0 * load / (1.0 - 8.0 * softening)
-    ratio = slope / straight
-    bend = slope / np.sqrt(1.0 + ratio * ratio)
-    # Bending lengthens rubber by this to leading order.
-    return straight, straight + 0.5 * bend * bend, bend
+    # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+    stress = 1.0 + force + force + force * force / (1.0 + force)
+    straight = 1.0 / np.sqrt(stress)
+    ratio = 12.0 * load / (straight * (1.0 - 24.0 * softening) + stress + stress)
+    # Bending lengthens rubber.
+    secant = np.sqrt(1.0 + ratio * ratio)
+    stretch = straight * np.sqrt(secant)
+    return straight, stretch, stretch * ratio / secant
 
 
 def planar_step(
@@ -221,7 +236,7 @@ def planar_step(
     twice, secant = bend + bend, by_bend - softening
     left, moved = by_stretch + force, twice * secant - load
     cross = twice * stretch_bend
-    about = 2.0 * secant + 4.0 * bend * bend * bend_bend
+    about = secant + secant + twice * twice * bend_bend
     over = 1.0 / (stretch_stretch * about - cross * cross)
     return (
         stretch - over * (about * left - cross * moved),

@@ -22,7 +22,6 @@ MAX_ITERATIONS = 200
 OVERSHOOT = 0.9
 # Relative residual below which the slopes of the line search are rounding.
 ROUNDING = 1e-6
-FIRST_STEPS = 2  # Newton steps for the two unknowns of `initial_strain`
 _SHORTEST_TENDON = 0.05  # over its reference length: the cause reported where nothing converges
 
 
@@ -44,16 +43,15 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     """Approximation of the strain of least energy: that under tendons parallel to the midline.
 
     Their force and moment do not depend on the strain, and the section bends in one plane. The two
-    unknowns, stretch and curvature times radius, take a few inexpensive Newton steps.
+    unknowns, stretch and curvature times radius, take an inexpensive step of Newton's method.
     """
     moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
     load = moment / energy.radius
     softening = energy.softening(local_tensions)
     straight, stretch, bend = planar_start(load, force, softening)
-    for _ in range(FIRST_STEPS):
-        f = energy.law.density(stretch, bend * bend)
-        stretch, bend = planar_step(stretch, bend, load, force, softening, *f)
+    f = energy.law.density(stretch, bend * bend)
+    stretch, bend = planar_step(stretch, bend, load, force, softening, *f)
     curvature = bend / energy.radius
     # The straight state where that is impossible or NaN.
     fails = ~can_be(energy, stretch, np.abs(curvature))
@@ -115,10 +113,8 @@ def _descend(
     slope = np.zeros(0)
     iterations = 0
     for _ in range(MAX_ITERATIONS):
-        gradient, hessian = energy.material(strain)
-        of_tendons = energy.tendon_derivatives(strain, local_tensions)
-        gradient += of_tendons[0]
-        hessian += of_tendons[1]
+        widening = energy.widening(strain[3])
+        gradient, hessian = energy.derivatives(strain, local_tensions, widening)
         if energy.planar:
             # Tendons cannot twist the arm, but for rounding.
             gradient[0] = hessian[0, 1:] = hessian[1:, 0] = 0.0

@@ -18,7 +18,7 @@ class ParameterDerivatives:
             each (tendons, 1, nodes), zero beyond the anchorage.
         rest_stretches: length of each tendon of the unloaded arm by that of the midline,
             (tendons, nodes), zero beyond the anchorage.
-        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (nodes,).
+        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (1, nodes).
     """
 
     def __init__(self, energy: SectionEnergy, arm: Arm) -> None:

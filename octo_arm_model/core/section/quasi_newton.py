@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, Number
+from octo_arm_model.core.section.formulas import bending_factors
 
 if TYPE_CHECKING:
     from octo_arm_model.core.section.energy import SectionEnergy
@@ -22,6 +23,7 @@ _SLOW = 0.7  # of the imbalance, what a step leaves at most if another is worth 
 # Relative imbalance from which on steps allow for the stiffness of the tendons: before, it is less
 # than what the step leaves as it is finite.
 _NEAR = 1e-3
+_ROUNDING = 1e-13  # relative imbalance that no step makes less
 
 
 class Tendons(Protocol):
@@ -74,35 +76,38 @@ def balance(
     Of ``scale``, see `newton.force_scale`. None where it takes too many steps.
     """
     over, axial = 1.0 / scale, energy.stiffness.axial
-    twice = 2.0 * axial * energy.squared_radius
-    fourth = 2.0 * energy.squared_radius * twice
     previous = np.inf
     for iterations in range(_MOST_STEPS):
         bending = strain[-3:-1]
         square = np.add.reduce(bending * bending)
         f = energy.law.density(strain[-1], square * energy.squared_radius)
-        gradient, once = tendons.gradient(strain), twice * f.by_bend
+        once, both, second = bending_factors(
+            f.by_bend, f.by_stretch_bend, f.by_bend_bend, energy.twice, energy.fourth
+        )
+        gradient = tendons.gradient(strain)
         gradient[-3:-1] += once * bending
         gradient[-1] += axial * f.by_stretch
         if tendons.has_torsion:
             gradient[0] += energy.stiffness.torsion * strain[0]
+        left = np.abs(gradient * over)
+        worst = float(left.max(initial=0.0))
+        is_balanced = worst <= tolerance and tendons.imbalance <= tolerance
+        if is_balanced and worst <= _ROUNDING:
+            return Balance(strain, left.max(axis=(0, 2), initial=0.0), iterations)
+        if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
+            return None
+        previous = worst
         body = _Body(
-            bending, square, once - tendons.softening, twice * f.by_stretch_bend,
-            fourth * f.by_bend_bend, axial * f.by_stretch_stretch,
-        )  # fmt: skip
+            bending, square, once - tendons.softening, both, second, axial * f.by_stretch_stretch
+        )
         if tendons.has_torsion:
             about_t = energy.stiffness.torsion + tendons.torsion
             step = _with_torsion(body, gradient, about_t, tendons.coupling)
         else:
             step = body.step(gradient)
-        left = np.abs(gradient * over)
-        worst = float(left.max(initial=0.0))
-        if worst <= tolerance and tendons.imbalance <= tolerance:
+        if is_balanced:
             # A last step leaves rounding, whatever the tolerance is.
             return Balance(strain + step, left.max(axis=(0, 2), initial=0.0), iterations)
-        if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
-            return None
-        previous = worst
         if worst < _NEAR and not tendons.has_torsion:
             step = body.step(gradient + tendons.stiffened(step))
         strain = strain + step
@@ -124,7 +129,7 @@ def _with_torsion(
 class _Body(NamedTuple):
     """The Hessian of the body by two curvatures c and the stretch.
 
-    Its parts are ``once`` 1 + ``second`` c c^T, ``both`` c and ``axial``.
+    Its parts are ``once`` 1 + ``second`` c c^T, ``both`` c, see `bending_factors`, and ``axial``.
     """
 
     bending: FloatArray

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 
@@ -31,17 +31,25 @@ def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
     return strain
 
 
+def _scaled(energy: SectionEnergy, twist: FloatArray, width: Number) -> FloatArray:
+    """`to_scaled` of a known ``width``."""
+    if not energy.law.widens:
+        return twist
+    strain = twist.copy()
+    strain[:3] *= width
+    return strain
+
+
 def gradient_by_twist(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
 ) -> FloatArray:
     """The gradient of `derivatives_by_twist` alone."""
     width, slope, _ = energy.widening(twist[3])
-    strain = twist.copy()
-    strain[:3] *= width
-    gradient = energy.gradient(strain, local_tensions, width, slope)
-    # As `unscale_gradient`, whose widening is known here.
-    gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
-    gradient[:3] *= width
+    gradient = energy.gradient(_scaled(energy, twist, width), local_tensions, width, slope)
+    if energy.law.widens:
+        # As `unscale_gradient`, whose widening is known here.
+        gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
+        gradient[:3] *= width
     return gradient
 
 
@@ -52,25 +60,14 @@ def derivatives_by_twist(
 
     Of the energy of the sections and their tendons of ``local_tensions`` (tendons, batch, nodes).
     """
-    strain = to_scaled(energy.law, twist)
-    gradient, hessian = energy.material(strain)
-    pulled, across = energy.tendon_derivatives(strain, local_tensions)
-    gradient += pulled
-    hessian += across
-    return unscale(energy, twist, gradient, hessian)
-
-
-def unscale(
-    energy: SectionEnergy, twist: FloatArray, gradient: FloatArray, hessian: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) by the ``twist``.
-
-    From those by the scaled strain, which are written over; the gradient is the moment and the
-    force in the axes of the cross section.
-    """
+    widening = energy.widening(twist[3])
+    strain = _scaled(energy, twist, widening[0])
+    gradient, hessian = energy.derivatives(strain, local_tensions, widening)
     if not energy.law.widens:
         return gradient, hessian
-    width, slope, bend = energy.widening(twist[3])
+    # From those by the scaled strain; the gradient is the moment and the force in the axes of the
+    # cross section.
+    width, slope, bend = widening
     kappa, by_kappa = twist[:3], gradient[:3]
     # The chain rule, by rows and then by columns.
     for half in (hessian, hessian.swapaxes(0, 1)):

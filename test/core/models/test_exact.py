@@ -38,7 +38,7 @@ from octo_arm_model.core.rod import grid
 from octo_arm_model.core.section import elastic_laws
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import gradient_by_twist, unscale
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 
 LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
@@ -417,13 +417,16 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
         stretches = energy.lengthening(at_both(x), local_tensions)[0]
         return (local_tensions * stretches).sum(axis=(0, 1))
 
+    def of_tendons(x: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        return energy.tendon_derivatives(x, local_tensions, energy.widening(x[3]))
+
     strain = at_both(at)
-    tendon_gradient, tendon_hessian = energy.tendon_derivatives(strain, local_tensions)
+    tendon_gradient, tendon_hessian = of_tendons(strain)
     np.testing.assert_allclose(
         tendon_gradient[:, 0].T, jacobian(tendons_energy, at, steps), rtol=1e-7, atol=1e-9
     )
     for gradient, hessian in (
-        (lambda x: energy.tendon_derivatives(x, local_tensions)[0], tendon_hessian),
+        (lambda x: of_tendons(x)[0], tendon_hessian),
         (lambda x: energy.material(x)[0], energy.material(strain)[1]),
     ):
         expected = jacobian(lambda x: gradient(at_both(x)), at, steps)[:, 0]
@@ -440,14 +443,7 @@ def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear
     )
 
     def physical(x: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        scaled = at_both(x)
-        if energy.law.widens:
-            scaled[:3] *= energy.law.widening(scaled[3])[0]
-        gradient, hessian = energy.material(scaled)
-        pulled, across = energy.tendon_derivatives(scaled, local_tensions)
-        gradient += pulled
-        hessian += across
-        return unscale(energy, at_both(x), gradient, hessian)
+        return derivatives_by_twist(energy, at_both(x), local_tensions)
 
     alone = gradient_by_twist(energy, at_both(at), local_tensions)
     np.testing.assert_allclose(alone, physical(at)[0], rtol=1e-12, atol=1e-15)

@@ -37,8 +37,7 @@ def energy_at(arm: Arm, law: str, sheath: float = 0.0) -> SectionEnergy:
 
 def imbalance(energy: SectionEnergy, tensions: FloatArray, strain: FloatArray) -> float:
     """What is left of the balance over its scale, evaluated anew."""
-    pull, _ = energy.tendon_derivatives(strain, tensions)
-    gradient = energy.material(strain)[0] + pull
+    gradient, _ = energy.derivatives(strain, tensions, energy.widening(strain[3]))
     return float(np.abs(gradient / force_scale(energy, tensions)).max())
 
 
@@ -179,11 +178,11 @@ def test_what_is_surely_stable_has_a_definite_hessian(table4: Config) -> None:
                 strain = initial_strain(energy, local)
                 surely = energy._is_surely_stable(strain, local)
                 try:
-                    of_tendons = energy.tendon_derivatives(strain, local)[1]
+                    _, hessian = energy.derivatives(strain, local, energy.widening(strain[3]))
                 except SolveError:
                     assert not surely
                     continue
-                factors = factorise(energy.material(strain)[1] + of_tendons)
+                factors = factorise(hessian)
                 definite = min(float(factors[k, k].min()) for k in range(4)) > 0.0
                 assert definite or not surely
                 verdicts.add((definite, surely))

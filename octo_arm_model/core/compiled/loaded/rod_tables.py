@@ -130,7 +130,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
 def parameter_tables(rod: LoadedRod) -> ParameterTables:
     """Of the ``rod``."""
     x, y, dx, dy = (table[:, 0] for table in rod.parameters.outwards)
-    return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson)
+    return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson[0])
 
 
 def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -99,10 +99,10 @@ def section_tables(
         sheath_compliance = of_tendons(energy.sheath_compliance)
         farthest = of_tendons(energy.farthest)
     return SectionTables(
-        axial=energy.stiffness.axial[order],
-        torsion=energy.stiffness.torsion[order],
-        squared=energy.radius[order] ** 2,
-        lever_max=energy.lever_max[order],
+        axial=energy.stiffness.axial[0, order],
+        torsion=energy.stiffness.torsion[0, order],
+        squared=energy.radius[0, order] ** 2,
+        lever_max=energy.lever_max[0, order],
         x=of_tendons(energy.x),
         y=of_tendons(energy.y),
         dx=of_tendons(energy.dx),

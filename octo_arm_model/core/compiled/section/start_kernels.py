@@ -18,7 +18,6 @@ from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.elastic_laws import linear_density, neo_hookean_density
 from octo_arm_model.core.section.formulas import planar_start, planar_step
-from octo_arm_model.core.section.newton import FIRST_STEPS
 from octo_arm_model.core.section.sheaths.sheath import MOST_SOFTENED
 
 
@@ -52,14 +51,13 @@ def set_start(
         moment, radius = np.sqrt(n * n + b * b), np.sqrt(squared[i])
         load = moment * over / radius
         straight, stretch, bend = planar_start(load, force, softening)
-        for _ in range(FIRST_STEPS):
-            if tables.widens:
-                f = neo_hookean_density(stretch, bend * bend)
-            else:
-                f = linear_density(stretch, bend * bend)
-            stretch, bend = planar_step(
-                stretch, bend, load, force, softening, f[0], f[1], f[2], f[3], f[4]
-            )
+        if tables.widens:
+            f = neo_hookean_density(stretch, bend * bend)
+        else:
+            f = linear_density(stretch, bend * bend)
+        stretch, bend = planar_step(
+            stretch, bend, load, force, softening, f[0], f[1], f[2], f[3], f[4]
+        )
         curvature = bend / radius
         # The straight state where that is impossible or NaN.
         can_be = stretch > abs(curvature) * lever[i]

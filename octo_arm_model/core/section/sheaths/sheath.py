@@ -33,7 +33,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.numerics.batched_ldlt import factorise
 from octo_arm_model.core.section.condensed import Condensed, Parts
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.energy import SectionEnergy, Widening
 from octo_arm_model.core.section.formulas import (
     sheath_inverse,
     sheath_mixed,
@@ -175,12 +175,12 @@ class SheathedSections(SectionEnergy):
         return SectionEnergy.tendon_gradient(moved, strain, local_tensions, width, slope)
 
     def tendon_derivatives(
-        self, strain: FloatArray, local_tensions: FloatArray
+        self, strain: FloatArray, local_tensions: FloatArray, widening: Widening
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of that energy."""
         found = self.condensed(strain, local_tensions)
         gradient, hessian = SectionEnergy.tendon_derivatives(
-            found.sections, strain, local_tensions
+            found.sections, strain, local_tensions, widening
         )
         hessian -= np.einsum('aijbn,akjbn->ikbn', found.mixed, found.moved(found.mixed))
         return gradient, hessian
@@ -225,8 +225,7 @@ class SheathedSections(SectionEnergy):
         """
         if self._is_surely_stable(strain, local_tensions):
             return
-        _, hessian = self.material(strain)
-        hessian += self.tendon_derivatives(strain, local_tensions)[1]
+        _, hessian = self.derivatives(strain, local_tensions, self.widening(strain[3]))
         factors = factorise(hessian)
         unstable = np.zeros(strain.shape[1:], dtype=bool)
         for row in range(len(strain)):
