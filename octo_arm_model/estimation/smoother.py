@@ -77,7 +77,7 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
     """
     if not steps:
         return []
-    points = [step.updated.at.differentiated() for step in steps]
+    points = [step.updated.at for step in steps]
     about = _Pass(model, steps, points, [None] * len(steps))
     for _ in range(_MOST):
         if about.size <= _TOLERANCE:

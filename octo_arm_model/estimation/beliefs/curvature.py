@@ -13,14 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.beliefs.belief import Belief
+from octo_arm_model.estimation.beliefs.belief import Belief, Gain
 from octo_arm_model.estimation.beliefs.posterior_mean import Agreement
 from octo_arm_model.estimation.measurements import Measurement, jacobians
 from octo_arm_model.estimation.state.prediction import Prediction
 
 _STEP = 0.1  # standard deviations, of differences of the Jacobian
 _FAR = 0.3  # change of the Jacobian, in parts of it, after which nothing learnt is kept
-_OFF = 0.5  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
+_OFF = 0.7  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
+_TOLD = 0.1  # standard deviations that a direction is corrected by, in which they are found anew
 _SMALL = 0.01  # likewise of the Jacobian, that need not be foretold
 
 
@@ -101,3 +102,33 @@ def renewed(
         by_component = (jacobian - known.jacobian) / (moved[component] - at.x[component])
         second[:, component] = second[:, :, component] = by_component
     return known._replace(second=second)
+
+
+def renewed_along(
+    by: Gain,
+    known: Curvature,
+    measurements: Sequence[Measurement],
+    at: Prediction,
+    stddev: FloatArray,
+    scale: FloatArray,
+) -> Curvature:
+    """Second derivatives anew along what the measurements correct ``by`` themselves alone.
+
+    Those lead to the mean, and are fewer than all. ``scale`` is that of `Curvature.after`.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape nearby.
+    """
+    corrected = by.gain @ by.innovation_root / scale[:, np.newaxis]
+    axes, told, _ = np.linalg.svd(corrected, full_matrices=False)
+    state, units = at.model.state, np.where(at.model.state.shapes, scale, 0.0)
+    found = known
+    for axis in axes.T[told > _TOLD]:
+        change = axis * units
+        change *= _STEP / np.linalg.norm(change / stddev)
+        # Upwards, as a slack tendon cannot pull less.
+        moved = at.x + np.copysign(1.0, change[state.tension].sum()) * change
+        moved[state.tension] = np.maximum(moved[state.tension], 0.0)
+        jacobian = jacobians(measurements, Prediction(at.model, moved, at.shape))
+        found = found.after(moved - at.x, jacobian, scale)._replace(jacobian=known.jacobian)
+    return found

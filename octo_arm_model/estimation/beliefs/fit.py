@@ -16,7 +16,12 @@ import numpy as np
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain, gain, normalised_square
-from octo_arm_model.estimation.beliefs.curvature import Curvature, renewed, stddev_of
+from octo_arm_model.estimation.beliefs.curvature import (
+    Curvature,
+    renewed,
+    renewed_along,
+    stddev_of,
+)
 from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
 from octo_arm_model.estimation.beliefs.posterior_mean import (
     Agreement,
@@ -36,9 +41,7 @@ from octo_arm_model.estimation.state.prediction import Prediction
 _TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
 _MOST = 12  # evaluations
 _RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
-_NEAR = 0.3  # step within which derivatives are still good enough
-_PROGRESS = 0.5  # what an evaluation without derivatives must leave less than of the step
-_GROWTH = 3.0  # likewise one with derivatives
+_GROWTH = 3.0  # of a step from one evaluation to the next, that ends the iteration
 _WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
 # By how much what should be least may be more at the end than at the start: by more where the
 # posterior is flat along a curve, off which the mean by a local model lies.
@@ -82,7 +85,7 @@ def fit(
     Raises:
         SolveError: if there is no trustworthy shape on the way, or no convergence.
     """
-    at, shape, noise = last.linearised, last.shape, noise_root(measurements)
+    at, shape, noise = last, last.shape, noise_root(measurements)
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
@@ -96,51 +99,40 @@ def fit(
     posterior = Posterior(prior, noise, at.model, known.agreed.weight)
     local = posterior.local(at.x, left, jacobian, known.second, by)
     step = posterior.step(local, local.x)
-    size, is_near, first = math.inf, False, step.cost
+    size, first = math.inf, step.cost
     evaluations = renewals = 0
     while evaluations < _MOST:
         evaluations += 1
-        wanted = posterior.mean(local, step)
+        before, wanted = at, posterior.mean(local, step)
         most = _WORSE * local.square + wanted.size
         for halved in range(_HALVED):
             # Farther from the last state than its local model is good for it may get worse.
-            x = local.x + 0.5**halved * (wanted - local.x)
-            new = Prediction(at.model, x, shape, at if is_near else None)
+            at = Prediction(at.model, before.x + 0.5**halved * (wanted - before.x), shape)
             try:
-                left = residuals(measurements, new)
+                left = residuals(measurements, at)
             except ContinuationError:
                 continue
-            moved = posterior.moved(local, x, left)
-            if moved.square <= most:
+            if posterior.square(at.x, left) <= most:
                 break
-        shape = new.solved
-        if is_near:
-            # The derivatives are known well enough: what is predicted is all that is new.
-            jacobian = jacobian + known.second @ (x - local.x)
-            step = posterior.step(moved, x)
-            if step.size <= _TOLERANCE and step.cost <= first + _RISE:
-                by = gain(prior.root, jacobian, noise)
-                return _fit(prior, step, new, left, jacobian, by, known)
-            if step.size <= _PROGRESS * size:
-                local, size = moved, step.size
-                continue
-        before, at = at, new.differentiated()
+        shape = at.solved
         jacobian = jacobians(measurements, at)
         by = gain(prior.root, jacobian, noise)
-        is_right = known.foretells(x - before.x, jacobian, stddev)
-        known = known.after(x - before.x, jacobian, scale)
+        change = at.x - before.x
+        is_right = known.foretells(change, jacobian, stddev)
+        known = known.after(change, jacobian, scale)
         if not is_right:
             if renewals == _RENEWALS:
                 break
             renewals += 1
-            known = renewed(known, measurements, at, stddev_of(Belief(x, by.root)))
-        local = posterior.local(x, left, jacobian, known.second, by)
-        step = posterior.step(local, x)
+            after = stddev_of(Belief(at.x, by.root))
+            known = renewed_along(by, known, measurements, at, after, scale)
+        local = posterior.local(at.x, left, jacobian, known.second, by)
+        step = posterior.step(local, at.x)
         if step.size <= _TOLERANCE and step.cost <= first + _RISE:
             return _fit(prior, step, at, left, jacobian, by, known)
         if step.size > _GROWTH * size:
             break
-        size, is_near = step.size, step.size <= _NEAR
+        size = step.size
     raise ConvergenceError('the estimate', step.size, evaluations)
 
 

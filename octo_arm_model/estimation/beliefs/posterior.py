@@ -103,10 +103,10 @@ class Posterior:
             slope,
         )
 
-    def moved(self, local: Local, x: FloatArray, left: FloatArray) -> Local:
-        """A ``local`` model with what was found to be ``left`` in another state ``x``."""
-        z = self._away(x)
-        return Local(x, z, self._per_noise @ left, local.about(z)[1], local.second, local.slope)
+    def square(self, x: FloatArray, left: FloatArray) -> float:
+        """`Local.square` in a state ``x``, where so much is ``left``."""
+        z, left = self._away(x), self._per_noise @ left
+        return float(z @ z) + float(left @ left)
 
     def _away(self, x: FloatArray) -> FloatArray:
         return solve_lower(self._prior.root, x - self._prior.mean)

@@ -199,22 +199,11 @@ class Prediction:
     Attributes:
         model: the arm.
         x: the state.
-        linearised: where `change` is evaluated, which is here or nearby.
     """
 
-    def __init__(
-        self,
-        model: ArmModel,
-        x: FloatArray,
-        start: Backbone | None,
-        linearised: Prediction | None = None,
-    ) -> None:
-        """In the state ``x``, followed from the shape ``start``.
-
-        Its derivatives are those ``linearised`` nearby, if that is given.
-        """
+    def __init__(self, model: ArmModel, x: FloatArray, start: Backbone | None) -> None:
+        """In the state ``x``, followed from the shape ``start``."""
         self.model, self.x, self._start = model, x, start
-        self.linearised = linearised or self
 
     @property
     def shape(self) -> Backbone | None:
@@ -234,26 +223,18 @@ class Prediction:
             # Of a state that a search came to, not of anything that was given.
             raise SolveError(f'no shape that explains what was measured: {error}') from error
 
-    @property
-    def change(self) -> StateChange:
-        """Change of the shape per unit of each component of the state."""
-        return self.linearised._change
-
     @functools.cached_property
-    def _change(self) -> StateChange:
+    def change(self) -> StateChange:
+        """Change of the shape per unit of each component of the state.
+
+        Raises:
+            SolveError: as `solved`.
+        """
         return self.model.derivatives(self.x, self.solved)
 
     def forget(self) -> None:
         """Free the memory of `change`, which is found again where asked for."""
-        self.linearised.__dict__.pop('_change', None)
-
-    def differentiated(self) -> Prediction:
-        """The same, differentiated here."""
-        if self.linearised is self:
-            return self
-        new = Prediction(self.model, self.x, self._start)
-        new.__dict__['solved'] = self.solved
-        return new
+        self.__dict__.pop('change', None)
 
     @functools.cached_property
     def tendon_lengths(self) -> FloatArray:
