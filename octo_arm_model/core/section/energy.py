@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Entries of the lower half of a symmetric matrix, row by row.
 LOWER = tuple((i, j) for i in range(4) for j in range(i + 1))
-MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
+MOST_PULLED = 64  # sets of tendons under tension whose tables are cached
 
 
 class SectionEnergy:
@@ -49,13 +49,14 @@ class SectionEnergy:
         law: the elastic law.
         s: arc coordinate of each node [m].
         strains: how many strains a cross section has: 4, or 6 with shear.
-        planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
+        planar: whether no tendon has a moment about t in an untwisted section, so that the torsion
+            of the unloaded arm is zero.
         stiffness: of the undeformed cross sections.
         radius: reference radius at each node [m].
         squared_radius: its square [m^2], likewise.
         lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
         active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
-        transmission: local over given tension of each tendon, likewise.
+        transmission: local tension over that at the base of each tendon, likewise.
         x: offset of each tendon along n where it acts, else zero [m], likewise.
         y: along b.
         dx: slope of ``x`` [-].
@@ -65,7 +66,7 @@ class SectionEnergy:
         poisson: Poisson's ratio [-], (nodes,).
     """
 
-    # Tables of every tendon.
+    # Names of the tables with an axis of tendons.
     _of_tendons: tuple[str, ...] = (
         'active', 'transmission', 'x', 'y', 'dx', 'dy', 'squared_slope'
     )  # fmt: skip
@@ -103,10 +104,10 @@ class SectionEnergy:
         self._tabulated: TendonTables | None = None
 
     def pulled(self, tensions: FloatArray) -> tuple[SectionEnergy, FloatArray]:
-        """These cross sections with the tendons alone that pull, and the tension of each there.
+        """These cross sections with only the tendons under tension, and their local tensions.
 
-        For ``tensions`` (batch, tendons), of which a slack tendon has none in any arm; the
-        tensions at the nodes are (pulling tendons, batch, nodes) [N].
+        Tendons whose ``tensions`` (batch, tendons) are zero in all arms are left out; local
+        tensions are (tendons under tension, batch, nodes) [N].
         """
         pull = tensions.any(axis=0)
         key = pull.tobytes()
@@ -126,9 +127,10 @@ class SectionEnergy:
         return tensions.T[:, :, np.newaxis] * self.transmission
 
     def resultants(self, local_tensions: FloatArray) -> FloatArray:
-        """Moments about n and b and axial force (3, batch, nodes) of ``local_tensions``.
+        """Derivatives (3, batch, nodes) of sum T u_t by the two curvatures and the stretch.
 
-        As a gradient, by the two curvatures and the stretch, with their signs.
+        These are the moments about n and b [N m] and the axial force [N] of ``local_tensions`` T
+        parallel to t, with opposite sign.
         """
         total: FloatArray = np.einsum('ij...,j...->i...', self._levers, local_tensions)
         return total
@@ -139,11 +141,11 @@ class SectionEnergy:
         return u_t
 
     def softening(self, local_tensions: FloatArray) -> Number:
-        """Nearly what sheaths take from the bending stiffness, over 2 E A R^2, (batch, nodes)."""
+        """Estimated loss of bending stiffness by sheaths, over 2 E A R^2, (batch, nodes)."""
         return 0.0
 
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
-        """What `quasi_newton` asks of tendons; None where it is not meant for them."""
+        """The tendons as `quasi_newton` needs them; None where that method does not apply."""
         return PlanarTendons(self, local_tensions) if self.planar else None
 
     def stretching(
@@ -160,7 +162,7 @@ class SectionEnergy:
         return u_t, u_n, u_b, length
 
     def widening(self, stretch: FloatArray) -> tuple[Number, Number, Number]:
-        """The widening of the sections and its two derivatives; numbers where there is none."""
+        """Widening of the sections and its first two derivatives; numbers where it is constant."""
         return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
@@ -178,25 +180,25 @@ class SectionEnergy:
         return length, by_strain(gradient, slope) * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
-        """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
+        """Offsets of tendons in compliant sheaths; None where tendons stay on their paths."""
         return None
 
     def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
-        """These cross sections with tendons where they stand."""
+        """These cross sections with the tendons at their offsets under ``strain``."""
         return self
 
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
-        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        """Derivative of the stretches by the local tension at fixed strain [1/N]."""
         return 0.0
 
     def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse what tendons cannot do; see `sheath`, these are held on their paths."""
+        """Refuse tendons pressed out of the body; see `sheath`, here they stay on their paths."""
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Likewise a balance without loads that is none of least energy; here all are."""
+        """Refuse an unloaded equilibrium that is no minimum of the energy; here every one is."""
 
     def _tables(self) -> TendonTables:
-        """Tables of the tendons where they are."""
+        """Tables of the tendons at their present offsets."""
         if self._tabulated is None:
             self._tabulated = TendonTables(self.x, self.y, self.dx, self.dy, self.strains)
         return self._tabulated
@@ -244,7 +246,7 @@ class SectionEnergy:
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) of the elastic energy and its Hessian (n, n, batch, nodes).
 
-        Both are NaN where the state is impossible, see `Density`.
+        Both are NaN where a fibre has no positive length, see `Density`.
         """
         t, n, b, stretch = strain[:4]
         f = self.law.density(stretch, (n * n + b * b) * self.squared_radius)
