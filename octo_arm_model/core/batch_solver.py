@@ -1,4 +1,4 @@
-"""Shapes of one arm for batches of tensions, in machine code where that covers it."""
+"""Shapes of one arm for batches of tensions, by compiled kernels where these cover it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from octo_arm_model.core.section.tendons.tendon_sums import transmission
 
 
 class BatchSolver:
-    """Solves one arm for tensions and wrenches that are known to fit it."""
+    """Solves one arm for tensions and wrenches that have been checked."""
 
     def __init__(
         self, model: str, statics: Statics, setup: Setup, compiled: Compiled | None
     ) -> None:
-        """Of the ``statics`` of a ``model`` for ``setup``, and what solves it in machine code."""
+        """Solve by ``statics`` of the ``model`` for ``setup``, or by ``compiled`` kernels."""
         self._model, self._statics, self._setup = model, statics, setup
         self._compiled, self._size = compiled, setup.batch
 
@@ -36,10 +36,10 @@ class BatchSolver:
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Backbone:
-        """Shape under ``tensions`` (..., *Arm.tension_shape) [N], kept, and ``tip_wrench``.
+        """Shape under ``tensions`` (..., *Arm.tension_shape) [N] and ``tip_wrench``.
 
-        The latter, (6,) or (..., 6) [N, N m], is of all there are on the tip. ``start`` and
-        ``before`` are those of `Statics.solve`.
+        The result refers to ``tensions`` without a copy. ``tip_wrench`` (6,) or (..., 6) [N, N m]
+        is the whole wrench on the tip; ``start`` and ``before`` are those of `Statics.solve`.
 
         Raises:
             SolveError: if the model has no trustworthy answer.
@@ -50,12 +50,12 @@ class BatchSolver:
         batch = math.prod(lead)
         flat = tensions.reshape(batch, len(arm.tendons))
         flat_wrenches = wrenches.reshape(batch, 6)
-        # One arm goes without the axis of a batch, which NumPy is much quicker with.
+        # One arm has no axis of a batch: NumPy takes much less time.
         read_out = self._compiled.read_out if self._compiled is not None else None
         results = Results(lead and (batch,), grid, base, read_out)
         if self._compiled is not None and not self._statics.is_loaded(tip_wrench):
             results.make_room()
-            # NumPy solves the few that the kernels do not converge for, or reports them.
+            # Arms for which the kernels do not converge are solved, or refused, by NumPy.
             parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]
         else:
             if lead:
@@ -78,7 +78,7 @@ class BatchSolver:
         self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,
         tip_wrench: FloatArray, start: Backbone,
     ) -> Backbone | None:  # fmt: skip
-        """`Solver.wind`, with ``tip_wrench`` (6,) [N, N m] of all there are on the tip."""
+        """As `Solver.wind`, with the whole wrench ``tip_wrench`` (6,) on the tip [N, N m]."""
         results, setup = Results((), self._setup.grid, self._setup.base), self._setup
         results.make_room()
         spending = Spending(setup.budget)
@@ -91,7 +91,7 @@ class BatchSolver:
 
     @functools.cached_property
     def _reach(self) -> FloatArray:
-        """See `Backbone`."""
+        """`Backbone.reach`."""
         reach = transmission(self._setup.arm, self._setup.grid.s, self._setup.grid.section).T
         reach.setflags(write=False)
         return reach

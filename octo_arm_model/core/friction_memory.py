@@ -1,4 +1,4 @@
-"""For how long the history of tendons with friction counts in a sequence of tensions."""
+"""How long the friction history is valid in a sequence of tensions with time stamps."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from octo_arm_model.core.rod.backbone import Backbone
 
 
 class FrictionMemory:
-    """For how long the history of tendons with friction counts.
+    """Discards the friction history of a sequence after gaps in time.
 
     Attributes:
-        forgotten: how many times it was forgotten because of a gap in time.
+        forgotten: how many times the history was discarded because of a gap.
     """
 
     def __init__(self) -> None:
-        """Begin at no time."""
+        """Begin without any time stamp."""
         self._newest_ns: dict[str, int] = {}
         self.forgotten = 0
 
     def recall(
         self, last: Backbone | None, time_ns: int, seconds: float, source: str = ''
     ) -> Backbone | None:
-        """What to continue from at ``time_ns`` [ns], of the ``last`` solution.
+        """Solution to continue from at ``time_ns`` [ns]: the ``last`` one, as far as it is valid.
 
-        Nothing where the time of a ``source`` goes back, as sequences start over; two sources,
-        such as load cells and encoders, need not be stamped in order. After a gap of more than
-        ``seconds`` [s] in which none told anything nobody knows what tendons did: then it comes
-        without its history, so that they are pulled from slack; 0 for never.
+        None where the time of a ``source`` goes back, as when a sequence starts over; stamps of
+        different sources, such as load cells and encoders, need not be ordered. After a gap of
+        more than ``seconds`` [s] without stamps (0: no limit) the motion of the tendons in between
+        is unknown: the solution is returned without its history, as if pulled from slack.
         """
         newest = self._newest_ns
         if time_ns < newest.get(source, time_ns):
@@ -40,5 +40,5 @@ class FrictionMemory:
         if last is None or last.point_tensions is None:
             return last
         self.forgotten += 1
-        # A loaded arm is still followed from there.
+        # Still the start of the continuation of a loaded arm.
         return dataclasses.replace(last, point_tensions=None)

@@ -26,5 +26,5 @@ def solve(
     stations: int = DEFAULT_STATIONS,
     base: Pose = Pose(),
 ) -> Backbone:
-    """Shape of ``arm`` under ``tensions``; see `Solver`, which this keeps between calls."""
+    """Shape of ``arm`` under ``tensions``; see `Solver`. Solvers are cached."""
     return _cached_solver(arm, model, stations, base).solve(tensions)

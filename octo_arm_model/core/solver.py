@@ -41,16 +41,16 @@ __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 class Solver:
     """Solves one arm with one model, many times.
 
-    Everything that does not depend on the tensions is tabulated once. What it finds is kept for
-    the next solve, so that it is not for two threads at once. Solutions given to it have to be
-    its own: those of another model, grid or number of points are refused, those of another arm
-    that differs in its parameters alone are not noticed.
+    Everything that does not depend on the tensions is tabulated once. Results are kept for the
+    next solve: not for two threads at once. Solutions passed to it must be its own: those of
+    another model, grid or number of points are refused, those of an arm that differs in
+    parameters only are not detected.
 
     Attributes:
         arm: the arm.
         model: name of the model.
         law: elastic law of the cross sections; always linear but for the model exact.
-        loads: what loads the arm but its tendons.
+        loads: loads besides the tendons.
         base: pose of the base.
         grid: stations and quadrature nodes.
     """
@@ -70,12 +70,11 @@ class Solver:
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
-        ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (with the
-        linear law alone) and ``loads`` act all the time; these three are for the model exact, and
-        the law is ignored by the others, which are linear. Where the tendons allow it these in
-        turn run in machine code if ``compiled``, or, if that is None, if numba is installed and
-        works; see `octo_arm_model.core.compiled.numba_build`. ``budget`` is what following the
-        equilibrium of one loaded arm may take.
+        ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
+        only) and ``loads`` act in every solve; these three are for the model exact, and the law
+        is ignored by the others, which are linear. Compiled kernels solve where they cover the
+        model and the arm (`Compiled.covers`), if ``compiled`` or, if that is None, if numba is
+        installed and works. ``budget`` limits the continuation of one loaded arm.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
@@ -83,7 +82,7 @@ class Solver:
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
                 allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
-                whatever it raises.
+                any error of numba.
         """
         if model not in STATICS:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
@@ -111,7 +110,7 @@ class Solver:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether it runs in machine code."""
+        """Whether compiled kernels solve."""
         return self._compiled is not None
 
     def _check_loads(self, is_loaded: bool) -> None:
@@ -150,7 +149,7 @@ class Solver:
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Backbone:
-        """As `solve`; tendons with friction slide from tensions ``before``."""
+        """As `solve`; tendons with friction slide from tensions ``before`` (tendons, points)."""
         checked = check_tensions(self.arm, tensions)
         self._limits.check_tensions(checked)
         wrench = self._wrench
@@ -184,7 +183,7 @@ class Solver:
     def follow(
         self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
     ) -> Backbone:
-        """As `solve`, from the ``last`` solution if there is one; anew where that leads nowhere.
+        """As `solve` from the ``last`` solution, if any; without a start where that fails.
 
         Tendons with friction slide from their tensions in the ``last`` one, so that a sequence of
         tensions shows the hysteresis of the arm.
@@ -196,7 +195,7 @@ class Solver:
         try:
             return self._solve(tensions, tip_wrench, last, before)
         except ContinuationError:
-            raise  # Its budget is spent.
+            raise  # The budget does not allow a second attempt.
         except ConvergenceError:
             if last is None:
                 raise
@@ -214,9 +213,10 @@ class Solver:
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of a single solution of this solver per unit of each of ``loads``.
 
-        Each is taken as a whole and need not be one that acts: `Loads` of a force of 1 N give the
-        change per newton, `Loads` of gravity and a fluid that per part of the weight. Where a
-        point load sits the solver must have one, of any size, or a station at an anchorage.
+        The derivative is by a factor on each of ``loads``, which need not act on the arm: `Loads`
+        of a force of 1 N give the change per newton, `Loads` of gravity and a fluid that per part
+        of the weight. At the s of a point load the solver must have one too, of any magnitude, or
+        an anchorage.
 
         Raises:
             ConfigError: as `sensitivity`; if the model has no loads, one of ``loads`` is of
@@ -235,7 +235,7 @@ class Solver:
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
 
-        To first order; zero where ``uncertainty`` is nothing.
+        To first order; zero where nothing is uncertain.
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
@@ -273,8 +273,8 @@ class Solver:
     def tension_integrals(self, backbone: Backbone) -> FloatArray:
         """Integral of every tendon's tension over its unloaded length up to its winch [N m].
 
-        Of `Arm.tension_shape`, for a single solution of this solver. Over E A of a tendon it is
-        what this stretches by: friction leaves it less tension towards the tip.
+        Of `Arm.tension_shape`, for a single solution of this solver. Over E A it is
+        the elongation of the tendon, under the tension that friction leaves along it.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
@@ -304,14 +304,14 @@ class Solver:
         self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled, start: Backbone,
         tip_wrench: FloatArray,
     ) -> Backbone | None:  # fmt: skip
-        """Shape of the arm whose tendons are held at displacements, where machine code finds it.
+        """Shape with tendons at prescribed displacements, by compiled kernels.
 
-        For `Winding`, from the solution ``start``: ``given`` and ``driven`` are those of
-        `Winches`; ``tip_wrench`` (6,) [N, N m] is besides that of ``loads``. None where a tendon
-        has friction or stands off its path, or it takes more than a few steps.
+        For `Winding`, from the solution ``start``. ``given`` and ``driven`` are those of
+        `Winches`, ``reeled`` is overwritten; ``tip_wrench`` (6,) [N, N m] is besides that of
+        ``loads``. None with friction or compliant sheaths, or where a few steps do not suffice.
 
         Raises:
-            ContinuationError: if that takes more than the budget.
+            ContinuationError: if the budget is spent.
         """
         self._own_twist(start)
         found = self._batches.wind(given, driven, reeled, self._wrench + tip_wrench, start)

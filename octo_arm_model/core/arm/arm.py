@@ -24,10 +24,10 @@ from octo_arm_model.core.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX
 
 
 def check_size(sections: int, tendons: int) -> None:
-    """Check that an arm may have so many ``sections`` and ``tendons`` in all.
+    """Check the numbers of ``sections`` and of all ``tendons`` of an arm against their bounds.
 
     Raises:
-        ArmDefinitionError: if not.
+        ArmDefinitionError: if one exceeds its bound.
     """
     for name, count, most in (
         ('number of sections', sections, MAX_SECTIONS),
@@ -50,17 +50,17 @@ class Arm:
         sections: anchorages **from the tip to the base**, at least one and at most
             `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
-        axial_stiffness: E A of each tendon itself [N], 0 for one that does not stretch. This, as
-            the next three, is one number for all or one per tendon; kept as the latter, or empty
-            where all are zero.
+        axial_stiffness: E A of each tendon [N], 0 for an inextensible one. This and the next three
+            are one number for all tendons or one per tendon; stored per tendon, or empty where
+            all are zero.
         free_length: length of each tendon between the base and its winch [m].
-        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that keeps its
-            place in the cross section.
+        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that
+            cannot leave its path in the cross section.
         friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
             `MAX_FRICTION`.
 
     Raises:
-        ArmDefinitionError: if the sections are none, an anchorage lies beyond the tip or out of
+        ArmDefinitionError: if there is no section, an anchorage lies beyond the tip or out of
             order, a tendon leaves the body and its discs, a profile leaves its range, the names
             are not one per tendon and distinct, or a property of tendons is negative, too large
             or not one per tendon.
@@ -145,14 +145,14 @@ class Arm:
         return lengths + np.array(self.free_length or np.zeros(lengths.size))
 
     def tendon_compliance(self, lengths: FloatArray) -> FloatArray:
-        """By how much each tendon itself stretches per newton [m/N], (tendons,).
+        """Axial compliance of each tendon up to its winch [m/N], (tendons,).
 
-        ``lengths`` are as those of `stretching_lengths`.
+        ``lengths`` as for `stretching_lengths`.
         """
         return self.stretched(self.stretching_lengths(lengths))
 
     def stretched(self, tension_integrals: FloatArray) -> FloatArray:
-        """By how much tendons stretch [m], (..., tendons), of integrals of their tension [N m]."""
+        """Elongation of tendons [m] by the integrals of their tension [N m], (..., tendons)."""
         found = np.zeros_like(tension_integrals)
         if not self.axial_stiffness:
             return found
@@ -172,7 +172,7 @@ class Arm:
 
     @functools.cached_property
     def knots(self) -> tuple[float, ...]:
-        """Where material, body or a tendon's path is less than smooth [m], ascending."""
+        """Interior s at which material, body or a tendon's path is not smooth [m], ascending."""
         found = {*self.material.knots, *self.body.profile.knots}
         for tendon in self.tendons:
             found.update(tendon.knots)

@@ -1,4 +1,4 @@
-"""Whether the parts of an arm go together: material and body, sections and their tendons."""
+"""Consistency of the parts of an arm: material and body, sections and their tendons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROUNDING = 1e-12
 
 
 def check_profiles(material: Material, body: Body | ProfiledBody) -> None:
-    """Check that ``material`` and radius are possible all along the ``body``.
+    """Check that radius and elastic constants are in range all along the ``body``.
 
     Raises:
         ArmDefinitionError: if a profile does not cover the arm or leaves its range.
@@ -76,7 +76,7 @@ def _check_section(
             'sections are listed from the tip to the base',
         )
     if isinstance(section, Section):
-        # Both ends first, by the names they were given by; they bound a straight tendon.
+        # Both ends first, with the names of their parameters: they bound a straight tendon.
         _check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1), body)
         end = np.array([section.anchorage])
         _check_inside(f'{where}.offset_anchorage', section.tendons[0], end, body)

@@ -80,7 +80,7 @@ class Load(Protocol):
     def resultants(self, rod: DeformedRod) -> Resultants:
         """Resultants on every cross section of ``rod``.
 
-        The moments of forces follow from m' = n x u'. At most `LoadLimits` on a straight rod.
+        The moments of forces follow from m' = n x u'. `LoadLimits` bound them on a straight rod.
         """
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
@@ -247,22 +247,20 @@ class Loads:
 
     @property
     def _more(self) -> tuple[Load | Loads, ...]:
-        """What has breaks and knots of its own."""
+        """Loads that state breaks and knots of their own."""
         return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
 
 
 class ScaledLoads:
-    """Dead loads in given proportions, each times its magnitude.
-
-    The magnitudes belong to whoever made this and its solver, and are set before every solve.
+    """Dead loads, each multiplied by a magnitude that the caller sets before every solve.
 
     Attributes:
-        loads: of magnitude one each; dead ones without a wrench on the tip.
-        magnitudes: of each of ``loads``, (k,), zero at first.
+        loads: the k loads at unit magnitude: dead loads without a wrench on the tip.
+        magnitudes: factor of each of ``loads`` [-], (k,), initially zero.
     """
 
     def __init__(self, loads: Sequence[Loads]) -> None:
-        """Of ``loads``.
+        """Scale each of ``loads``.
 
         Raises:
             ArmDefinitionError: if one is not dead, or has a wrench on the tip.

@@ -47,7 +47,7 @@ class Profile(ABC):
         """Check that the profile has a value from the base to s = ``stop`` [m].
 
         Raises:
-            ArmDefinitionError: if it ends before; the message has its ``name``.
+            ArmDefinitionError: if it ends before; the message quotes its ``name``.
         """
         if self.reach < stop:
             expected = f'at least {stop} [m], as far as it is needed'
@@ -56,7 +56,7 @@ class Profile(ABC):
 
 @dataclass(frozen=True)
 class Linear(Profile):
-    """From one value at the base to another at s = ``length``.
+    """Linear in s, from one value at the base to another at s = ``length``.
 
     Attributes:
         start: value at s = 0.
@@ -70,8 +70,8 @@ class Linear(Profile):
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
-        # From the nearer end, so that both ends are exact and no value between two that are >= 0
-        # comes out below by rounding.
+        # Interpolated from the nearer end: exact at both ends, and between two values >= 0 never
+        # negative by rounding.
         part = np.asarray(s, dtype=np.float64) / self.length
         change = self.stop - self.start
         return np.where(part <= 0.5, self.start + change * part, self.stop - change * (1.0 - part))
@@ -83,7 +83,7 @@ class Linear(Profile):
 
 @dataclass(frozen=True)
 class Constant(Profile):
-    """The same everywhere.
+    """Constant in s.
 
     Attributes:
         level: the value.
@@ -157,12 +157,12 @@ class Table(Profile):
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """The points between the first and the last."""
+        """The given s between the first and the last [m]."""
         return self.s[1:-1]
 
     @property
     def reach(self) -> float:
-        """The last point."""
+        """The last given s [m]."""
         return self.s[-1]
 
 
@@ -171,9 +171,9 @@ class Function(Profile):
     """A Python function of an array of s [m].
 
     Attributes:
-        of_s: takes an array of arc coordinates [m] within [0, ``length``], returns the values.
-        length: arc coordinate up to which it can be called [m].
-        slope_of_s: its derivative, likewise; by finite differences where it is not given.
+        of_s: from an array of arc coordinates within [0, ``length``] [m] to the values there.
+        length: largest arc coordinate at which it can be called [m].
+        slope_of_s: likewise its derivative; None for finite differences.
 
     Raises:
         ArmDefinitionError: if the length is not positive.
@@ -212,10 +212,10 @@ class Function(Profile):
 
     @property
     def reach(self) -> float:
-        """Its length."""
+        """``length`` [m]."""
         return self.length
 
 
 def as_profile(value: float | Profile) -> Profile:
-    """Return ``value``, a number as the `Constant` it is."""
+    """Return ``value`` as a profile, a number as a `Constant`."""
     return value if isinstance(value, Profile) else Constant(value)

@@ -14,8 +14,8 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
-_DEEPEST = 32  # axes of an array, at least, that NumPy can make
-# Larger and smaller numbers describe nothing, and their powers are beyond the range of floats.
+_DEEPEST = 32  # axes that an array can have in every supported NumPy
+# Bounds of all magnitudes: powers of larger and smaller ones leave the range of floats.
 LARGEST, SMALLEST = 1e30, 1e-30
 _NUMBERS, _LISTS = {float, int}, {list, tuple}
 
@@ -26,8 +26,8 @@ def finite(
     """Return ``value`` as a float.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number, of which ``expected`` says more, or its
-            size is beyond ``most``.
+        ArmDefinitionError: if it is not a finite number of magnitude up to ``most``; the message
+            quotes what is ``expected``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
@@ -87,7 +87,7 @@ def whole(name: str, value: object) -> int:
     """Return ``value`` as an integer >= 0.
 
     Raises:
-        ArmDefinitionError: if it is none.
+        ArmDefinitionError: if it is not one.
     """
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ArmDefinitionError(name, value, 'an integer >= 0')
@@ -97,13 +97,13 @@ def whole(name: str, value: object) -> int:
 def per_tendon(
     name: str, values: Sequence[object], count: int, what: str, unit: str, most: float = LARGEST
 ) -> tuple[float, ...]:
-    """Return ``values``, one for all or for each of ``count`` tendons, as so many floats >= 0.
+    """Return ``values``, one for all tendons or one for each, as ``count`` floats >= 0.
 
-    None where all are zero.
+    Empty where all are zero.
 
     Raises:
-        ArmDefinitionError: if they are not so many, or one is not a finite ``what`` in ``unit`` of
-            at most ``most``.
+        ArmDefinitionError: if they are neither one nor ``count``, or one is not a finite ``what``
+            in ``unit`` of at most ``most``.
     """
     expected = f'a list of one number for all tendons or of {count}, one for each'
     if isinstance(values, np.ndarray) and values.ndim == 1:
@@ -134,8 +134,8 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
 def real_numbers(value: object) -> FloatArray | None:
     """Return ``value``, an array or nested lists, as floats; None where it is no array of numbers.
 
-    Booleans, which NumPy would convert to 0 and 1, are not numbers here, and neither are texts and
-    what is masked, of which NumPy would take the number behind the mask.
+    Not numbers here are texts, booleans, which NumPy converts to 0 and 1, and masked elements, of
+    which NumPy takes the value behind the mask.
     """
     if isinstance(value, MaskedArray) and np.any(value.mask):
         return None
@@ -151,14 +151,14 @@ def real_numbers(value: object) -> FloatArray | None:
 
 
 def _holds_bool(value: list[Any] | tuple[Any, ...], axes: int) -> bool:
-    """Whether nested lists, of which NumPy makes so many ``axes``, contain a boolean."""
+    """Whether nested lists, which NumPy converts to an array of ``axes``, contain a boolean."""
     level: Iterable[Any] = value
     for _ in range(axes - 1):
         level = itertools.chain.from_iterable(level)
     try:
         if _NUMBERS.issuperset(map(type, level)):
-            return False  # Plain numbers, which are nearly always given, in one look.
-    except TypeError:  # of an element that NumPy takes for an array, and is none to iterate over
+            return False  # The usual case: plain numbers.
+    except TypeError:  # an array-like element that cannot be iterated over
         pass
     level = value
     for _ in range(_DEEPEST):

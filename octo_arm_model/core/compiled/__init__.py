@@ -1,4 +1,4 @@
 """Models and loaded rods in machine code, where numba is installed. Imports what is below it.
 
-In its folders are the kernels, in those of the core that they compute the same as.
+The kernels are in folders named as those of the core whose formulas they evaluate.
 """

@@ -1,6 +1,6 @@
-"""Models in machine code, many times as quick for one arm; see `numba_build`.
+"""Models solved by compiled kernels, many times faster for one arm; see `numba_build`.
 
-Shapes are those of NumPy to rounding.
+The results are those of NumPy up to rounding.
 """
 
 from __future__ import annotations
@@ -62,16 +62,16 @@ from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class Compiled:
-    """Shapes of one arm under its tendons alone, or held by these at lengths."""
+    """Shapes of one arm under given tensions or tendon displacements."""
 
-    _lengths: CompiledLengths | None  # where they keep their places
+    _lengths: CompiledLengths | None  # None before `measure`, and with compliant sheaths
 
     def __init__(self, statics: Statics, grid: StationGrid, base: Frame) -> None:
-        """Tabulate the arm of ``statics`` on ``grid``, standing on ``base``.
+        """Tabulate the arm of ``statics`` on ``grid``, with the base in the pose ``base``.
 
         Raises:
             ModuleNotFoundError: if numba is not installed.
-            Exception: whatever a numba that does not work raises.
+            Exception: any error of a numba that does not work.
         """
         self._read_out = read_out()
         self._grid: GridTables = own(grid_tables(grid, base))
@@ -102,11 +102,11 @@ class Compiled:
     def read_out(
         self, twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray
     ) -> None:
-        """Fill in stations of one arm under ``twist`` (4, nodes), a `ReadOut` of `Results`."""
+        """`ReadOut` of `Results`: the stations of one arm under ``twist`` (4, nodes)."""
         self._read_out(self._grid, own(twist), strains, position, quaternion)
 
     def measure(self, lengths: TendonLengths) -> None:
-        """Have ``lengths`` of tendons that keep their places measured in machine code."""
+        """Let ``lengths`` be computed by a kernel, where no tendon has a compliant sheath."""
         tables = self._tables if isinstance(self._tables, ExactTables) else None
         if not isinstance(lengths.sections, SheathedSections):
             self._lengths = CompiledLengths(lengths, tables, self._grid)
@@ -115,7 +115,7 @@ class Compiled:
         self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,
         tip_wrench: FloatArray, start: Backbone, results: Results, spending: Spending,
     ) -> bool:  # fmt: skip
-        """`Solver.wind`, of which ``results`` are filled in; whether tensions were found.
+        """As `Solver.wind`, filling in ``results``; returns whether it converged.
 
         Raises:
             SolveError: as `CompiledLengths.wind_loaded`.
@@ -138,8 +138,8 @@ class Compiled:
     def covers(statics: Statics) -> bool:
         """Whether the kernels cover the model and the arm.
 
-        Of the paper's models they do where tendons make neither mixed second moment nor routing
-        torque, see `TendonSums`; of exact without shear and for the elastic laws that there are.
+        Of the paper's models those without mixed second moment and routing torque, see
+        `TendonSums`, or with friction; exact without shear, with the laws of this package.
         """
         if isinstance(statics, Exact):
             return statics.strains == 4 and type(statics.law) in (LinearElastic, NeoHookean)
@@ -158,25 +158,25 @@ class Compiled:
         Tendons with friction slide from tensions ``before`` (tendons, points) [N].
 
         Returns:
-            Numbers of the arms that have no answer, and have to be solved otherwise.
+            Indices of the arms for which the kernels did not converge.
         """
         if self._sliding is not None:
             return self._sliding.solve(tensions, before, results)
         strains, arrays = results.batch
-        without = self._find_shapes(
+        failures = self._find_shapes(
             self._tables, self._grid, tensions, results.twist, strains, *arrays
         )
-        return np.flatnonzero(results.iterations < 0).tolist() if without else []
+        return np.flatnonzero(results.iterations < 0).tolist() if failures else []
 
 
 def _make(*kernels: Callable[[], object]) -> None:
-    """Compile ``kernels`` here where they are not kept, not in the middle of the first solve."""
+    """Load or compile ``kernels`` now, not during the first solve."""
     for made in kernels:
         made()
 
 
 def _speed_up_sliding(rod: LoadedRod) -> None:
-    """Have a ``rod`` whose tendons have friction iterate in machine code; see `SlidingRod`."""
+    """Let a ``rod`` whose tendons have friction be solved by kernels; see `SlidingRod`."""
     if not rod.equilibrium.loads.others:
         sliding = SlidingRod(rod)
         rod.newton, rod.settle, rod.slide = sliding.newton, sliding.settle, sliding.slide
@@ -184,7 +184,7 @@ def _speed_up_sliding(rod: LoadedRod) -> None:
 
 
 def _speed_up(rod: LoadedRod) -> None:
-    """Have a ``rod`` evaluate its sections and iterate in machine code."""
+    """Let a ``rod`` be evaluated, solved and differentiated by kernels."""
     rod.equilibrium.evaluate = _evaluation(rod.equilibrium.energy)
     if not rod.equilibrium.loads.others:
         compiled = CompiledRod(rod)
@@ -198,9 +198,9 @@ def _speed_up(rod: LoadedRod) -> None:
 
 
 def _evaluation(energy: SectionEnergy) -> Evaluate:
-    """`Evaluate` for the cross sections ``energy``, compiled."""
+    """`Evaluate` for the cross sections ``energy``, by a kernel."""
     tables: SectionTables = own(section_tables(energy))
-    machine = evaluate_sections()
+    kernel = evaluate_sections()
     count = energy.s.size
 
     def evaluate(
@@ -211,7 +211,7 @@ def _evaluation(energy: SectionEnergy) -> Evaluate:
             np.empty((4, 4, count)),
             np.empty((4, count)),
         )
-        machine(tables, own(tensions), own(twist), gradient, hessian, scale)
+        kernel(tables, own(tensions), own(twist), gradient, hessian, scale)
         return gradient, hessian, scale
 
     return evaluate

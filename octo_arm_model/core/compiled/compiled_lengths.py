@@ -1,4 +1,4 @@
-"""Lengths of tendons, and tensions that hold them, in machine code."""
+"""Tendon lengths, and tensions for prescribed displacements, by compiled kernels."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 
 
 class CompiledLengths:
-    """Lengths of tendons that keep their places in the cross sections."""
+    """Lengths of tendons without compliant sheaths."""
 
     def __init__(
         self, lengths: TendonLengths, tables: ExactTables | None, grid: GridTables
     ) -> None:
-        """Measure ``lengths``; ``tables`` of the model exact.
+        """Replace the `Measure` of ``lengths``; ``tables`` are None unless the model is exact.
 
         Raises:
-            Exception: whatever a numba that does not work raises.
+            Exception: any error of a numba that does not work.
         """
         sections = lengths.sections
         parts = [part[:, 0] for part in (sections.x, sections.y, sections.dx, sections.dy)]
@@ -62,7 +62,7 @@ class CompiledLengths:
         return Winches(self._path, self._weights, self._widens, given, driven)
 
     def wind(self, winches: Winches, reeled: Reeled, results: Results) -> bool:
-        """See `winding_kernels.wind`; whether the tensions were found."""
+        """As `winding_kernels.wind`; returns whether it converged."""
         if self._tables is None:
             return False
         found = self._wind(
@@ -76,10 +76,10 @@ class CompiledLengths:
         self, winches: Winches, reeled: Reeled, tip_wrench: FloatArray, rod: LoadedRod,
         start: Shape, spending: Spending,
     ) -> Solution | None:  # fmt: skip
-        """As `wind`, of a loaded ``rod`` from the shape ``start`` on.
+        """As `wind`, for a loaded ``rod`` from the shape ``start``; None without convergence.
 
         Raises:
-            ContinuationError: if it takes more than the budget.
+            ContinuationError: if the budget is spent.
             SolveError: if a tendon is pressed out of the body.
         """
         if self._tables is None or rod.settle is None:

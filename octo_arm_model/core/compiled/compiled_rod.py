@@ -1,4 +1,4 @@
-"""Loaded rods in machine code: their balances and derivatives, as `loaded` has them."""
+"""Equilibria of loaded rods and their derivatives by compiled kernels, as in `loaded`."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
 class KnownSystem(NamedTuple):
-    """The system about a balance.
+    """A factorised system kept with an equilibrium.
 
     Attributes:
-        system: linearised about nearly the same state.
-        turned: how far the arm has turned from that to the balance [rad].
+        system: linearised about a state near that equilibrium.
+        turned: sum of all bends of the arm from that state to the equilibrium [rad].
     """
 
     system: System
@@ -58,28 +58,28 @@ class KnownSystem(NamedTuple):
 
 
 class CompiledRod:
-    """`Newton`, `Settle` and `ReadOut` of one rod."""
+    """`Newton`, `Settle`, `ReadOut` and derivatives of one rod."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Tabulate ``rod``.
 
         Raises:
-            Exception: whatever a numba that does not work raises.
+            Exception: any error of a numba that does not work.
         """
         self._rod, self._tables = rod, own(rod_tables(rod))
         self._nodes, self._stations = rod.nodes.element.size, rod.stations.element.size
         self._kernel, self._loads = entry_point(balance()), rod.equilibrium.loads
         self._kept: KeptBalances[KnownSystem] = KeptBalances()
-        # What is filled in where nobody asks for it.
+        # Output arrays of kernels that are not used.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
         self._no_readings = empty_readings(0, 0)
-        # Whether derivatives of the balance found last are asked for, as then of the next too.
+        # Whether the last equilibrium was differentiated: then the next is expected to be, too.
         self._is_differentiated = False
-        # Of a state, what nobody asks for.
-        self._room = empty_state(rod.points)[1:]
+        # Fields of a state, but its twist, that are not used.
+        self._unused_fields = empty_state(rod.points)[1:]
         self._find_turn = find_turn()
-        self._minimum = rod.minimum  # which says why there is none
+        self._minimum = rod.minimum  # by NumPy, which raises the error where there is none
 
     @functools.cached_property
     def _parameters(self) -> ParameterTables:
@@ -88,7 +88,7 @@ class CompiledRod:
 
     @property
     def tables(self) -> RodTables:
-        """The rod, under loads as large as they are now."""
+        """Tables of the rod, with scaled loads of their present magnitudes."""
         if self._loads.scaled is not None:
             dead = self._loads.dead
             self._tables.force[:], self._tables.moment[:] = dead.force, dead.moment
@@ -146,7 +146,7 @@ class CompiledRod:
         )  # fmt: skip
 
     def _tensions_along(self, tensions: FloatArray) -> FloatArray:
-        """Of the tendons at the points in the balance found last, (tendons, 1, points) [N]."""
+        """Local tensions in the last equilibrium, (tendons, 1, points) [N]."""
         return self._rod.equilibrium.energy.local_tensions(tensions[np.newaxis])
 
     def differentiate(
@@ -193,7 +193,7 @@ class CompiledRod:
             self._kept.keep(shape.twist, KnownSystem(system, 0.0))
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
-        """Iterate until the residual is within ``tolerance``."""
+        """`Newton` of the rod."""
         compliance, change = np.empty((6, 6)), np.empty((*shape.twist.shape, 6))
         outcome, state, found = self._balance(
             condition, shape, tolerance, BALANCE, self._no_readings, compliance, change
@@ -216,11 +216,12 @@ class CompiledRod:
         self, condition: Condition, shape: Shape, tolerance: float, wanted: int,
         readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
-        """`rod_kernels.balance`, the state that it ends in, and the shape of this."""
-        # Arrays of a `Backbone`, which is followed from, cannot be written.
+        """Outcome of `rod_kernels.balance`, its final state, and the shape of that."""
+        # Copied: the arrays of a `Backbone` are read-only.
         orientation = np.array(shape.orientation)
-        room = empty_state(shape.twist.shape[1])[1:] if wanted == BALANCE else self._room
-        state = RodState(np.array(shape.twist), *room)
+        is_used = wanted == BALANCE
+        fields = empty_state(shape.twist.shape[1])[1:] if is_used else self._unused_fields
+        state = RodState(np.array(shape.twist), *fields)
         tip_wrench = own(condition.tip_wrench)
         known = self.known_about(shape) or self._nothing_known
         system = self._nothing_known.system if wanted == READ_ONLY else self._room_for_system()
@@ -236,17 +237,17 @@ class CompiledRod:
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
     def _room_for_system(self) -> System:
-        """Room for a system, where possible that of one no longer kept."""
+        """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
         oldest = self._kept.take_oldest()
         return empty_system(self._tables) if oldest is None else oldest.system
 
     def known_about(self, shape: Shape) -> KnownSystem | None:
-        """The system about a balance that has this ``shape``, if it is kept."""
+        """The system kept with the equilibrium of this very ``shape``, if any."""
         return self._kept.about(shape.twist)
 
 
 def state_of(shape: Shape) -> RodState:
-    """Room for a state, of which ``shape`` is known."""
+    """State of the twist and orientations of ``shape``, else uninitialised."""
     state = empty_state(shape.twist.shape[1])
     a, b = shape.orientation
     state.twist[:], turn = shape.twist, state.turn

@@ -1,4 +1,4 @@
-"""Files that numba keeps machine code in, each with its checksum beside it."""
+"""Numba's cache files of machine code, each with a checksum beside it."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import Any
 
 
 def kept_files(machine: Any) -> list[Path]:
-    """Files in which ``machine`` is kept."""
+    """Cache files of the compiled function ``machine``."""
     folder = machine.stats.cache_path if machine is not None else None
     return list(Path(folder).glob(f'*.{machine.py_func.__qualname__}-*.nb[ci]')) if folder else []
 
 
 def _checksum_of(kept: Path) -> Path:
-    """Where the checksum of the file ``kept`` is."""
+    """Path of the checksum of the file ``kept``."""
     return kept.with_name(f'{kept.name}.sha256')
 
 
 def is_whole(kept: Path) -> bool:
-    """Whether the file ``kept`` is as it was written.
+    """Whether the file ``kept`` has its checksum.
 
-    Numba does not check that: it would run code of which a bit has changed.
+    Numba does not check that, and would run corrupted code.
     """
     try:
         expected = _checksum_of(kept).read_text()
@@ -35,18 +35,18 @@ def is_whole(kept: Path) -> bool:
 
 
 def write_checksums(machine: Any) -> None:
-    """Write the checksum of every file in which ``machine`` has just been kept."""
-    with contextlib.suppress(OSError):  # What has none is compiled anew the next time.
+    """Write the checksums of the cache files of ``machine``, which have just been written."""
+    with contextlib.suppress(OSError):  # Without a checksum it is compiled again next time.
         for kept in kept_files(machine):
             digest = hashlib.sha256(kept.read_bytes()).hexdigest()
-            # Nobody may read half of it, locked or not.
+            # Replaced atomically: readers may not hold the lock.
             written = kept.with_name(f'{kept.name}.{os.getpid()}.tmp')
             written.write_text(digest)
             written.replace(_checksum_of(kept))
 
 
 def forget(machine: Any) -> None:
-    """Remove the files in which ``machine`` is kept, and their checksums."""
+    """Remove the cache files of ``machine`` and their checksums."""
     for kept in kept_files(machine):
         kept.unlink(missing_ok=True)
         _checksum_of(kept).unlink(missing_ok=True)
@@ -54,7 +54,7 @@ def forget(machine: Any) -> None:
 
 @contextlib.contextmanager
 def one_at_a_time(machine: Any) -> Iterator[None]:
-    """Wait for other processes that do the same, so that one compiles and the others load."""
+    """Lock ``machine`` between processes, so that one compiles and the others load."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError, TypeError):
             fcntl = importlib.import_module('fcntl')

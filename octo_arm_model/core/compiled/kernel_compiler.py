@@ -1,8 +1,8 @@
-"""Functions as machine code, compiled by numba and kept.
+"""Compilation of functions by numba, with a cache on disk.
 
-Compiling takes a minute or two, once: numba keeps the result beside this package or, where
-nothing can be written there, in the user's cache. Beside every file stands its checksum, and what
-could not be kept, has another checksum or cannot be read again is compiled anew.
+Compiling takes a minute or two, once: numba writes the result beside this package or, where that
+is not writable, to the user's cache. Every file has a checksum beside it; what is missing, has
+another checksum or cannot be loaded is compiled again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from octo_arm_model.core.compiled.kernel_cache import (
     write_checksums,
 )
 
-# Divisions by zero give infinity as in NumPy, and what comes out is looked through for it.
+# Divisions by zero give infinity as in NumPy; the results are checked for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
 _LOG = logging.getLogger(__name__)
 _SCOPES: dict[str, dict[str, Any]] = {}  # by module, see `_scopes`
@@ -35,12 +35,12 @@ _ANNOUNCED: set[str] = set()  # entries that were compiled in this process
 
 
 def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    """A ``function`` compiled for the types of ``arguments``, which are nothing to be solved.
+    """Compile ``function`` for the types of ``arguments``, those of an empty problem.
 
     Raises:
         ModuleNotFoundError: if numba is not installed.
-        RuntimeError: if it is told not to compile.
-        Exception: whatever a numba that does not work raises.
+        RuntimeError: if numba is disabled by its environment variable.
+        Exception: any error of a numba that does not work.
     """
     numba = importlib.import_module('numba')
     if numba.config.DISABLE_JIT:
@@ -55,8 +55,8 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
             if not is_kept:
                 raise
             if getattr(machine, 'signatures', None):
-                return machine  # Compiled all right, only not kept.
-            forget(machine)  # Kept by a numba that cannot read it again.
+                return machine  # Compiled, but not cached.
+            forget(machine)  # Cached, but cannot be loaded.
         else:
             return machine
     raise AssertionError  # The last round returns or raises.
@@ -64,11 +64,11 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
 
 @functools.cache
 def entry_point(machine: Any) -> Callable[..., Any]:
-    """What runs ``machine`` without looking at the types of its arguments first.
+    """Entry point of ``machine`` without numba's dispatch on the types of the arguments.
 
-    These have to be those that it was compiled for, as nobody compares them: all arrays are
-    `arm_tables.own`, or made in order. A loaded rod has so many of them that to look at all takes
-    as long as a step of Newton's method.
+    The types must be those it was compiled for, which is not checked: arrays are C-contiguous and
+    writable, see `arm_tables.own`. For the many arguments of a loaded rod dispatch takes as long
+    as a Newton step.
     """
     (compiled_once,) = machine.overloads.values()
     run: Callable[..., Any] = compiled_once.entry_point
@@ -76,10 +76,10 @@ def entry_point(machine: Any) -> Callable[..., Any]:
 
 
 def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
-    """A ``function`` with all it calls compiled, named after everything it is made from."""
+    """Copy of ``function`` that calls compiled functions, named by a digest of all its sources."""
     scopes = _scopes(numba, modules_of(function))
     entry = types.FunctionType(function.__code__, scopes[function.__module__], function.__name__)
-    # Numba would look for changes in one file alone.
+    # Numba itself detects changes in one file only.
     digest = hashlib.sha256(f'{numba.__version__} {_processor()}'.encode())
     for file in sources(function):
         digest.update(Path(file).read_bytes())
@@ -91,9 +91,9 @@ def _entry(numba: Any, function: Callable[..., Any]) -> types.FunctionType:
 
 
 def _scopes(numba: Any, modules: list[str]) -> dict[str, dict[str, Any]]:
-    """What functions of each of these modules see: each other and what is imported, compiled.
+    """Globals of each of ``modules``, with compiled functions in place of those of this package.
 
-    All entries of this process share them, so that what they have in common is compiled once.
+    All entries of this process share them, so that common functions are compiled once.
     """
     new = [name for name in modules if name not in _SCOPES]
     _SCOPES.update({name: dict(vars(sys.modules[name])) for name in new})
@@ -136,13 +136,13 @@ def _processor() -> str:
 
 
 def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
-    """Have ``machine`` solve nothing, for which it has to be there, loaded or compiled."""
+    """Call ``machine`` for an empty problem, which loads or compiles it."""
     with one_at_a_time(machine):
         if not all(map(is_whole, kept_files(machine))):
             forget(machine)
         if not kept_files(machine):
             name = machine.__name__
-            # One line for all entries together.
+            # Logged once for all entries.
             if not _ANNOUNCED or name in _ANNOUNCED:
                 _LOG.info('compiling the models: a minute or two, once on this machine')
             _ANNOUNCED.add(name)

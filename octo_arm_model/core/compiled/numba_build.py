@@ -1,7 +1,7 @@
-"""Every kernel that Python calls, as machine code, where numba is installed and works.
+"""All kernels that Python calls, in machine code where numba is installed and works.
 
-A kernel is compiled when it is first asked for; see `kernel_compiler`. Whatever goes wrong is
-logged, and NumPy solves.
+A kernel is loaded or compiled at its first use; see `kernel_compiler`. Where that fails, the error
+is logged and NumPy solves.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ from octo_arm_model.core.compiled.section.section_tables import no_exact
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
 _MOST_PROCESSES = 4
-# What gives each, by its name.
+# Functions that return the kernels, by the names of these.
 KERNELS: dict[str, Callable[[], Any]] = {}
 
 
 def _made(
     kernel: Callable[..., _R], *arguments: Any
 ) -> functools._lru_cache_wrapper[Callable[..., _R]]:
-    """What gives a ``kernel`` in machine code, for the types of ``arguments`` of no arm.
+    """Function that returns ``kernel`` in machine code, for the types of ``arguments``.
 
-    It raises as `compiled`.
+    Its first call compiles and raises as `compiled`.
     """
     made = functools.cache(functools.partial(compiled, kernel, arguments))
     KERNELS[kernel.__name__] = made
@@ -114,10 +114,9 @@ differentiate_tip = _made(
 
 
 def make_side_by_side() -> None:
-    """Have every kernel kept, so that no process compiles it later.
+    """Compile and cache every kernel, in parallel processes.
 
-    In processes side by side, each of which compiles once what its kernels have in common. LLVM
-    takes about 1 GB in each.
+    Each process compiles the functions common to its kernels once. LLVM takes about 1 GB in each.
     """
     if not is_available():
         return
@@ -133,18 +132,18 @@ def _make(name: str) -> None:
 
 
 def is_available() -> bool:
-    """Whether there is machine code; it is made if it is not kept from before."""
+    """Whether kernels can be compiled; compiles one if it is not cached."""
     return fault() is None
 
 
 @functools.cache
 def fault() -> str | None:
-    """Why there is no machine code: '' without numba, else what is wrong with it; or None."""
+    """Why kernels cannot be compiled: '' without numba, else its error; None if they can."""
     try:
         find_shapes()
     except ModuleNotFoundError as error:
         reason = '' if error.name == 'numba' else str(error)
-    except Exception as error:  # as with a NumPy that is newer than numba knows
+    except Exception as error:  # such as a NumPy newer than numba supports
         reason = f'{type(error).__name__}: {error}'
     else:
         return None

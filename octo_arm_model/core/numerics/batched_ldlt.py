@@ -1,7 +1,7 @@
 """Batches of small symmetric linear systems, one for each cross section.
 
-Matrices are arrays (n, n, ...) and right sides (n, ...) or (n, columns, ...): every step of the
-elimination is one operation on the whole batch, where LAPACK takes one call for each system.
+Matrices are arrays (n, n, ...) and right-hand sides (n, ...) or (n, columns, ...): every step of
+the elimination is one operation on the whole batch, where LAPACK takes one call for each system.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def factorise(matrix: FloatArray) -> FloatArray:
 
 
 def substitute(factors: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve factorised systems for ``right`` (n, ...) or (n, columns, ...)."""
+    """Solve factorised systems for right-hand sides ``right`` (n, ...) or (n, columns, ...)."""
     count = len(factors)
     if right.ndim == factors.ndim:
         factors = factors[:, :, np.newaxis]
@@ -50,7 +50,7 @@ def invert(factors: FloatArray) -> FloatArray:
 
 
 def are_definite(matrices: FloatArray) -> NDArray[np.bool_]:
-    """Whether the symmetric parts of each of ``matrices`` (sets, ..., n, n) are all positive."""
+    """Whether the symmetric parts of ``matrices`` (sets, ..., n, n) are definite, (sets,)."""
     both = matrices + matrices.swapaxes(-1, -2)
     try:
         np.linalg.cholesky(both)

@@ -8,11 +8,11 @@ from octo_arm_model.core.hints import FloatArray
 
 
 def chebyshev_integration(count: int) -> tuple[FloatArray, FloatArray]:
-    """Chebyshev points of [0, 1] in ascending order, both ends among them, and their integrals.
+    """Chebyshev points of [0, 1], ascending and with both ends, and their integration matrix.
 
     Returns:
-        Points (count,), and the matrix (count, count) that, from the right, takes values at the
-        points to the integral from 0 to each point, exact for polynomials of degree count - 1.
+        Points (count,), and the matrix (count, count) that a row of values at the points is
+        multiplied by to give the integrals from 0 to each, exact up to degree count - 1.
     """
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
     values = np.polynomial.chebyshev.chebvander(x, count - 1)
@@ -22,7 +22,7 @@ def chebyshev_integration(count: int) -> tuple[FloatArray, FloatArray]:
 
 
 def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
-    """Matrix that interpolates values at Chebyshev ``points`` to ``targets``.
+    """Matrix (targets, points) from values at Chebyshev ``points`` to those at ``targets``.
 
     Second (true) form of the barycentric formula with the weights of Salzer 1972.
     """
@@ -30,7 +30,7 @@ def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
     weights[[0, -1]] *= 0.5
     distance = targets[:, np.newaxis] - points
     row, column = np.nonzero(np.abs(distance) < 1e-14)
-    distance[row, :] = np.arange(1.0, points.size + 1.0)  # replaced below; must not be zero
+    distance[row, :] = np.arange(1.0, points.size + 1.0)  # nonzero; replaced below
     matrix = weights / distance
     matrix /= matrix.sum(axis=1, keepdims=True)
     matrix[row] = 0.0
@@ -39,9 +39,9 @@ def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
 
 
 def tail_matrix(count: int) -> FloatArray:
-    """Matrix (count, 2) that, from the right, takes values to the last two Chebyshev coefficients.
+    """Matrix (count, 2) from a row of values to its last two Chebyshev coefficients.
 
-    They are small where the points resolve the function.
+    These are small where the points resolve the function.
     """
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
     values = np.polynomial.chebyshev.chebvander(x, count - 1)

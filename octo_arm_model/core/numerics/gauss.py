@@ -13,14 +13,14 @@ _legendre = np.polynomial.legendre
 
 
 class GaussRule(NamedTuple):
-    """Points of [0, 1] and what values at them integrate and interpolate to.
+    """Gauss points of [0, 1] and matrices that integrate values at them.
 
     Attributes:
         points: c, (n,).
-        weights: b, of the integral over [0, 1], (n,).
-        from_start: a, from values (right) to integrals from 0 to each point, (n, n).
-        to_end: b - a, to integrals from each point to 1, (n, n).
-        tail: from values (right) to the last two Legendre coefficients, (2, n).
+        weights: b, quadrature weights over [0, 1], (n,).
+        from_start: a, matrix from a column of values to integrals from 0 to each point, (n, n).
+        to_end: b - a, likewise to integrals from each point to 1, (n, n).
+        tail: likewise to the last two Legendre coefficients, (2, n).
     """
 
     points: FloatArray
@@ -30,7 +30,7 @@ class GaussRule(NamedTuple):
     tail: FloatArray
 
     def interpolate(self, targets: FloatArray) -> FloatArray:
-        """Matrix (targets, n) from values at the points to values at ``targets`` (m,)."""
+        """Matrix (m, n) from values at the points to values at ``targets`` (m,)."""
         count = self.points.size
         values = _legendre.legvander(2.0 * self.points - 1.0, count - 1)
         at = _legendre.legvander(2.0 * targets - 1.0, count - 1)
@@ -45,7 +45,7 @@ class GaussRule(NamedTuple):
         return np.asarray(np.linalg.solve(values.T, slopes.T).T)
 
     def integrate(self, targets: FloatArray) -> FloatArray:
-        """Matrix (targets, n) from values at the points to integrals from 0 to ``targets``."""
+        """Matrix (m, n) from values at the points to integrals from 0 to ``targets`` (m,)."""
         return _integrals(self.points, targets)
 
 

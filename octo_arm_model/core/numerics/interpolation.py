@@ -1,4 +1,4 @@
-"""Linear interpolation of rows of numbers, and the nearest row."""
+"""Linear interpolation between rows of numbers, and the nearest row."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 
 
 def interpolated(at: FloatArray | float, x: FloatArray, rows: FloatArray) -> FloatArray:
-    """``rows`` (n, ...) at ascending ``x`` (n,), interpolated to all of ``at``: (*at.shape, ...).
+    """Interpolate ``rows`` (n, ...) at ascending ``x`` (n,) to ``at``: (*at.shape, ...).
 
-    Before the first and after the last row it is that row.
+    Constant before the first and after the last ``x``.
     """
     columns = rows.reshape(len(rows), -1).T
     found = np.stack([np.interp(at, x, column) for column in columns], axis=-1)
@@ -18,5 +18,5 @@ def interpolated(at: FloatArray | float, x: FloatArray, rows: FloatArray) -> Flo
 
 
 def nearest(at: FloatArray, x: FloatArray) -> IntArray:
-    """Index of that of ascending ``x`` (n,) which is nearest to each ``at``."""
+    """Index of the element of ascending ``x`` (n,) that is nearest to each ``at``."""
     return np.searchsorted(0.5 * (x[1:] + x[:-1]), at)

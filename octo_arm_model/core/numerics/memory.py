@@ -11,7 +11,7 @@ import numpy as np
 def keep_freed_memory() -> None:
     """Make glibc keep freed memory of up to 24 MB for the process instead of unmapping it.
 
-    It maps and unmaps each array above a threshold, and mapping an array of a batch page by page
-    takes as long as its arithmetic. Freeing one larger array raises the threshold to its size.
+    Glibc maps and unmaps every array above a threshold, which for the arrays of a batch takes as
+    long as their arithmetic. Freeing a larger array raises the threshold to its size.
     """
     np.empty(24 * 2**20, np.uint8)

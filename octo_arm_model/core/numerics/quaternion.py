@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions, written as pairs of complex numbers, which take few NumPy calls.
+"""Rotations as unit quaternions in pairs of complex numbers, which take few NumPy calls.
 
 The quaternion w + x i + y j + z k is a + b j with a = w + x i and b = y + z i. As j c = conj(c) j
 for complex c, a product takes four complex multiplications. A vector (x, y, z) is the quaternion
@@ -47,7 +47,7 @@ class Quaternions(NamedTuple):
         return cls(w + 1j * x, y + 1j * z)
 
     def part(self, index: slice | IntArray) -> Quaternions:
-        """Those at ``index`` of the last axis."""
+        """Quaternions at ``index`` of the last axis."""
         return Quaternions(self.a[..., index], self.b[..., index])
 
     def times(self, other: tuple[ComplexArray, ComplexArray]) -> Quaternions:
@@ -84,8 +84,8 @@ def cumulative_product(factors: Quaternions) -> Quaternions:
     """Product of all ``factors`` (..., n) up to and including each along the last axis.
 
     Multiplying (a, b) by (c, d) from the right gives (a c - b conj(d), a d + b conj(c)), which is
-    linear in a and b. So all products solve one banded triangular system, which BLAS does row by
-    row in less time than a few NumPy calls take.
+    linear in a and b. So all products solve one banded triangular system, which BLAS does in
+    less time than a few NumPy calls take.
     """
     *lead, count = factors.a.shape
     # The band below the unit diagonal, column by column: the factor from each product to the next.

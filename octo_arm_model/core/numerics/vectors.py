@@ -25,10 +25,10 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def left_jacobian(turn: FloatArray) -> FloatArray:
-    """Derivative of a rotation by its rotation vector ``turn`` (3,), (3, 3).
+    """Left Jacobian (3, 3) of a rotation by its rotation vector ``turn`` (3,) [rad].
 
-    It takes a small change of ``turn`` to the small rotation, about fixed axes, that follows the
-    rotation. Singular at a whole turn. Barfoot 2017, 7.1.3.
+    From a small change of ``turn`` to the rotation vector in fixed axes of the small rotation
+    that follows the rotation. Singular at 2 pi. Barfoot 2017, 7.1.3.
     """
     angle = float(np.linalg.norm(turn))
     matrix = skew(turn[:, np.newaxis])[:, :, 0]

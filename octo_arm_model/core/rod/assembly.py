@@ -15,20 +15,22 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 
-# Fills in strains (4, stations), position and quaternion for a twist (4, nodes) of one arm.
+# From the twist (4, nodes) of one arm, fills in strains (4, stations), position (stations, 3)
+# and quaternion (stations, 4).
 ReadOut: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 
 
 class Results:
-    """Arrays of the shapes of a batch, filled part by part once there is room.
+    """Arrays of the shapes of a batch of arms, allocated once and filled part by part.
 
     Attributes:
-        position: of the stations [m], (..., stations, 3).
-        quaternion: their orientation x, y, z, w, (..., stations, 4).
+        position: position of the stations [m], (..., stations, 3).
+        quaternion: orientation of the stations x, y, z, w, (..., stations, 4).
         strains: torsion and curvatures [1/m] and longitudinal strain [-], (4, ..., stations).
         residual: relative residual of the model's equations, (...).
         iterations: number of iterations, (...).
-        twist: of the arms added or, where compiled, solved last, (4 or 6, ..., nodes).
+        twist: twist at the nodes of the arms added last, or solved last by the kernels,
+            (4 or 6, ..., nodes).
     """
 
     def __init__(
@@ -38,21 +40,21 @@ class Results:
         base: Frame,
         read_out: ReadOut | None = None,
     ) -> None:
-        """Of arms at the stations of ``grid``, their base in the pose ``base``.
+        """Prepare for arms at the stations of ``grid``, with the base in the pose ``base``.
 
-        ``lead`` is (batch,), or () for one arm, which takes NumPy less time than (1,).
-        ``read_out`` integrates twists instead of NumPy.
+        ``lead`` is (batch,), or () for one arm, for which NumPy takes less time than for (1,).
+        ``read_out``, if given, integrates the twists in machine code.
         """
         self._read_out, self._lead = read_out, lead
         self._grid, self._base = grid, base
-        self._has_room = False
+        self._is_allocated = False
         self._shape: Shape | None = None
-        self._points: FloatArray | None = None
-        self._slid: FloatArray | None = None
+        self._point_tensions: FloatArray | None = None
+        self._station_tensions: FloatArray | None = None
 
     def make_room(self) -> None:
-        """Allocate the arrays, as `add` does for one arm whose solution does not bring them."""
-        lead, grid, self._has_room = self._lead, self._grid, True
+        """Allocate the arrays; `add` does so where the solution does not bring its own."""
+        lead, grid, self._is_allocated = self._lead, self._grid, True
         if lead and lead[0] > 1:
             keep_freed_memory()
         count = grid.s.size
@@ -80,7 +82,7 @@ class Results:
         return not self._lead
 
     def add(self, part: slice | tuple[()], solution: Solution) -> None:
-        """Fill in the arms ``part`` of the batch, or the one arm, ().
+        """Store the ``solution`` of the arms ``part`` of the batch, or of the only arm, ().
 
         Raises:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0).
@@ -89,14 +91,14 @@ class Results:
         if solution.tendons is not None:
             self._add_tendons(part, solution.tendons)
         if solution.strains is not None and solution.frames is not None:
-            # Of one arm, made for this result alone.
+            # One arm, whose arrays are used without a copy.
             self.position, self.quaternion = solution.frames
             self.strains, self.twist, self._shape = solution.strains, twist, solution.shape
             self.residual, self.iterations = (
                 np.array(solution.residual), np.array(solution.iterations)
             )  # fmt: skip
             return
-        if not self._has_room:
+        if not self._is_allocated:
             self.make_room()
         self.residual[part], self.iterations[part] = solution.residual, solution.iterations
         self.twist, self._shape = twist, solution.shape
@@ -115,23 +117,25 @@ class Results:
         np.subtract(stretch, 1.0, out=strains[3])
 
     def set_tendons(self, points: FloatArray, stations: FloatArray) -> None:
-        """Take tensions at the ``points`` (tendons, points) of the last arm [N].
+        """Store the tensions along tendons with friction [N].
 
-        And at the ``stations`` (arms, stations, tendons) of all of them.
+        At the ``points`` (tendons, points) of the last arm, and at the ``stations`` (arms,
+        stations, tendons) of all arms.
         """
-        self._points, self._slid = points, stations[0] if self.is_one else stations
+        self._point_tensions = points
+        self._station_tensions = stations[0] if self.is_one else stations
 
     def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
-        """Take the tensions along the tendons of the arms ``part``."""
-        # Quicker than np.moveaxis, and the same.
+        """Store the tensions along the tendons of the arms ``part``."""
+        # As np.moveaxis, in less time.
         at_stations = tendons.stations.transpose(*range(1, tendons.stations.ndim), 0)
-        if self._slid is None:
-            self._slid = np.empty((*self._lead, *at_stations.shape[-2:]))
-        self._slid[part] = at_stations
-        self._points = tendons.points
+        if self._station_tensions is None:
+            self._station_tensions = np.empty((*self._lead, *at_stations.shape[-2:]))
+        self._station_tensions[part] = at_stations
+        self._point_tensions = tendons.points
 
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
-        """Call ``read_out`` for each of the arms ``part``."""
+        """Store the arms ``part`` by one call of ``read_out`` each."""
         strains = np.empty((4, self._grid.s.size))
         if isinstance(part, tuple):
             read_out(twist, self.strains, self.position, self.quaternion)
@@ -141,7 +145,7 @@ class Results:
             self.strains[:, arm] = strains
 
     def _check(self, stretch: FloatArray) -> None:
-        # NaN is refused too.
+        # Also raises for NaN.
         if not stretch.min(initial=1.0) > 0.0:
             lowest = np.atleast_2d(stretch).min(axis=-1)
             arm = int(np.argmin(lowest > 0.0))
@@ -161,10 +165,10 @@ class Results:
         reach: FloatArray,
     ) -> Backbone:
         """The `Backbone` of these read-only arrays, with the leading axes ``lead``."""
-        slid = self._slid
+        along_tendons = self._station_tensions
         position, quaternion, strains = self.position, self.quaternion, self.strains
         residual, iterations = self.residual, self.iterations
-        # Not of a batch, whose nodes would take most of the memory.
+        # None for a batch, where it would take most of the memory.
         twist = self.twist if lead == () else None
         if residual.shape != lead:
             count = self._grid.s.size
@@ -172,11 +176,11 @@ class Results:
             quaternion = quaternion.reshape(*lead, count, 4)
             strains = strains.reshape(4, *lead, count)
             residual, iterations = residual.reshape(lead), iterations.reshape(lead)
-            if slid is not None:
-                slid = slid.reshape(*lead, *slid.shape[-2:])
+            if along_tendons is not None:
+                along_tendons = along_tendons.reshape(*lead, *along_tendons.shape[-2:])
         for array in (
-            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist, slid,
-            self._points,
+            position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist,
+            along_tendons, self._point_tensions,
         ):  # fmt: skip
             if array is not None:
                 array.setflags(write=False)
@@ -202,6 +206,6 @@ class Results:
             twist=twist,
             shape=self._shape if lead == () else None,
             reach=reach,
-            slid_tensions=slid,
-            point_tensions=self._points if lead == () else None,
+            slid_tensions=along_tendons,
+            point_tensions=self._point_tensions if lead == () else None,
         )

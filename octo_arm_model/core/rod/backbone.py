@@ -18,7 +18,7 @@ class Backbone:
         model: name of the model.
         s: arc coordinate along the reference configuration [m], (stations,).
         section: section a station belongs to, numbered from the tip; 0 beyond the last
-            anchorage, (stations,). At an anchorage everything holds on the side of the base.
+            anchorage, (stations,). Values at an anchorage are those on the side of the base.
         position: position of the cross section [m], (..., stations, 3).
         quaternion: its orientation x, y, z, w, (..., stations, 4); the local x axis is the
             tangent t, y is n and z is b.
@@ -33,12 +33,12 @@ class Backbone:
         twist: motion of the frame per reference length at every node of the solver's grid,
             (4 or 6, nodes), see `solution.Solution`; None for a batch.
         shape: of one loaded arm, from which `Solver.solve` continues as ``start``.
-        reach: part of its tension that each tendon without friction has at each station, 1 up to
-            its anchorage and 0 beyond, (stations, tendons).
+        reach: local tension over that at the base, of each tendon without friction: 1 up to its
+            anchorage and 0 beyond, (stations, tendons).
         slid_tensions: tensions of tendons with friction at the stations [N], (..., stations,
             tendons); None without friction.
         point_tensions: of one arm whose tendons have friction, their tensions at the points of
-            the model [N], (tendons, points): what `Solver.follow` goes on from.
+            the model [N], (tendons, points): the history from which `Solver.follow` continues.
     """
 
     model: str
@@ -64,7 +64,7 @@ class Backbone:
     def tendon_tensions(self) -> FloatArray:
         """Tension of every tendon at every station [N], (..., stations, tendons).
 
-        That at the base times what friction leaves of it, and 0 beyond the anchorage.
+        The tension at the base less the loss by friction, and 0 beyond the anchorage.
         """
         if self.slid_tensions is not None:
             return self.slid_tensions

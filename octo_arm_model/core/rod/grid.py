@@ -186,12 +186,12 @@ def _most_intervals(arm: Arm) -> int:
 
 
 def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
-    """Ends of the integration intervals between ``ends`` in one panel, those among them.
+    """Ends of the integration intervals in one panel, a refinement of ``ends``.
 
     Raises:
         ConfigError: if there are more than ``most``.
     """
-    # Both are checked before arrays of that size are made.
+    # This and the total below are checked before arrays of that size are allocated.
     if ends.size - 1 > most:
         raise _too_many_intervals(arm)
     # 2 % more, so that intervals between default stations are not split where the arm is thick.
@@ -227,11 +227,11 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
 
 
 def _with_knots(ends: FloatArray, panel: Panel, knots: FloatArray) -> FloatArray:
-    """Add those of ``knots`` that lie in ``panel`` to its stations, the ``ends`` of intervals."""
+    """Insert those of ``knots`` that lie in ``panel`` into the ``ends`` of its intervals."""
     knots = knots[(knots > panel.start) & (knots < panel.stop)]
     if not knots.size:
         return ends
-    # Except those that are an end already, up to rounding.
+    # Except those that coincide with an end up to rounding.
     after = np.searchsorted(ends, knots)
     near = np.minimum(np.abs(ends[after] - knots), np.abs(knots - ends[after - 1]))
     apart = near > _SAME * panel.length

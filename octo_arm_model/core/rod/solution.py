@@ -28,7 +28,7 @@ class TendonTensions(NamedTuple):
 
     Attributes:
         points: at the points of the model, (tendons, batch, points), or (tendons, points) of one
-            arm [N]; where the arms of a batch were solved one by one, of the last alone.
+            arm [N]; of the last arm where those of a batch were solved one by one.
         stations: at the stations, (tendons, batch, stations), or (tendons, stations) [N].
     """
 
@@ -47,9 +47,9 @@ class Solution(NamedTuple):
         iterations: number of iterations, likewise.
         shape: of one loaded arm, for continuation.
         frames: position (..., stations, 3) [m] and orientation x, y, z, w (..., stations, 4) of
-            the stations, where they are known better than from the twist at the nodes.
-        tendons: along the tendons, where they have friction.
-        strains: of one arm at the stations, as `Results` has them, where they are known already.
+            the stations, where the model has them more accurately than by integrating the twist.
+        tendons: tensions along the tendons, where these have friction.
+        strains: strains of one arm at the stations, as in `Results`; None to compute them there.
     """
 
     twist: FloatArray
@@ -61,7 +61,7 @@ class Solution(NamedTuple):
     strains: FloatArray | None = None
 
     def one(self) -> Solution:
-        """The only arm of a batch, without the axis of the batch."""
+        """Solution of the only arm of a batch, without the axis of the batch."""
         if self.twist.ndim == 2:
             return self
         return Solution(
@@ -75,12 +75,12 @@ class Solution(NamedTuple):
 
 
 def stacked(found: Sequence[Solution]) -> Solution:
-    """Solutions of one loaded arm each as that of a batch."""
+    """Combine solutions of single loaded arms into that of a batch."""
     frames = [one.frames for one in found if one.frames is not None]
     along = [one.tendons for one in found if one.tendons is not None]
     tendons = None
     if along:
-        # At the points of the last alone, as its shape: each arm may need others.
+        # Shape and point tensions are those of the last arm: points differ between arms.
         stations = np.stack([one.stations for one in along], axis=1)
         tendons = TendonTensions(along[-1].points[:, np.newaxis], stations)
     position, quaternion = zip(*frames, strict=True)

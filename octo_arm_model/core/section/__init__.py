@@ -1,1 +1,1 @@
-"""One cross section: what its tendons sum to, its elastic energy and its balance. Imports rod."""
+"""One cross section: sums over its tendons, elastic energy and equilibrium. Imports rod."""

@@ -1,4 +1,4 @@
-"""Offsets of tendons in compliant sheaths, and how these follow small changes."""
+"""Offsets of tendons in compliant sheaths, and their derivatives by static condensation."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from octo_arm_model.core.section.formulas import sheath_pull
 if TYPE_CHECKING:
     from octo_arm_model.core.section.energy import SectionEnergy
 
-# Of a vector for each tendon: along t, n and b.
+# Components along t, n and b of a vector for each tendon.
 Parts: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class Condensed(NamedTuple):
-    """Offsets of tendons, and how these follow changes.
+    """Equilibrium offsets d of tendons in their sheaths, and second derivatives of the energy.
 
-    All arrays end in (tendons, batch, nodes); pairs are along n and b.
+    See `sheaths.sheath` for d, C and D. All arrays but ``strain`` end in (tendons, batch, nodes);
+    pairs are along n and b.
 
     Attributes:
-        sections: the cross sections with tendons at their offsets.
+        sections: the cross sections with the tendons displaced by d.
         offset: d [m], (2, ...).
         pull: derivative of |u| by d [1/m], (2, ...).
         compliance: inverse of the second derivatives by d, D^-1 [m^2/N]: nn, nb and bb, (3, ...).
         mixed: second derivatives C by d and strain, (2, n, ...).
-        strain: what it is for, (n, batch, nodes).
+        strain: the scaled strain at which they hold, (n, batch, nodes).
         weight: T / |u| [N].
         unit: u / |u|, three arrays.
     """
@@ -42,24 +43,24 @@ class Condensed(NamedTuple):
     unit: Parts
 
     def moved(self, by_offset: FloatArray) -> FloatArray:
-        """Product of D^-1 and ``by_offset`` (2, ...)."""
+        """D^-1 ``by_offset``, (2, ...): minus the change of d that balances this one."""
         nn, nb, bb = self.compliance
         n, b = by_offset
         return np.stack([nn * n + nb * b, nb * n + bb * b])
 
     def answer(self, by_offset: FloatArray) -> FloatArray:
-        """What the gradient by strain, (n, ...), loses by a change ``by_offset`` of that by d."""
+        """C D^-1 ``by_offset``: decrease of the gradient by strain, (n, ...), as d follows."""
         n, b = self.moved(by_offset)
         lost: FloatArray = self.mixed[0] * n + self.mixed[1] * b
         return lost
 
     def shortening(self, by_offset: FloatArray) -> FloatArray:
-        """What |u| loses by a change ``by_offset`` (2, ...) of the gradient by d."""
+        """Decrease of |u| as d follows a change ``by_offset`` (2, ...) of the gradient by d."""
         lost: FloatArray = np.add.reduce(self.pull * self.moved(by_offset))
         return lost
 
     def by_path(self, change: FloatArray) -> FloatArray:
-        """Change of the gradient by d, (2, ...), where u changes by ``change`` (3, ...) itself."""
+        """Change of the gradient by d, (2, ...), by a ``change`` (3, ...) of u at fixed d."""
         t, n, b = self.strain[:3]
         along = sum(e * c for e, c in zip(self.unit, change, strict=True))
         across = np.stack(sheath_pull(t, n, b, *change))

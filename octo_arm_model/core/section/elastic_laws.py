@@ -1,11 +1,11 @@
-"""Elastic laws of a cross section: the energy of stretching and bending it.
+"""Elastic laws of a cross section: its energy of stretching and bending.
 
-A cross section stretched by lambda and bent has, at the distance y from its neutral axis, fibres
-stretched by lambda + c y. All laws are written in lambda and z = (c R)^2, where c is the curvature
-per reference length times the `widening` of the section, and give the energy per reference length
-divided by E A. Torsion adds 1/2 G I (widening x torsion)^2 to each of them.
+In a cross section of stretch lambda and bend c a fibre at the distance y from the centre, in the
+plane of bending, has the stretch lambda + c y. c is the curvature per reference length times the
+`widening` of the section. A law gives the energy per reference length over E A as a function of
+lambda and z = (c R)^2. Torsion adds 1/2 G I (widening x torsion)^2.
 
-Another law is another `Law` and an entry in `LAWS`.
+A new law is a class that is a `Law` and an entry in `LAWS`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from octo_arm_model.core.hints import FloatArray, Number
 class Density(NamedTuple):
     """First and second derivatives, in lambda and z, of the energy over E A.
 
-    Each has the shape of lambda and z, and is NaN where the state is impossible: a fibre
-    compressed to nothing.
+    Each has the shape of lambda and z, and is NaN where a fibre has no positive length.
     """
 
     by_stretch: FloatArray
@@ -36,21 +35,21 @@ class Law(Protocol):
 
     @property
     def widens(self) -> bool:
-        """Whether a compressed section gets wider; if not, `widening` is not called."""
+        """Whether a section widens as it is compressed; if not, `widening` is not called."""
 
     @property
     def meant_for(self) -> str:
-        """The kind of arm it is for, in a word or two."""
+        """The kind of arm it is for, in one or two words."""
 
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Radius over reference radius at lambda = ``stretch``, and its two derivatives."""
+        """Radius over reference radius at lambda = ``stretch``, and its first two derivatives."""
 
 
 def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Number, Number, Number]:
-    """`Density` of the law linear, of numbers or arrays."""
+    """Fields of `Density` of the law linear, of numbers or arrays."""
     zero = 0.0 * (stretch + bend)
     return stretch - 1.0, zero + 0.125, zero + 1.0, zero, zero
 
@@ -77,7 +76,7 @@ def neo_hookean_density(
 
 
 def incompressible_widening(stretch: Number) -> tuple[Number, Number, Number]:
-    """The reciprocal root of lambda and its two derivatives, of numbers or arrays."""
+    """lambda^(-1/2) and its first two derivatives, of numbers or arrays."""
     over = 1.0 / stretch
     width = np.sqrt(over)
     slope = -0.5 * width * over
@@ -94,7 +93,7 @@ class LinearElastic:
         return Density(*linear_density(stretch, bend))
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One for every stretch."""
+        """No widening: 1, and zero derivatives."""
         zero = np.zeros_like(stretch)
         return np.ones_like(stretch), zero, zero
 
@@ -113,7 +112,7 @@ class NeoHookean:
         return Density(*neo_hookean_density(stretch, bend))
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The reciprocal root of lambda."""
+        """lambda^(-1/2) and its first two derivatives."""
         return incompressible_widening(stretch)
 
 

@@ -57,7 +57,7 @@ class SectionEnergy:
         squared_radius: its square [m^2], likewise.
         lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
         active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
-        transmission: local over given tension of each tendon, likewise.
+        transmission: local tension over that at the base of each tendon, likewise.
         x: offset of each tendon along n where it acts, else zero [m], likewise.
         y: along b.
         dx: slope of ``x`` [-].
@@ -69,7 +69,7 @@ class SectionEnergy:
         poisson: Poisson's ratio [-], (1, nodes).
     """
 
-    # Tables of every tendon.
+    # Names of the tables with an axis of tendons.
     _of_tendons: tuple[str, ...] = (
         'active', 'transmission', 'x', 'y', 'dx', 'dy', 'squared_slope'
     )  # fmt: skip
@@ -109,10 +109,10 @@ class SectionEnergy:
         self._tabulated: TendonTables | None = None
 
     def pulled(self, tensions: FloatArray) -> tuple[SectionEnergy, FloatArray]:
-        """These cross sections with the tendons alone that pull, and the tension of each there.
+        """These cross sections with only the tendons under tension, and their local tensions.
 
-        For ``tensions`` (batch, tendons), of which a slack tendon has none in any arm; the
-        tensions at the nodes are (pulling tendons, batch, nodes) [N].
+        Tendons whose ``tensions`` (batch, tendons) are zero in all arms are left out; local
+        tensions are (tendons under tension, batch, nodes) [N].
         """
         pull = tensions.any(axis=0)
         key = pull.tobytes()
@@ -132,9 +132,10 @@ class SectionEnergy:
         return tensions.T[:, :, np.newaxis] * self.transmission
 
     def resultants(self, local_tensions: FloatArray) -> FloatArray:
-        """Moments about n and b and axial force (3, batch, nodes) of ``local_tensions``.
+        """Derivatives (3, batch, nodes) of sum T u_t by the two curvatures and the stretch.
 
-        As a gradient, by the two curvatures and the stretch, with their signs.
+        These are the moments about n and b [N m] and the axial force [N] of ``local_tensions`` T
+        parallel to t, with opposite sign.
         """
         total: FloatArray = np.einsum('ij...,j...->i...', self._levers, local_tensions)
         return total
@@ -145,11 +146,11 @@ class SectionEnergy:
         return u_t
 
     def softening(self, local_tensions: FloatArray) -> Number:
-        """Nearly what sheaths take from the bending stiffness, over 2 E A R^2, (batch, nodes)."""
+        """Estimated loss of bending stiffness by sheaths, over 2 E A R^2, (batch, nodes)."""
         return 0.0
 
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
-        """What `quasi_newton` asks of tendons; None where it is not meant for them."""
+        """The tendons as `quasi_newton` needs them; None where that method does not apply."""
         return PlanarTendons(self, local_tensions) if self.planar else None
 
     def stretching(
@@ -184,25 +185,25 @@ class SectionEnergy:
         return length, by_strain(gradient, slope) * self.active
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed | None:
-        """Offsets of tendons in compliant sheaths; None of tendons held on their paths."""
+        """Offsets of tendons in compliant sheaths; None where tendons stay on their paths."""
         return None
 
     def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
-        """These cross sections with tendons where they stand."""
+        """These cross sections with the tendons at their offsets under ``strain``."""
         return self
 
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> Number:
-        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        """Derivative of the stretches by the local tension at fixed strain [1/N]."""
         return 0.0
 
     def check_tendons(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse what tendons cannot do; see `sheath`, these are held on their paths."""
+        """Refuse tendons pressed out of the body; see `sheath`, here they stay on their paths."""
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Likewise a balance without loads that is none of least energy; here all are."""
+        """Refuse an unloaded equilibrium that is no minimum of the energy; here every one is."""
 
     def _tables(self) -> TendonTables:
-        """Tables of the tendons where they are."""
+        """Tables of the tendons at their present offsets."""
         if self._tabulated is None:
             self._tabulated = TendonTables(self.x, self.y, self.dx, self.dy, self.strains)
         return self._tabulated
@@ -247,7 +248,7 @@ class SectionEnergy:
     ) -> tuple[FloatArray, FloatArray]:
         """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of the whole energy.
 
-        Both are NaN where the state is impossible, see `Density`.
+        Both are NaN where a fibre has no positive length, see `Density`.
         """
         gradient, hessian = self.tendon_derivatives(strain, local_tensions, widening)
         self._add_material(strain, gradient, hessian)

@@ -1,10 +1,10 @@
 """The energy of a cross section and its derivatives, as functions of numbers or of arrays.
 
-Compiled kernels call them with numbers, tendon by tendon, and NumPy calls some with arrays of
-tendons and nodes and sums over tendons; `energy` and `strain_measures` have tendons and the
-Hessian by the twist as products of arrays. (t, n, b, stretch) is the scaled strain, see `energy`
-for it and for u; (x, y) is the offset of a tendon along n and b and (dx, dy) its slope. Hessians
-are symmetric: given are the entries of the lower half, row by row.
+The kernels call them with numbers, tendon by tendon, NumPy some of them with arrays of tendons and
+nodes; `energy` and `strain_measures` compute the others by products of arrays. (t, n, b, stretch)
+is the scaled strain, see `energy` for it and for u; width, slope and bend are the widening of the
+section and its first two derivatives by the stretch; (x, y) is the offset of a tendon along n and
+b and (dx, dy) its slope. Of symmetric Hessians the lower half is returned, row by row.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def tendon_gradient(
     u_t: Number, u_n: Number, u_b: Number, slope: Number,
     x: Number, y: Number, dx: Number, dy: Number,
 ) -> tuple[Number, Number, Number, Number]:  # fmt: skip
-    """Derivatives of |u| by the strain, from u / |u| and the ``slope`` of the widening."""
+    """Gradient of |u| by the scaled strain, from u / |u|."""
     return x * u_b - y * u_n, y * u_t, -x * u_t, u_t + slope * (dx * u_n + dy * u_b)
 
 
@@ -37,7 +37,7 @@ def tendon_hessian(
     g_t: Number, g_n: Number, g_b: Number, g_s: Number, u_n: Number, u_b: Number,
     slope: Number, bend: Number, x: Number, y: Number, dx: Number, dy: Number,
 ) -> tuple[Number, ...]:  # fmt: skip
-    """Second derivatives of |u|, times |u|, from the first and the components of u."""
+    """Hessian of |u| by the scaled strain times |u|, from the gradient g and u."""
     return (
         x * x + y * y - g_t * g_t,
         -g_n * g_t, y * y - g_n * g_n,
@@ -50,9 +50,9 @@ def tendon_hessian(
 def offset_direction(
     t: Number, n: Number, b: Number, width: Number, x: Number, y: Number, dx: Number, dy: Number
 ) -> tuple[Number, Number, Number]:
-    """Derivative of u with the tendon's distance from the midline.
+    """Derivative of u by the tendon's distance from the midline.
 
-    Here (x, y) is the direction that the distance is measured in, and (dx, dy) its slope.
+    Here (x, y) is the unit vector from the midline to the tendon, and (dx, dy) its slope.
     """
     return n * y - b * x, width * dx - t * y, width * dy + t * x
 
@@ -60,7 +60,7 @@ def offset_direction(
 def unit_change(
     u_t: Number, u_n: Number, u_b: Number, over: Number, c_t: Number, c_n: Number, c_b: Number
 ) -> tuple[Number, Number, Number, Number]:
-    """Change of |u| and of u / |u| with a change c of u; from the latter and ``over`` |u|."""
+    """Changes of |u| and of u / |u| by a change c of u; from u / |u| and ``over`` = 1 / |u|."""
     along = u_t * c_t + u_n * c_n + u_b * c_b
     return (
         along,
@@ -75,7 +75,10 @@ def offset_gradient(
     x: Number, y: Number, dx: Number, dy: Number,
     out_x: Number, out_y: Number, out_dx: Number, out_dy: Number,
 ) -> tuple[Number, Number, Number, Number]:  # fmt: skip
-    """Change of `tendon_gradient` with that distance, from u / |u| and the change c of this."""
+    """Derivative of `tendon_gradient` by the tendon's distance from the midline.
+
+    From u / |u| and its derivative c; (out_x, out_y) is the unit vector of `offset_direction`.
+    """
     t, n, b, stretch = tendon_gradient(c_t, c_n, c_b, slope, x, y, dx, dy)
     more = tendon_gradient(u_t, u_n, u_b, slope, out_x, out_y, out_dx, out_dy)
     return t + more[0], n + more[1], b + more[2], stretch + (more[3] - u_t)
@@ -84,16 +87,16 @@ def offset_gradient(
 def sheath_pull(
     t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number
 ) -> tuple[Number, Number]:
-    """Derivatives of |u| by where a tendon stands off its path, see `sheath`; from u / |u|."""
+    """Derivatives p of |u| by the offset d from the path, see `sheath`; from e = u / |u|."""
     return t * e_b - b * e_t, n * e_t - t * e_n
 
 
 def sheath_inverse(
     t: Number, n: Number, b: Number, p_n: Number, p_b: Number, stiff: Number
 ) -> tuple[Number, Number, Number]:
-    """Inverse (nn, nb, bb) of their second derivatives over k, from the first ones.
+    """Inverse k D^-1 (nn, nb, bb), see `sheath`, from the derivatives p of `sheath_pull`.
 
-    For ``stiff``, the tension over k |u|.
+    ``stiff`` is the tension over k |u|.
     """
     nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
     nb = -stiff * (b * n + p_n * p_b)
@@ -107,9 +110,10 @@ def sheath_mixed(
     e_t: Number, e_n: Number, e_b: Number, p_n: Number, p_b: Number,
     g_t: Number, g_n: Number, g_b: Number, g_s: Number, tension: Number, weight: Number,
 ) -> tuple[Number, ...]:  # fmt: skip
-    """Second derivatives of tension |u| by that place, along n and b, and t, n, b, stretch.
+    """C of `sheath`: second derivatives of T |u| by d, along n and b, and by t, n, b, stretch.
 
-    ``weight`` is the tension over |u|; (x, y) is where the tendon stands.
+    From e = u / |u|, the gradients p of `sheath_pull` and g of `tendon_gradient`, and ``weight`` =
+    T / |u|; (x, y) is the offset including d.
     """
     return (
         tension * e_b + weight * (t * x - p_n * g_t),
@@ -128,9 +132,9 @@ def condensed_terms(
     m_t: Number, m_n: Number, m_b: Number, m_s: Number,
     c_t: Number, c_n: Number, c_b: Number, c_s: Number,
 ) -> tuple[Number, ...]:  # fmt: skip
-    """C D^-1 C^T, what the Hessian by the strain loses as a tendon follows it in its sheath.
+    """C D^-1 C^T, which condensing out d subtracts from the Hessian by the strain, see `sheath`.
 
-    From D^-1 (nn, nb, bb) and the columns m and c of C, see `sheath_mixed`.
+    From D^-1 (nn, nb, bb) and the columns m and c of C, by d along n and along b.
     """
     o_t, o_n, o_b, o_s = (
         nn * m_t + nb * c_t, nn * m_n + nb * c_n, nn * m_b + nb * c_b, nn * m_s + nb * c_s
@@ -210,7 +214,7 @@ def unscaled_hessian(
 
 
 def planar_start(load: Number, force: Number, softening: Number) -> tuple[Number, Number, Number]:
-    """Nearly the balance of a section that bends in one plane: stretch if straight, stretch, bend.
+    """Approximate equilibrium of a section bent in one plane: straight stretch, stretch, bend.
 
     For ``load``, the moment over E A and the radius, ``force`` of compression over E A, and
     bending stiffness that sheaths take over 2 E A and the square of the radius. The bend is the
@@ -232,7 +236,7 @@ def planar_step(
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Newton's step of stretch and bend, with the `Density` of the law at bend^2."""
+    """Stretch and bend after a Newton step, from the `Density` of the law at z = bend^2."""
     twice, secant = bend + bend, by_bend - softening
     left, moved = by_stretch + force, twice * secant - load
     cross = twice * stretch_bend

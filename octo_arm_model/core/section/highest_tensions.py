@@ -1,4 +1,4 @@
-"""How hard the tendons of an arm are usually pulled, and what force bends it."""
+"""Usual magnitudes of tendon tensions, and of a force that bends the arm."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _STATIONS = 101  # of the integrals
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     """Default upper bounds of tensions [N], of `Arm.tension_shape`.
 
-    Of each tendon the tension that alone compresses the cross section at its anchorage by
-    ``part``, or, if that is less, as for slender rods, bends the arm by two turns to first order.
+    For each tendon the smaller of the tension that compresses the cross section at its anchorage
+    by ``part``, and of that which alone bends the arm by 4 pi, both to first order.
     """
     highest = np.empty(len(arm.tendons))
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
@@ -29,7 +29,7 @@ def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
 
 
 def bending_force(arm: Arm, part: float) -> float:
-    """The force across the tip that moves it by ``part`` of the length, to first order [N]."""
+    """Transverse force that deflects the tip by ``part`` of the length, to first order [N]."""
     s = np.linspace(0.0, arm.length, _STATIONS)
     bending = SectionStiffness.at(arm, s).bending
     return part * arm.length / float(trapezoid((arm.length - s) ** 2 / bending, s))

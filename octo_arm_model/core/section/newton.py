@@ -1,4 +1,4 @@
-"""Minimum of the energy of each cross section."""
+"""Minimum of the energy of each cross section by Newton's method."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from octo_arm_model.core.section.quasi_newton import balance
 # Converged when the residual forces and moments are below this fraction of their `force_scale`.
 TOLERANCE = 1e-11
 MAX_ITERATIONS = 200
-# A step is too long where the slope of the energy at its end exceeds this fraction of the negative
-# slope at its start.
+# A step is too long where the directional derivative of the energy at its end exceeds this part of
+# minus that at its start.
 OVERSHOOT = 0.9
-# Relative residual below which the slopes of the line search are rounding.
+# Relative residual below which those derivatives are dominated by rounding.
 ROUNDING = 1e-6
 _SHORTEST_TENDON = 0.05  # over its reference length: the cause reported where nothing converges
 
@@ -30,7 +30,7 @@ class Minimum(NamedTuple):
 
     Attributes:
         strain: scaled strain, (n, batch, nodes).
-        residual: largest imbalance over its scale in each arm, (batch,).
+        residual: largest residual over its `force_scale` in each arm, (batch,).
         iterations: number of Newton steps.
     """
 
@@ -40,7 +40,7 @@ class Minimum(NamedTuple):
 
 
 def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
-    """Approximation of the strain of least energy: that under tendons parallel to the midline.
+    """Scaled strain of least energy if all tendons were parallel to the midline.
 
     Their force and moment do not depend on the strain, and the section bends in one plane. The two
     unknowns, stretch and curvature times radius, take an inexpensive step of Newton's method.
@@ -53,7 +53,7 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     f = energy.law.density(stretch, bend * bend)
     stretch, bend = planar_step(stretch, bend, load, force, softening, *f)
     curvature = bend / energy.radius
-    # The straight state where that is impossible or NaN.
+    # The straight state where the bent one is impossible or NaN.
     fails = ~can_be(energy, stretch, np.abs(curvature))
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
@@ -68,7 +68,7 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
 def can_be(energy: SectionEnergy, stretch: FloatArray, curvature: FloatArray) -> NDArray[np.bool_]:
     """Whether all fibres and tendons have positive length; False for NaN.
 
-    By scaled strain: ``stretch`` and the norm of the ``curvature``, each (batch, nodes).
+    ``stretch`` and norm of the ``curvature`` are of the scaled strain, (batch, nodes).
     """
     return stretch > curvature * energy.lever_max
 
@@ -77,7 +77,7 @@ def force_scale(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray
     """Scale of residual forces and moments: (n, batch, nodes) [N m and N].
 
     The sum of tensions, and of tensions times lever arms, plus a small fraction of the stiffness
-    of the section so that rounding is below tolerance without tensions.
+    of the section, so that without tensions rounding stays below the tolerance.
     """
     force = np.add.reduce(local_tensions) + 1e-4 * energy.stiffness.axial
     scale = np.empty((energy.strains, *force.shape))
@@ -87,11 +87,13 @@ def force_scale(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray
 
 
 def minimise(energy: SectionEnergy, local_tensions: FloatArray, start: FloatArray) -> Minimum:
-    """Strains of least energy from scaled ``start``; tensions are (tendons, batch, nodes) [N].
+    """Strains of least energy, from the scaled strain ``start`` (n, batch, nodes).
+
+    ``local_tensions`` are (tendons, batch, nodes) [N].
 
     Raises:
         SolveError: if a tendon would be shortened to nothing.
-        ConvergenceError: if balance is not reached.
+        ConvergenceError: if equilibrium is not reached.
     """
     scale = force_scale(energy, local_tensions)
     tendons = energy.tendons(local_tensions)
@@ -116,16 +118,16 @@ def _descend(
         widening = energy.widening(strain[3])
         gradient, hessian = energy.derivatives(strain, local_tensions, widening)
         if energy.planar:
-            # Tendons cannot twist the arm, but for rounding.
+            # Exactly zero: tendons have no moment about t but rounding.
             gradient[0] = hessian[0, 1:] = hessian[1:, 0] = 0.0
         left = np.abs(gradient * over)
-        worst = float(left.max(initial=0.0))  # NaN where a section cannot be
+        worst = float(left.max(initial=0.0))  # NaN where a strain is impossible
         if worst <= TOLERANCE:
-            # A last step leaves rounding, whatever the tolerance is.
+            # One more step: the error is then of the order of rounding.
             strain = strain - substitute(factorise(hessian), gradient)
             return Minimum(strain, left.max(axis=(0, 2), initial=0.0), iterations)
         if step is not None:
-            fine = np.add.reduce(gradient * step) <= OVERSHOOT * slope  # not where NaN
+            fine = np.add.reduce(gradient * step) <= OVERSHOOT * slope  # False for NaN
             fine |= left.max(axis=0) <= ROUNDING
             if not fine.all():
                 # Halve the steps that are too long.
@@ -145,10 +147,10 @@ def _descend(
 def _refuse_short_tendons(
     energy: SectionEnergy, strain: FloatArray, local_tensions: FloatArray
 ) -> None:
-    """Raise the cause where a tendon is shortened to nothing, at which |u| is not smooth.
+    """Report a tendon of zero length, where |u| is not smooth, as the cause of divergence.
 
     Raises:
-        SolveError: if one is.
+        SolveError: if a tendon is shorter than `_SHORTEST_TENDON`.
     """
     length = np.where(local_tensions > 0.0, energy.lengthening(strain, local_tensions)[0], np.inf)
     if length.min(initial=np.inf) < _SHORTEST_TENDON:

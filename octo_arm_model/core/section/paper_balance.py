@@ -1,4 +1,4 @@
-"""Stiffness of a cross section, and its balance in the paper's models."""
+"""Stiffness of a cross section, and its equilibrium in the paper's models."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def curvatures(
     p_t: Number, p_n: Number, p_b: Number, first_n: Number, first_b: Number,
     second_n: Number, second_b: Number, torsion: Number, bending: Number,
 ) -> tuple[Number, Number, Number]:  # fmt: skip
-    """Strains omega = C (F + p) = (tau, xi, k) [1/m] under the imbalance p [N m]."""
+    """Strains (tau, xi, k) [1/m] of a cross section whose imbalance of moments is p [N m]."""
     return (
         p_t / (torsion + (second_n + second_b)),
         (p_n - first_b) / (bending + second_b),
@@ -51,7 +51,7 @@ def mixed_curvatures(
     first_n: Number, first_b: Number, second_n: Number, second_b: Number, mixed: Number,
     bending: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Curvatures (xi, k) [1/m] without an imbalance where the mixed second moment couples them."""
+    """Curvatures (xi, k) [1/m] in equilibrium, coupled by the mixed second moment."""
     about_n, about_b = bending + second_b, bending + second_n
     determinant = about_n * about_b - mixed * mixed
     return (
@@ -63,7 +63,7 @@ def mixed_curvatures(
 def routed_torsion(
     routing_torque: Number, second_n: Number, second_b: Number, torsion: Number
 ) -> Number:
-    """Torsion tau [1/m] by tendons that wind about the midline, without an imbalance."""
+    """Torsion tau [1/m] in equilibrium with tendons that wind about the midline."""
     return -routing_torque / (torsion + (second_n + second_b))
 
 
@@ -80,7 +80,7 @@ def imbalance_of(
 
 
 def added_curvature(first: Number, second: Number, bending: Number) -> Number:
-    """Jump (11) of a curvature at an anchorage [1/m], by moments of the tendons ending there."""
+    """Jump (11) of a curvature at an anchorage [1/m], from moments of the tendons ending there."""
     return first / (second + bending)
 
 

@@ -1,4 +1,4 @@
-"""Derivatives of the balance of cross sections and of tendon lengths by parameters of the arm."""
+"""Derivatives of section energy gradients and tendon lengths by parameters of the arm."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from octo_arm_model.core.section.formulas import offset_direction, offset_gradie
 
 
 class ParameterDerivatives:
-    """Derivatives of a `SectionEnergy` at fixed strain, by Poisson's ratio and tendon offsets.
+    """Derivatives of a `SectionEnergy` at fixed strain by nu, tendon offsets and sheaths.
 
     Attributes:
-        outwards: directions along n and b that offsets of tendons increase in, and their slopes,
-            each (tendons, 1, nodes), zero beyond the anchorage.
-        rest_stretches: length of each tendon of the unloaded arm by that of the midline,
+        outwards: components along n and b of the unit vector from the midline to each tendon, and
+            their slopes, each (tendons, 1, nodes), zero beyond the anchorage.
+        rest_stretches: length of each tendon of the unloaded arm per length of the midline,
             (tendons, nodes), zero beyond the anchorage.
         torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (1, nodes).
     """
@@ -36,7 +36,7 @@ class ParameterDerivatives:
         self.outwards = x, y, dx, dy
 
     def gradient_by_poisson(self, strain: FloatArray) -> FloatArray:
-        """Derivative of the gradient of `material` with Poisson's ratio, (n, batch, nodes)."""
+        """Derivative of the gradient of `material` by Poisson's ratio, (n, batch, nodes)."""
         energy = self._energy
         change = np.zeros_like(strain)
         change[0] = self.torsion_by_poisson * strain[0]
@@ -45,7 +45,7 @@ class ParameterDerivatives:
         return change
 
     def gradient_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of the tendons' gradient with each tendon's distance from the midline.
+        """Derivative of the tendons' gradient by each tendon's distance from the midline.
 
         Returns:
             (n, tendons, batch, nodes).
@@ -70,7 +70,7 @@ class ParameterDerivatives:
         return change
 
     def direction_by_offset(self, strain: FloatArray) -> FloatArray:
-        """Derivative of every tendon's u with its own distance from the midline.
+        """Derivative of every tendon's u by its own distance from the midline.
 
         Returns:
             Components along t, n and b, (3, tendons, batch, nodes) [1/m].
@@ -80,11 +80,11 @@ class ParameterDerivatives:
         return np.stack(offset_direction(t, n, b, width, *self.outwards))
 
     def gradient_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of the gradient with the stiffness of each tendon's sheath.
+        """Derivative of the gradient by the stiffness of each tendon's sheath.
 
         Returns:
-            (n, tendons, batch, nodes), zero where a tendon keeps its place; where all do, of no
-            tendon.
+            (n, tendons, batch, nodes), zero for a rigid sheath; (n, 0, batch, nodes) where all
+            are rigid.
         """
         condensed = self._energy.condensed(strain, local_tensions)
         if condensed is None:
@@ -92,14 +92,14 @@ class ParameterDerivatives:
         return -condensed.answer(condensed.offset)
 
     def length_by_sheath(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of every tendon's stretch with that of its sheath, (tendons, nodes)."""
+        """Derivative of every tendon's stretch by its sheath's stiffness, (tendons, nodes)."""
         condensed = self._energy.condensed(strain, local_tensions)
         if condensed is None:
             return np.zeros((0, strain.shape[2]))
         return -condensed.shortening(condensed.offset)[:, 0]
 
     def length_by_offset(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of every tendon's stretch with its distance from the midline, of one arm.
+        """Derivative of every tendon's stretch by its distance from the midline, for one arm.
 
         Returns:
             (tendons, nodes).

@@ -1,9 +1,8 @@
-"""Cross sections in balance by few operations on arrays.
+"""Equilibrium of cross sections by a quasi-Newton method of few array operations.
 
-Newton's method with the Hessian of the body: it is as stiff in bending about one axis as about
-another, so that no matrix is factorised for a step. Tendons add little to it, and compliant
-sheaths take a stiffness from it that is nearly the same about all axes. Where the method does not
-converge at once, `newton` descends along the energy.
+The approximate Hessian is that of the body, which is isotropic in bending, so that steps are
+explicit and no matrix is factorised. Tendons add little to it, and compliant sheaths subtract a
+nearly isotropic bending stiffness. Where this does not converge quickly, `newton` minimises.
 """
 
 from __future__ import annotations
@@ -19,25 +18,25 @@ if TYPE_CHECKING:
     from octo_arm_model.core.section.energy import SectionEnergy
 
 _MOST_STEPS = 12
-_SLOW = 0.7  # of the imbalance, what a step leaves at most if another is worth while
-# Relative imbalance from which on steps allow for the stiffness of the tendons: before, it is less
-# than what the step leaves as it is finite.
+_SLOW = 0.7  # largest ratio of successive residuals at which the iteration goes on
+# Relative residual below which steps include the stiffness of the tendons: above, its effect is
+# smaller than the error of linearisation.
 _NEAR = 1e-3
 _ROUNDING = 1e-13  # relative imbalance that no step makes less
 
 
 class Tendons(Protocol):
-    """The tendons of cross sections under given tensions, in one search for the balance.
+    """The tendons of cross sections under given tensions, during one iteration.
 
-    Strains are the rows (n, b, stretch) of the scaled strain, (3, batch, nodes), with torsion
-    before them where tendons twist the arm.
+    Strains are the rows (n, b, stretch) of the scaled strain, (3, batch, nodes), preceded by
+    torsion if ``has_torsion``.
 
     Attributes:
-        has_torsion: whether they do.
-        softening: bending stiffness that sheaths take from the body at the last strain [N m^2].
+        has_torsion: whether torsion is one of the unknowns.
+        softening: loss of bending stiffness by sheaths at the last strain [N m^2].
         torsion: torsional stiffness of the tendons there [N m^2].
         coupling: second derivatives by torsion and the two curvatures there, (2, batch, nodes).
-        imbalance: of the tendons in their sheaths there, over the lever arm.
+        imbalance: largest residual of the offsets in the sheaths there, over the lever arm.
     """
 
     has_torsion: bool
@@ -47,18 +46,18 @@ class Tendons(Protocol):
     imbalance: float
 
     def gradient(self, strain: FloatArray) -> FloatArray:
-        """Gradient of the energy of tendons, and sheaths, by the ``strain``."""
+        """Gradient of the energy of tendons and sheaths at ``strain``, then the last strain."""
 
     def stiffened(self, step: FloatArray) -> FloatArray:
-        """What a ``step`` changes that by at the last strain, asked for without torsion."""
+        """Change of the gradient by a ``step`` from the last strain; without torsion only."""
 
 
 class Balance(NamedTuple):
-    """Sections in balance.
+    """Cross sections in equilibrium.
 
     Attributes:
-        strain: rows of the scaled strain, as of `Tendons`.
-        residual: largest imbalance over its scale in each arm, (batch,).
+        strain: rows of the scaled strain, as in `Tendons`.
+        residual: largest residual over its scale in each arm, (batch,).
         iterations: number of steps.
     """
 
@@ -71,9 +70,9 @@ def balance(
     energy: SectionEnergy, tendons: Tendons, strain: FloatArray, scale: FloatArray,
     tolerance: float,
 ) -> Balance | None:  # fmt: skip
-    """The balance near ``strain``, see `Tendons`, its imbalance within ``tolerance``.
+    """Equilibrium from ``strain``, see `Tendons`, to a residual within ``tolerance`` of ``scale``.
 
-    Of ``scale``, see `newton.force_scale`. None where it takes too many steps.
+    For ``scale`` see `newton.force_scale`. None where convergence is slow.
     """
     over, axial = 1.0 / scale, energy.stiffness.axial
     previous = np.inf
@@ -117,7 +116,7 @@ def balance(
 def _with_torsion(
     body: _Body, gradient: FloatArray, torsion: Number, coupling: Number
 ) -> FloatArray:
-    """Step of torsion and body, where the ``torsion``'s ``coupling`` with bending is weak."""
+    """Step with torsion eliminated, to first order in its weak ``coupling`` to bending."""
     step = np.empty_like(gradient)
     rest = gradient[1:].copy()
     rest[:2] -= coupling * (gradient[0] / torsion)
@@ -127,7 +126,7 @@ def _with_torsion(
 
 
 class _Body(NamedTuple):
-    """The Hessian of the body by two curvatures c and the stretch.
+    """Hessian of the body by the curvatures c = ``bending`` and the stretch.
 
     Its parts are ``once`` 1 + ``second`` c c^T, ``both`` c, see `bending_factors`, and ``axial``.
     """
@@ -140,7 +139,7 @@ class _Body(NamedTuple):
     axial: FloatArray
 
     def step(self, gradient: FloatArray) -> FloatArray:
-        """What takes a ``gradient`` (3, batch, nodes) to zero."""
+        """Newton step for a ``gradient``, both (3, batch, nodes)."""
         bending, square, once, both, second, axial = self
         along = np.add.reduce(bending * gradient[:2])
         about, cross = once + square * second, square * both

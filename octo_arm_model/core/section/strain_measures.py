@@ -43,7 +43,7 @@ def _scaled(energy: SectionEnergy, twist: FloatArray, width: Number) -> FloatArr
 def gradient_by_twist(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
 ) -> FloatArray:
-    """The gradient of `derivatives_by_twist` alone."""
+    """Gradient (n, batch, nodes) of the energy by the ``twist``, see `derivatives_by_twist`."""
     width, slope, _ = energy.widening(twist[3])
     gradient = energy.gradient(_scaled(energy, twist, width), local_tensions, width, slope)
     if energy.law.widens:
@@ -58,7 +58,7 @@ def derivatives_by_twist(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) by the ``twist``.
 
-    Of the energy of the sections and their tendons of ``local_tensions`` (tendons, batch, nodes).
+    Of the energy of the sections and of tendons under ``local_tensions`` (tendons, batch, nodes).
     """
     widening = energy.widening(twist[3])
     strain = _scaled(energy, twist, widening[0])
@@ -96,9 +96,9 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
 
 
 def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:
-    """Change of the scaled strain with a ``change`` (n, columns, nodes) of one ``twist``.
+    """Change of the scaled strain by a ``change`` (n, columns, nodes) of ``twist`` (n, 1, nodes).
 
-    ``twist`` is (n, 1, nodes).
+    First order, for one arm.
     """
     if not energy.law.widens:
         return change
@@ -110,25 +110,25 @@ def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) 
 
 
 def _shortest_fibres(energy: SectionEnergy, strain: FloatArray) -> FloatArray:
-    """Length over reference length of those most compressed, (batch, nodes)."""
+    """Stretch of the most compressed fibre of each section, (batch, nodes)."""
     bend = np.sqrt(strain[1] * strain[1] + strain[2] * strain[2])
     return np.asarray(strain[3] - energy.radius * bend)
 
 
 def have_fibres(energy: SectionEnergy, strain: FloatArray) -> NDArray[np.bool_]:
-    """Whether no fibre of an arm is compressed as `check_fibres` refuses, (batch,)."""
+    """Whether all fibres of an arm are longer than `SHORTEST_FIBRE`, (batch,)."""
     if not energy.law.widens:
         return np.ones(strain.shape[1], bool)
     return np.asarray((_shortest_fibres(energy, strain) > SHORTEST_FIBRE).all(axis=-1))
 
 
 def check_fibres(energy: SectionEnergy, strain: FloatArray) -> None:
-    """Refuse scaled ``strain`` that compresses a fibre to nearly no length.
+    """Refuse scaled ``strain`` with a fibre shorter than `SHORTEST_FIBRE`.
 
-    The stress of the elastic laws that widen is unbounded there, which no material has.
+    Laws with widening have unbounded stress at zero length, unlike any material.
 
     Raises:
-        SolveError: if it does; the message has the arc coordinate.
+        SolveError: if there is one; the message states the arc coordinate.
     """
     if not energy.law.widens:
         return

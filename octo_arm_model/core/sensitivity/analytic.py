@@ -1,7 +1,8 @@
-"""Sensitivities, analytic: what a change of a parameter does to strains, shape and lengths.
+"""Analytic derivatives of strains, poses and tendon lengths by parameters of the arm.
 
-A change of a parameter leaves a wrench unbalanced at every cross section; the arm answers with a
-change of twist (`Equilibrium.respond`), which turns and moves everything beyond: in base_frame
+At fixed shape the derivative of the equilibrium by a parameter is an unbalanced wrench at every
+cross section. The linearised equilibrium (`System.solve`) gives the change of twist (d kappa, d v)
+that balances it, and with it, in base_frame, the rotation phi and displacement d u,
 
     phi(s) = int_0^s R d kappa    d u(s) = int_0^s phi x u' + R d v.
 """
@@ -34,7 +35,7 @@ from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
 def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivity:
-    """Of the balanced ``shape`` of a loaded ``rod``.
+    """First derivatives at the equilibrium ``shape`` of a loaded ``rod``.
 
     Raises:
         LoadError: if a load states no tangent stiffness.
@@ -50,7 +51,10 @@ def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivi
 
 
 def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
-    """`derivatives` of the balanced ``state``, by NumPy."""
+    """`derivatives` at the equilibrium ``state``, by NumPy.
+
+    Columns: tensions, wrench on the tip, E, nu, offsets, sheath stiffnesses, with friction mu.
+    """
     problem, parameters = rod.equilibrium, rod.parameters
     energy, twist = problem.energy, state.shape.twist
     tensions = state.condition.tensions
@@ -63,7 +67,7 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     sheaths = by_sheath.shape[1]
     more = sheaths
     if state.sliding is not None:
-        # What tendons pull with changes along them, and their friction adds columns.
+        # Imbalances by tension follow from the local changes; friction adds a column per tendon.
         more, direct = sheaths + tendons, _direct(rod, state, state.sliding, sheaths)
     columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
     if state.sliding is None:
@@ -77,7 +81,7 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     pose, strains = read_out(rod, state, response)
     weights = problem.collocation.weights
     length = lengths_along(left.length_by_twist * weights, response.twist)
-    # What changes the length of a tendon at a given twist.
+    # Derivatives of the lengths at fixed twist.
     at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission
     at_place = at_place[:, 0] * weights
     tendon, mean = np.arange(tendons), None
@@ -105,7 +109,7 @@ def _split(
     pose: FloatArray, strains: FloatArray, length: FloatArray, counts: Sequence[int],
     mean: FloatArray | None = None,
 ) -> list[Change]:  # fmt: skip
-    """Changes of so many columns each, and of the rest."""
+    """Split the columns into groups of ``counts`` and one of the remaining columns."""
     parts, first = [], 0
     for count in (*counts, pose.shape[-1] - sum(counts)):
         own = slice(first, first + count)
@@ -116,12 +120,13 @@ def _split(
 
 
 def _direct(rod: LoadedRod, state: State, sliding: Sliding, sheaths: int) -> FloatArray:
-    """Change of tensions along tendons with friction while the shape stays, as `derivatives`.
+    """Derivatives of the tensions along tendons with friction at fixed shape.
 
-    Of tendons in so many ``sheaths`` that give way, all or none.
+    (tendons, columns, points) [N], with the columns of `_derivatives`; ``sheaths`` is the number
+    of compliant sheaths, that of the tendons or 0.
 
     Raises:
-        SolveError: if there is none.
+        SolveError: as `FrictionChanges.require_derivatives`.
     """
     friction, tendons = rod.equilibrium.friction, len(sliding.tensions)
     assert friction is not None
@@ -130,7 +135,7 @@ def _direct(rod: LoadedRod, state: State, sliding: Sliding, sheaths: int) -> Flo
     direct = np.zeros((tendons, 3 * tendons + 8 + sheaths, friction.points))
     own, first = np.arange(tendons), 2 * tendons + 8
     direct[own, own] = changes.by_base_tension()
-    # Of paths and sheaths of which each moves its tendon alone.
+    # A path or a sheath affects its own tendon only.
     direct[own, tendons + 8 + own] = changes.by_offset(rod.parameters)
     direct[own[:sheaths], first + own[:sheaths]] = changes.by_sheath_stiffness()
     direct[own, first + sheaths + own] = changes.by_coefficient()
@@ -138,7 +143,7 @@ def _direct(rod: LoadedRod, state: State, sliding: Sliding, sheaths: int) -> Flo
 
 
 def read_out(rod: LoadedRod, state: State, response: Response) -> tuple[FloatArray, FloatArray]:
-    """Pose (stations, 6, columns) and strain (stations, 4, columns) from a ``response``."""
+    """Changes of pose (stations, 6, columns) and strain (stations, 4, columns) by ``response``."""
     twist, stations = state.shape.twist, rod.stations
     angular = np.einsum('ijn,jcn->icn', state.rotation, response.twist[:3])
     axes = state.rotation[:, : len(twist) - 3]
@@ -164,14 +169,13 @@ def papers_twist_changes(
     tensions: FloatArray,
     batch: int,
 ) -> FloatArray:
-    """Change (4, tendons + 1, nodes) of the twist of a paper's model ``solve`` by tensions and E.
+    """Derivatives (4, tendons + 1, nodes) of the twist by the tensions and by ln E.
 
-    ``batch`` of them are solved at once.
-
-    Their equations are analytic in the tensions: solved with one of them moved by a small
-    imaginary number, the imaginary part is the derivative (Squire and Trapp 1998). No digits are
-    lost however small that is, but the sweeps of renda2012 have to notice it.
-    Scaling E is scaling all tensions the other way.
+    For a model of the paper, whose ``solve`` is called for ``batch`` sets of tensions at a time.
+    Its equations are analytic in the tensions: with one of them perturbed by a small imaginary
+    step, the imaginary part of the solution over the step is the derivative (Squire and Trapp
+    1998), without cancellation; the step only has to exceed the tolerance of the sweeps of
+    renda2012. Scaling E is equivalent to dividing all tensions by the same factor.
     """
     step = 1e-6 * max(float(tensions.max()), 1e-3 * float(energy.stiffness.axial.min()))
     moved = tensions + 1j * step * np.eye(tensions.size)
@@ -190,13 +194,13 @@ def from_twist_changes(
     counts: Sequence[int],
     mean: FloatArray | None = None,
 ) -> list[Change]:
-    """Changes of so many columns each, and of the rest, from those of the twist at the nodes.
+    """Changes by groups of ``counts`` columns and the remaining ones, from those of the twist.
 
-    ``changes`` is (4, columns, nodes) and ``twist``, of the linear law, (4, nodes); ``mean`` are
-    those `Change.tendon_tension`.
+    ``changes`` of the twist are (4, columns, nodes), ``twist`` (4, nodes) is of the linear law and
+    ``frames`` are those of the nodes; ``mean`` (tendons, columns) is `Change.tendon_tension`.
     """
     pose, strains = _integrate(twist, frames, grid, changes)
-    # The paper's models keep tendons in their places, whatever the tensions.
+    # In the paper's models tendons stay on their paths, so that tensions do not matter here.
     by_twist = energy.lengthening(twist[:, np.newaxis], np.zeros_like(energy.active))[1][:, :, 0]
     length = lengths_along(by_twist * integration_weights(grid), changes)
     return _split(pose, strains, length, counts, mean)
@@ -205,9 +209,9 @@ def from_twist_changes(
 def tip_from_twist_changes(
     grid: StationGrid, twist: FloatArray, frames: Quaternions, changes: FloatArray
 ) -> FloatArray:
-    """Change of the tip alone, (6, columns), otherwise as `from_twist_changes`."""
+    """Changes of the pose of the tip, (6, columns), as by `from_twist_changes`."""
     rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
-    # A bend turns what lies beyond about itself.
+    # A bend rotates the rest of the arm about its cross section.
     lever = integrate_from_tip(rotation[:, 0] * twist[3], grid)
     by_twist = np.zeros((6, 4, twist.shape[1]))
     by_twist[:3, :3] = cross(rotation, np.broadcast_to(lever[:, np.newaxis], rotation.shape))
@@ -217,9 +221,10 @@ def tip_from_twist_changes(
 
 
 def lengths_along(weighted: FloatArray, changes: FloatArray) -> FloatArray:
-    """Change of every tendon's length, (tendons, columns), from that of its stretch by twist.
+    """Changes of the tendon lengths [m], (tendons, columns), by ``changes`` of the twist.
 
-    ``weighted`` (n, tendons, points) with the weights of the integral along the arm.
+    ``changes`` are (n, columns, points), ``weighted`` (n, tendons, points) is the gradient of each
+    tendon's stretch by the twist times the quadrature weights.
     """
     return np.tensordot(weighted, changes[: len(weighted)], axes=([0, 2], [0, 2]))
 
@@ -227,7 +232,7 @@ def lengths_along(weighted: FloatArray, changes: FloatArray) -> FloatArray:
 def _integrate(
     twist: FloatArray, frames: Quaternions, grid: StationGrid, changes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pose (stations, 6, columns) and strain (stations, 4, columns) from twist (6, columns, n)."""
+    """As `read_out`, from ``changes`` of the twist at the nodes, (4, columns, nodes)."""
     rotation = Quaternions(frames.a[0], frames.b[0]).matrix()
     advance = (rotation[:, 0] * twist[3])[:, np.newaxis]
     angle = integrate_from_base(np.einsum('ijn,jcn->icn', rotation, changes[:3]), grid)

@@ -1,4 +1,4 @@
-"""What dead loads of any kind do to a balanced rod, to first order."""
+"""First derivatives of a rod in equilibrium by the magnitudes of dead loads."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from octo_arm_model.core.sensitivity.results import Change
 
 
 def by_loads(rod: LoadedRod, condition: Condition, shape: Shape, loads: Sequence[Loads]) -> Change:
-    """Of the balanced ``shape`` of a loaded ``rod``, per unit of each of ``loads``.
+    """Change of the equilibrium ``shape`` of a loaded ``rod`` per unit of each of ``loads``.
 
     Raises:
-        LoadError: if a load that acts already states no tangent stiffness.
+        LoadError: if a load on the rod states no tangent stiffness.
         ConfigError: if tendons have friction.
     """
     problem = rod.equilibrium
@@ -47,7 +47,10 @@ def by_loads(rod: LoadedRod, condition: Condition, shape: Shape, loads: Sequence
 def _wrenches(
     problem: Equilibrium, state: State, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
-    """Moments and forces in the axes of all cross sections, (n, loads, points)."""
+    """Wrenches on the cross sections in their axes, (n, loads, points).
+
+    ``force`` and ``moment`` (loads, 3, points) are `LoadedRod.dead_resultants`.
+    """
     tangent = np.broadcast_to(state.tangent[:, np.newaxis], force.swapaxes(0, 1).shape)
     force, moment = force.swapaxes(0, 1), moment.swapaxes(0, 1)
     moment = moment + problem.collocation.integrate_from_tip(cross(tangent, force))

@@ -1,4 +1,4 @@
-"""What a change of a parameter leaves unbalanced at the cross sections, while these stay."""
+"""Unbalanced wrenches at the cross sections by changes of parameters, at fixed twist."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradi
 
 
 class Imbalance:
-    """Moments and forces per unit of each quantity, (n, quantities, points).
+    """Unbalanced wrenches on the cross sections per unit of each quantity, at fixed twist.
 
-    In the axes of the cross sections, on which they act.
+    In the axes of the cross section, (n, quantities, points) [N m and N].
 
     Attributes:
         strain: scaled strain, (n, 1, points).
@@ -34,7 +34,7 @@ class Imbalance:
         self.strain = to_scaled(energy.law, self._twist)
 
     def _left_by(self, gradient: FloatArray) -> FloatArray:
-        """Of ``gradient`` (n, quantities, 1, points) of the energy by the scaled strain."""
+        """By changes of the ``gradient`` (n, quantities, 1, points) by the scaled strain."""
         return -unscale_gradient(self._energy, self._twist, gradient)[:, :, 0]
 
     @functools.cached_property
@@ -68,7 +68,7 @@ class Imbalance:
 
     @property
     def by_sheath_stiffness(self) -> FloatArray:
-        """Per pascal of each tendon's sheath; of no tendon where all keep their places."""
+        """Per pascal of each tendon's sheath; no quantities where no tendon has a sheath."""
         return self._left_by(
             self._parameters.gradient_by_sheath(self.strain, self._local_tensions)
         )

@@ -1,4 +1,4 @@
-"""How the shape answers to small changes of what it depends on."""
+"""First derivatives of the shape, and the covariance of the tip that follows from them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 
-# Derivative of the tip's position and rotation vector by a quantity, (6, n): 'tension',
-# 'youngs_modulus', 'poisson_ratio' or 'offset'; None if the model has none.
+# From the name of a quantity, 'tension', 'youngs_modulus', 'poisson_ratio' or 'offset', to the
+# derivative of the tip's position and rotation vector by it, (6, n); None if the model has none.
 TipBy: TypeAlias = Callable[[str], FloatArray | None]
 
 _UNITS = {
@@ -32,8 +32,8 @@ class Change:
             (stations, 6, quantities).
         strain: change of tau, xi, k [1/m] and q [-], (stations, 4, quantities).
         tendon_length: change of the length of every tendon [m], (tendons, quantities).
-        tendon_tension: change of the tension of every tendon on average over its unloaded length
-            [N], likewise; None without friction, where that is the change at the base.
+        tendon_tension: change of the tension of every tendon averaged over its unloaded length
+            [N], likewise; None without friction, where it equals the change at the base.
     """
 
     pose: FloatArray
@@ -49,7 +49,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations of what the shape depends on, all independent of each other.
+    """Standard deviations of the quantities that the shape depends on, all independent.
 
     Attributes:
         tension: of every tension [N].
@@ -87,7 +87,8 @@ class Uncertainty:
     def tip_covariance(self, tip_by: TipBy) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
-        Only what is uncertain is asked of ``tip_by``. That of displacements comes besides.
+        ``tip_by`` is called for the uncertain quantities only. Displacements are left out: see
+        `analysis.winding.sensitivity`.
 
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.
@@ -120,8 +121,8 @@ class Sensitivity:
         by_youngs_modulus: per relative change of E (of 1 for twice the stiffness), one column.
         by_poisson_ratio: per unit of nu, one column.
         by_offset: per metre of each tendon's distance from the midline.
-        by_sheath_stiffness: per pascal of each tendon's sheath, zero of rigid ones; None where
-            all are.
+        by_sheath_stiffness: per pascal of each tendon's sheath, zero for a rigid one; None where
+            all are rigid.
         by_friction: per unit of each tendon's mu, where tendons have friction.
     """
 
@@ -145,7 +146,7 @@ class Sensitivity:
         return self.by_tip_wrench.tip
 
     def tip_by(self, quantity: str) -> FloatArray | None:
-        """A `TipBy`."""
+        """Derivative of the tip by a ``quantity``, see `TipBy`."""
         change: Change | None = getattr(self, f'by_{quantity}')
         return None if change is None else change.tip
 

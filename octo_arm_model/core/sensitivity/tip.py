@@ -1,9 +1,9 @@
-"""Derivatives of the tip alone, by reciprocity.
+"""Derivatives of the pose of the tip by reciprocity.
 
-A rod whose tendons and loads have an energy has a symmetric linearised equilibrium (Betti): the
-tip moves under a wrench on a cross section as much as this cross section does under the same
-wrench on the tip. Six answers, to unit wrenches on the tip, give all derivatives of its pose. The
-collocation keeps this exactly, as Gauss points make a symplectic rule.
+The linearised equilibrium of a rod whose tendons and loads have a potential is symmetric (Betti):
+the displacement of the tip by a unit wrench on a cross section equals that of the cross section by
+a unit wrench on the tip. The responses to six unit wrenches on the tip therefore give all
+derivatives of its pose. Collocation at Gauss points, a symplectic rule, preserves the symmetry.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from octo_arm_model.core.sensitivity.results import TipBy
 
 
 def is_reciprocal(rod: LoadedRod, condition: Condition) -> bool:
-    """Whether all that acts on ``rod`` has an energy, as friction and dead moments have none."""
+    """Whether all loads on ``rod`` have a potential; friction and dead moments have none."""
     problem = rod.equilibrium
     return problem.friction is None and problem.loads.has_energy(condition.tip_wrench)
 
 
 def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy:
-    """Of the balanced ``shape`` of a ``rod`` that `is_reciprocal` in this ``condition``.
+    """Derivatives at the equilibrium ``shape`` of a ``rod`` that `is_reciprocal` in ``condition``.
 
     Raises:
         ConvergenceError: if the linearised equilibrium is singular.

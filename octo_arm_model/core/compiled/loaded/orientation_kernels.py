@@ -1,4 +1,4 @@
-"""Orientations along a loaded rod: what `numba_build` compiles, as `kinematics` has them."""
+"""Kernels for the orientations along a loaded rod, as in `loaded.kinematics`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
 from octo_arm_model.core.hints import FloatArray
 
 MOST_SWEEPS = 60
-# Sum of squares of the defects that the last sweep takes out, which leaves a millionth of them.
+# Sum of squares of the defects before the last sweep, which reduces them a millionfold.
 DEFECTS = 1e-17
-MOST_DEFECTS = 1e-6  # likewise on the way to a balance, at most
+MOST_DEFECTS = 1e-6  # likewise, largest value for Newton iterates far from equilibrium
 
 
 def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray) -> None:
-    """Fill in the ``rate`` (4, n) of ``turn`` under a ``twist``, times 2 ``half`` (n,)."""
+    """Fill in ``rate`` (4, n), the derivative of quaternions ``turn`` (4, n) over an element.
+
+    With the angular rows w of ``twist`` and ``half`` (n,) of the element's length it is ``half``
+    Q w.
+    """
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
     kappa_t, kappa_n, kappa_b = twist[0], twist[1], twist[2]
     w, x, y, z = rate[0], rate[1], rate[2], rate[3]
@@ -29,7 +33,10 @@ def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: Float
 def solve_turn(
     tables: RodTables, twist: FloatArray, half: FloatArray, first: int, turn: FloatArray
 ) -> None:
-    """Fill in ``turn`` (4, points) within the element from ``first`` on, from its start."""
+    """Solve the equations of `find_turn` in the element whose first point is ``first``.
+
+    Fills in ``turn`` (4, points), relative to the orientation at the start of the element.
+    """
     s = tables.weights.size
     last = first + s
     system, right = np.eye(4 * s), np.zeros(4 * s)
@@ -51,26 +58,26 @@ def solve_turn(
         turn[k, first:last] = found[k * s : k * s + s]
 
 
-def find_turn(tables: RodTables, twist: FloatArray, settled: float, turn: FloatArray) -> float:
+def find_turn(tables: RodTables, twist: FloatArray, tolerance: float, turn: FloatArray) -> float:
     """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
 
-    Within each element from its start, with the collocated equations
+    Relative to the start of an element they solve the collocated equations
 
         Q = 1 + (integral of Q w / 2)
 
-    swept from what is given. A defect D of theirs is taken out together with what it does further
-    on in the element,
+    by sweeps from the given ``turn``. Each corrects the defect D of the equations, right-hand side
+    less Q, and its propagation along the element by
 
         e = D + g Q    g' = (D w / 2) Q^-1,
 
-    exact but for the error of Q and of quadrature: few sweeps are enough. Where the twist is so
-    large that they are not, the equations are solved. Then one element is put after another.
+    which is exact but for the error of Q and of quadrature, so that few sweeps suffice. Where they
+    do not, for large twists, the linear equations are solved. Then the elements are chained.
 
-    What is found solves the equations, and is of norm 1 at the ends of elements alone: by that it
-    is known again where it is given.
+    Norms are 1 at the ends of elements only: points are not normalised, so that a solution given
+    as the start satisfies the equations.
 
     Returns:
-        Sum of squares of the defects that the last sweep has taken out, at most ``settled``.
+        Sum of squares of the defects before the last sweep, at most ``tolerance``.
     """
     s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
     half, size = 0.5 * tables.lengths, np.inf
@@ -92,9 +99,9 @@ def find_turn(tables: RodTables, twist: FloatArray, settled: float, turn: FloatA
         np.dot(rates, integrals, more.reshape(each))
         add_product(more, raw, defect)
         raw += defect
-        if size <= settled:
+        if size <= tolerance:
             break
-    if not size <= settled:
+    if not size <= tolerance:
         for element in range(elements):
             solve_turn(tables, twist, half, element * s, raw)
         size = 0.0
@@ -104,8 +111,8 @@ def find_turn(tables: RodTables, twist: FloatArray, settled: float, turn: FloatA
 
 
 def sum_of_squares(rows: FloatArray) -> float:
-    """Of all elements of ``rows`` (4, n)."""
-    # Row by row side by side, since each addition waits for the one before.
+    """Sum of squares of all elements of ``rows`` (4, n)."""
+    # Four independent sums, since each addition waits for the one before.
     a, b, c, d = rows[0], rows[1], rows[2], rows[3]
     e, f, g, h = 0.0, 0.0, 0.0, 0.0
     for j in range(a.size):
@@ -117,7 +124,11 @@ def from_starts(
     tables: RodTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
     raw: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in ``raw`` (4, points), what is given of ``turn`` nearly from each element's start."""
+    """Fill in ``raw`` (4, points): ``turn`` relative to the starts of elements, approximately.
+
+    The orientation at a start follows from that at the first point by quadrature of the ``rate``
+    of ``turn``, which is filled in.
+    """
     s = tables.weights.size
     find_rate(twist, half, turn, rate)
     for element in range(tables.step.size):
@@ -133,7 +144,7 @@ def from_starts(
 
 
 def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: FloatArray) -> None:
-    """Fill in products of one quaternion w, x, y, z with each ``turn`` (4, n)."""
+    """Fill in ``out``, the products of one quaternion w, x, y, z with each ``turn`` (4, n)."""
     for j in range(turn.shape[1]):
         a, b, c, d = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
         out[0, j] = w * a - x * b - y * c - z * d
@@ -143,9 +154,9 @@ def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: Floa
 
 
 def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
-    """Fill in orientations ``turn`` (4, points) from ``raw`` ones, each from its element's start.
+    """Fill in orientations ``turn`` (4, points) from ``raw``, those relative to element starts.
 
-    Their ``rate`` gives what they are at the end of the element, which becomes of norm 1.
+    The orientation at the end of an element follows by quadrature of ``rate``, normalised.
     """
     s = tables.weights.size
     start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
@@ -170,7 +181,7 @@ def normalise(turn: FloatArray) -> None:
 
 
 def times_inverse(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
-    """Fill in products of quaternions, one times the conjugate of the other, (4, n) each."""
+    """Fill in ``out``: quaternions ``one`` times the conjugates of ``other``, (4, n) each."""
     a, b, c, d = one[0], one[1], one[2], one[3]
     w, x, y, z = other[0], other[1], other[2], other[3]
     o_0, o_1, o_2, o_3 = out[0], out[1], out[2], out[3]
@@ -183,7 +194,7 @@ def times_inverse(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
 
 
 def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
-    """Add products of quaternions, (4, n) each."""
+    """Add to ``out`` the products of quaternions ``one`` and ``other``, (4, n) each."""
     a, b, c, d = one[0], one[1], one[2], one[3]
     w, x, y, z = other[0], other[1], other[2], other[3]
     o_0, o_1, o_2, o_3 = out[0], out[1], out[2], out[3]

@@ -1,4 +1,4 @@
-"""From the points of a loaded rod to nodes and stations: what `numba_build` compiles."""
+"""Kernels that evaluate a loaded rod at nodes and stations, from its state at the points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from octo_arm_model.core.hints import FloatArray
 
 
 class Readings(NamedTuple):
-    """What is read out of a loaded rod.
+    """Shape of a loaded rod at nodes and stations.
 
     Attributes:
         twist: at the nodes, (4, nodes).
@@ -36,7 +36,7 @@ class Readings(NamedTuple):
 
 
 def empty_readings(nodes: int, stations: int) -> Readings:
-    """Room for readings."""
+    """Uninitialised `Readings`."""
     return Readings(
         np.empty((4, nodes)), np.empty((4, stations)), np.empty((stations, 3)),
         np.empty((stations, 4)),
@@ -47,7 +47,7 @@ def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     readings: Readings,
 ) -> None:  # fmt: skip
-    """Fill in ``readings`` of a balanced ``state`` under all loads, as `LoadedRod`."""
+    """Fill in ``readings`` of an equilibrium ``state`` under all loads, as `loaded.read_out`."""
     s, count = tables.weights.size, tables.station_node.size
     readings.twist[:] = 0.0
     add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
@@ -69,7 +69,7 @@ def read_rod(
                 found[k, start:stop] = total[k]
                 add_products(rate[k, first : first + s], within, found[k, start:stop])
             for k in range(3):
-                # What of the moment is no integral of the force, such as moments of point loads.
+                # Free moments, such as those of point loads.
                 others, forces = tables.moment[k, first : first + s], state.force[k]
                 add_products(others, values, moment[k, start:stop])
                 add_products(forces[first : first + s], values, force[k, start:stop])
@@ -91,9 +91,9 @@ def read_rod(
 
 
 def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
-    """Fill in what position, orientation w, x, y, z and moment change by along an element.
+    """Fill in ``rate`` (10, points): derivatives of position, orientation and moment of forces.
 
-    (10, points), over the ``lengths`` of the elements that the points lie in, (points,).
+    By s over ``lengths`` (points,), those of the elements; orientations are w, x, y, z.
     """
     twist, force, stretch = state.twist, state.force, state.twist[3]
     for k in range(3):
@@ -112,10 +112,10 @@ def balance_stations(
     tables: RodTables, tensions: FloatArray, force: FloatArray, moment: FloatArray,
     turn: FloatArray, readings: Readings,
 ) -> None:  # fmt: skip
-    """Balance the twist at the stations, of orientations ``turn`` (4, stations).
+    """Fill in twist and strains at the stations by one Newton step from the interpolated twist.
 
-    With a ``force`` and a ``moment`` (3, stations) in base_frame. As `LoadedRod` does, by one step
-    of Newton's method from what is interpolated.
+    For equilibrium with the ``force`` and ``moment`` (3, stations) of the loads in base_frame, on
+    cross sections of orientations ``turn`` (4, stations), as `loaded.read_out`.
     """
     count, nodes = tables.station_node.size, tables.station_node
     twist, left, gradient = np.empty((4, count)), np.empty((4, count)), np.empty((4, count))
@@ -150,8 +150,8 @@ def read_changes(
 ) -> None:  # fmt: skip
     """Fill in changes of ``pose`` (stations, 6, columns) and of ``strain`` (stations, 4, columns).
 
-    From a ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross sections
-    (3, points, columns) near a ``state``.
+    From the ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross
+    sections (3, points, columns) about a ``state``.
     """
     s, columns, rotation = tables.weights.size, change.shape[2], state.rotation
     rate, total = np.empty((s, 6, columns)), np.zeros(6 * columns)

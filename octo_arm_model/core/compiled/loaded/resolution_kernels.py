@@ -1,7 +1,4 @@
-"""Whether elements are fine enough for what is found at their points: what `numba_build` compiles.
-
-As `LoadedRod.resolves_twist`.
-"""
+"""Kernels that test whether elements resolve the twist, as `LoadedRod.resolves_twist`."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ def resolves_twist(tail: FloatArray, length: float, twist: FloatArray) -> bool:
         size[k] = np.abs(twist[k]).max()
     angular = max(size[0], size[1], size[2], STRAIGHT / length)
     for k in range(4):
-        # Not where NaN.
+        # False for NaN.
         if not largest_tail(tail, twist[k]) <= RESOLVED * (angular if k < 3 else size[3]):
             return False
     return True

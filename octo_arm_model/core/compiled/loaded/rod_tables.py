@@ -1,4 +1,4 @@
-"""A loaded rod, tabulated for the compiled kernels."""
+"""Tables of a loaded rod for the kernels."""
 
 from __future__ import annotations
 
@@ -17,31 +17,34 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 
 
 class RodTables(NamedTuple):
-    """A loaded rod, as `Equilibrium` has it.
+    """A loaded rod, see `LoadedRod` and `Equilibrium`; elements have ``each`` points.
 
     Attributes:
-        sections: at the points of all elements.
+        sections: cross sections at the points of all elements.
         from_start: matrix of the integrals within an element from its start, (each, each).
-        from_start_columns: its columns as rows.
-        to_end_columns: likewise of the integrals to its end.
-        twice: integrals to the end, of values at each point times the integral to that point of
-            others: (each, others x ends).
+        from_start_columns: its transpose.
+        to_end_columns: transpose of the matrix of the integrals to its end.
+        twice: from values f at the points to the integrals, from each point to the end, of f times
+            the integral of another g from the start: (each of f, each of g x lower limits).
         tail: from values at the points to the last two Legendre coefficients, (2, each).
         weights: of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
-        lengths: of the element that each point lies in [m], (points,).
+        lengths: length of the element of each point [m], (points,).
         quadrature: weights of the integral over the arm [m], (points,).
         force: resultant of the loads beyond each point [N], (3, points).
-        moment: of the moments of point loads [N m], likewise.
+        moment: resultant of the free moments beyond each point [N m], likewise.
         base: orientation of the base w, x, y, z, (4,).
         length: of the arm [m].
         position: of the base [m], (3,).
-        node_runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
-        to_nodes: matrices (each, nodes) from values at points to these, one after another.
+        node_runs: element, first node and number of nodes of each run of nodes in one element,
+            (runs, 3).
+        to_nodes: matrices (each, nodes) from values at points to those at the nodes of a run, one
+            after another.
         station_runs: likewise of the stations.
-        to_stations: to integrals over the element from its start, for a length of one.
-        at_stations: likewise to values.
-        most: the most stations in one of the runs.
+        to_stations: matrices to integrals from the start of the element, of length one, to the
+            stations.
+        at_stations: matrices to values at the stations.
+        most: largest number of stations in one run.
         station_sections: cross sections at the stations.
         station_node: node of each station, (stations,).
     """
@@ -72,14 +75,14 @@ class RodTables(NamedTuple):
 
 
 class ParameterTables(NamedTuple):
-    """What parameters of an arm change at the points of a rod, as `ParameterDerivatives` has it.
+    """`ParameterDerivatives` at the points of a rod.
 
     Attributes:
-        x: along n where each tendon moves to with its distance, (tendons, points).
-        y: along b.
-        dx: slope of ``x``.
-        dy: slope of ``y``.
-        torsion_by_poisson: derivative of G I with Poisson's ratio [N m^2], (points,).
+        x: component along n of the unit vector from the midline to each tendon, (tendons, points).
+        y: component along b, likewise.
+        dx: slope of ``x`` [1/m], likewise.
+        dy: slope of ``y`` [1/m], likewise.
+        torsion_by_poisson: derivative of G I by Poisson's ratio [N m^2], (points,).
     """
 
     x: FloatArray
@@ -90,7 +93,7 @@ class ParameterTables(NamedTuple):
 
 
 def rod_tables(rod: LoadedRod) -> RodTables:
-    """The ``rod``."""
+    """Tables of ``rod``."""
     problem = rod.equilibrium
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
@@ -128,13 +131,13 @@ def rod_tables(rod: LoadedRod) -> RodTables:
 
 
 def parameter_tables(rod: LoadedRod) -> ParameterTables:
-    """Of the ``rod``."""
+    """Tables of the parameters of ``rod``."""
     x, y, dx, dy = (table[:, 0] for table in rod.parameters.outwards)
     return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson[0])
 
 
 def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Ranges of places in one ``element`` (n,) each, and their columns of ``values`` (n, each)."""
+    """Runs of places in one ``element`` (n,) each, and their matrices of ``values`` (n, each)."""
     edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
     runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]
     matrices = [values[i:j].T.ravel() for i, j in itertools.pairwise(edges)]
@@ -142,7 +145,7 @@ def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, Fl
 
 
 def no_rod() -> RodTables:
-    """Of no arm."""
+    """Empty tables of the types of `rod_tables`."""
     none, table = np.zeros(0), np.zeros((0, 0))
     nothing = np.zeros((3, 0))
     runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
@@ -155,6 +158,6 @@ def no_rod() -> RodTables:
 
 
 def no_parameters() -> ParameterTables:
-    """Of no arm."""
+    """Empty tables of the types of `parameter_tables`."""
     table = np.zeros((0, 0))
     return ParameterTables(table, table, table, table, np.zeros(0))

@@ -1,4 +1,4 @@
-"""Whether a balance of a loaded rod is stable: what `numba_build` compiles."""
+"""Kernel for the stability of an equilibrium of a loaded rod."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
 
 
 def is_minimum(system: System) -> bool:
-    """Whether a balance is one of least energy, from a ``system`` linearised about it.
+    """Whether an equilibrium is a minimum of the energy, from a ``system`` linearised about it.
 
-    For loads that have an energy. Its second variation is a quadratic form of the bends k of all
-    elements, positive definite if it is so element by element from the tip: with the start of an
-    element held, what lies beyond is a spring S = -P at its end (d m = P Phi), and the form of the
-    bends of the element
+    For loads with a potential. The second variation of the energy is a quadratic form of the bends
+    k of all elements. It is positive definite if, element by element from the tip, that of the
+    element is: with its start clamped and the rest of the arm beyond as a spring S = -P at its end
+    (d m = P Phi), the form of its bends
 
         M = K + U S U^T    with    Phi = U^T k at its end
 
     has to be positive definite (eliminated from the tip, these M are the pivots of the whole form;
     inertia is additive, Haynsworth 1968). Where K is, M is if and only if C + C S C is, with the
     flexibility C = U^T K^-1 U: both have as many negative eigenvalues as 1 + K^-1/2 U S U^T K^-1/2
-    has. K is, if the pivots of its factors are positive without exchange (Sylvester), its rows
+    has. K is, if the pivots of its factors are positive without row exchange (Sylvester), its rows
     being those of the symmetric form but for positive weights. The stretch, eliminated before,
-    asks for positive axial stiffness.
+    requires positive axial stiffness.
 
-    Where an element alone, with its end free, is unstable or rows were exchanged, False is
-    returned and other ways have to tell.
+    Also False where an element by itself, with its end free, is unstable or rows were exchanged:
+    stability is then decided by other criteria.
     """
     axial = system.at_points[9]
     for i in range(axial.size):

@@ -1,1 +1,1 @@
-"""Unloaded arms in machine code, by every model. Imports section and numerics."""
+"""Kernels of all models for unloaded arms. Imports section and numerics."""

@@ -1,4 +1,4 @@
-"""An arm tabulated for the compiled kernels: arrays alone."""
+"""Tables of an arm for the kernels."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from octo_arm_model.core.rod.kinematics import Frame
 
 
 def own(value: Any) -> Any:
-    """A copy of an array, or of tables, whose arrays can be written and lie in order.
+    """Copy of an array, or of a tuple of arrays, that is writable and C-contiguous.
 
-    Read-only arrays and others of any order in memory are other types to the compiler, for each
-    of which it would compile a kernel anew.
+    Read-only and other arrays have other types, for which numba would compile a kernel again.
     """
     if isinstance(value, np.ndarray):
         return np.array(value, order='C')
@@ -27,11 +26,12 @@ def own(value: Any) -> Any:
 
 
 class Weights(NamedTuple):
-    """What the tensions count in each of some sums, at nodes or points; zeros left out.
+    """Sparse weights of the tensions in sums at nodes or points.
 
     Attributes:
-        runs: sum, tendon, first node and number of nodes of each run without zeros, (runs, 4).
-        values: of all runs, one after the other.
+        runs: sum, tendon, first node and number of nodes of each run of nonzero weights,
+            (runs, 4).
+        values: weights of all runs, one after another.
         shape: number of sums and of nodes.
     """
 
@@ -41,21 +41,22 @@ class Weights(NamedTuple):
 
 
 class IntegrationTables(NamedTuple):
-    """What `renda2012` integrates: elements between anchorages and points in these.
+    """`renda2012.Integration`: elements between anchorages, and their collocation points.
 
-    The first two points stand for the panel that begins at the first anchorage, its ends; nothing
-    has to be integrated there.
+    The first two points are the ends of the panel next to the first anchorage, in which p = 0 and
+    nothing is integrated.
 
     Attributes:
         weights: of the tensions in first_n, first_b, second_n and second_b at every point.
-        stiffness: torsion and bending there [N m^2], (2, points).
-        jump_weights: of the tensions in the first moments that bend about n and about b at every
-            anchorage, and in their second moments, (2, 2, tendons, sections).
+        stiffness: torsional and bending stiffness there [N m^2], (2, points).
+        jump_weights: of the tensions in the first and second moments at every anchorage, by the
+            axis of bending (n, b) and the order of the moment, (2, 2, tendons, sections).
         jump_bending: bending stiffness there [N m^2], (sections,).
         elements: section, whether it begins at its anchorage, and first point, (elements, 3).
         integrate: matrices from slopes to values less the initial one, (elements, each, each).
-        runs: element, first node and number of nodes of runs of nodes within elements, (runs, 3).
-        to_nodes: matrices (each, nodes) from the points of elements to these, one after another.
+        runs: element, first node and number of nodes of each run of nodes in one element,
+            (runs, 3).
+        to_nodes: matrices (each, nodes) from the points of an element to a run, one after another.
     """
 
     weights: Weights
@@ -69,11 +70,11 @@ class IntegrationTables(NamedTuple):
 
 
 class PapersTables(NamedTuple):
-    """An arm as it is tabulated for the paper's models.
+    """An arm for the paper's models.
 
     Attributes:
         weights: of the tensions in axial, first_n, first_b, second_n and second_b at every node.
-        stiffness: axial [N], torsion and bending [N m^2] there, (3, nodes).
+        stiffness: axial [N], torsional and bending stiffness [N m^2] there, (3, nodes).
         integration: of the model renda2012; without elements for closed_form.
     """
 
@@ -83,7 +84,7 @@ class PapersTables(NamedTuple):
 
 
 class GridTables(NamedTuple):
-    """What the twist at the nodes is integrated along.
+    """Grid on which the twist is integrated, and the pose of the base.
 
     Attributes:
         step: length of each interval [m], (intervals,).
@@ -97,7 +98,7 @@ class GridTables(NamedTuple):
 
 
 def papers_tables(equations: ClosedForm | Renda2012) -> PapersTables:
-    """What ``equations`` evaluate."""
+    """Tables of ``equations``."""
     return PapersTables(
         weights=packed(equations.weights.matrices),
         stiffness=np.array(equations.stiffness),
@@ -110,7 +111,7 @@ def papers_tables(equations: ClosedForm | Renda2012) -> PapersTables:
 
 
 def grid_tables(grid: StationGrid, base: Frame) -> GridTables:
-    """An arm's ``grid``, and the pose ``base`` it stands on."""
+    """Tables of a ``grid`` and the pose ``base``."""
     a, b = (complex(part) for part in base.rotation)
     return GridTables(
         step=grid.step,
@@ -120,7 +121,7 @@ def grid_tables(grid: StationGrid, base: Frame) -> GridTables:
 
 
 def integration_tables(given: Integration) -> IntegrationTables:
-    """What ``given`` evaluates."""
+    """Tables of the integration ``given``."""
     runs = [
         (number, run.start, run.stop - run.start)
         for number, element in enumerate(given.elements)
@@ -146,7 +147,7 @@ def integration_tables(given: Integration) -> IntegrationTables:
 
 
 def no_integration() -> IntegrationTables:
-    """Of a model that integrates nothing."""
+    """Empty tables, for closed_form."""
     return IntegrationTables(
         weights=packed(np.zeros((1, 0, 0))),
         stiffness=np.zeros((2, 0)),
@@ -160,12 +161,12 @@ def no_integration() -> IntegrationTables:
 
 
 def no_arm() -> PapersTables:
-    """Of an arm without anything."""
+    """Empty tables of the types of `papers_tables`."""
     return PapersTables(packed(np.zeros((1, 0, 0))), np.zeros((3, 0)), no_integration())
 
 
 def no_grid() -> GridTables:
-    """Of an arm of no length."""
+    """Empty tables of the types of `grid_tables`."""
     return GridTables(np.zeros(0), np.zeros(0, np.int64), np.zeros(7))
 
 

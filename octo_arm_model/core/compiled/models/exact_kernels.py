@@ -1,4 +1,4 @@
-"""Unloaded arms by the model exact: what `numba_build` compiles, as `models.exact` has it."""
+"""Kernels of the model exact for unloaded arms, as in `models.unloaded_exact`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from octo_arm_model.core.models.unloaded_exact import RESOLVED
 
 
 def find_tails(tables: ExactTables, twist: FloatArray, tail: FloatArray, size: FloatArray) -> None:
-    """Fill in the largest of the last Chebyshev coefficients in each panel, (4, panels).
+    """Fill in ``tail`` (4, panels), the larger of the last two Chebyshev coefficients in a panel.
 
-    And the ``size`` (4,) of the deviations ``twist`` (4, points) that they are measured by, which
-    is one for all that turns.
+    Of ``twist`` (4, points), the deviation from the unloaded arm. Its ``size`` (4,), the scale of
+    the coefficients, is filled in, too: one value for the three angular components.
     """
     count = tables.tail.shape[0]
     for k in range(4):
@@ -36,10 +36,10 @@ def find_tails(tables: ExactTables, twist: FloatArray, tail: FloatArray, size: F
 def refine(
     tables: ExactTables, panel: int, tensions: FloatArray, twist: FloatArray
 ) -> tuple[float, int]:
-    """From nearly right ``twist`` (4, nodes) at the nodes of one ``panel`` to the right one.
+    """Minimise the energy at the nodes of one ``panel``, from the ``twist`` (4, nodes) there.
 
     Returns:
-        What `find_minima` does.
+        As `find_minima`.
     """
     at_nodes = np.empty((4, tables.at_nodes.axial.size))
     start, stop = tables.node_blocks[panel]
@@ -61,9 +61,9 @@ def find_exact_twist(
     tables: ExactTables, tensions: FloatArray, is_near: bool, coarse: FloatArray,
     twist: FloatArray,
 ) -> tuple[float, int]:  # fmt: skip
-    """Fill in the ``twist`` (4, nodes) and ``coarse`` that at the points, nearly right if so.
+    """Fill in the ``twist`` (4, nodes), and ``coarse`` (4, points) at the Chebyshev points.
 
-    Returns what `find_some_minima` does.
+    If ``is_near``, ``coarse`` is given as the start. Returns as `find_some_minima`.
     """
     points, sections = tables.tail.shape[0], tables.sections
     residual, steps = find_some_minima(
@@ -71,7 +71,7 @@ def find_exact_twist(
     )
     if steps < 0:
         return residual, steps
-    # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
+    # Deviations are interpolated, so that an arm without tensions is exactly undeformed.
     for i in range(coarse.shape[1]):
         coarse[3, i] -= 1.0
     tail, size = np.empty((4, len(tables.node_blocks))), np.empty(4)
@@ -102,9 +102,9 @@ def find_exact_shapes(
 ) -> int:  # fmt: skip
     """As `paper_kernels.find_shapes`, by the model exact.
 
-    An entry of its own, as every table that is passed makes a call slower.
+    A separate entry point, as every table that is passed adds to the time of a call.
     """
-    without, coarse = 0, np.empty((4, tables.sections.axial.size))
+    failures, coarse = 0, np.empty((4, tables.sections.axial.size))
     for arm in range(len(tensions)):
         residual[arm], iterations[arm] = find_exact_twist(
             tables, tensions[arm], False, coarse, twist
@@ -112,5 +112,5 @@ def find_exact_shapes(
         if iterations[arm] >= 0:
             read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm])
         else:
-            without += 1
-    return without
+            failures += 1
+    return failures

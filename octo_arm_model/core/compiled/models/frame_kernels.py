@@ -1,4 +1,4 @@
-"""From twists at nodes to stations: what `numba_build` compiles, as `rod.kinematics` has it."""
+"""Kernels that integrate the twist at nodes to the poses of stations, as `rod.kinematics`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from octo_arm_model.core.rod.kinematics import (
 def integrate_twist(
     grid: GridTables, twist: FloatArray, position: FloatArray, quaternion: FloatArray
 ) -> None:
-    """Fill in ``position`` (stations, 3) and ``quaternion`` (stations, 4) of the stations."""
+    """Fill in ``position`` (stations, 3) and ``quaternion`` (stations, 4) from the ``twist``."""
     base, intervals = grid.base, grid.step.size
     mean, motion = np.empty(4), np.empty((intervals, 8))
     for first in range(intervals):
@@ -60,7 +60,7 @@ def read_out(
     """Fill in the shape of one arm under a ``twist`` (4, nodes), as `Results` has it.
 
     Returns:
-        Whether no cross section is turned inside out.
+        Whether the stretch is positive at all nodes.
     """
     integrate_twist(grid, twist, position, quaternion)
     is_fine = True
@@ -71,6 +71,6 @@ def read_out(
             strains[k, station] = twist[k, node] / stretched
         strains[3, station] = stretched - 1.0
     for node in range(twist.shape[1]):
-        if not twist[3, node] > 0.0:  # which NaN is not either
+        if not twist[3, node] > 0.0:  # also for NaN
             is_fine = False
     return is_fine

@@ -1,8 +1,7 @@
-"""The paper's models, node by node: what `numba_build` compiles.
+"""Kernels of the paper's models: loops over nodes.
 
-These are loops alone. All formulas are those that NumPy evaluates for whole arrays, imported from
-their modules, so that each is written once. The functions run as plain Python as well, a thousand
-times as slowly.
+The formulas are imported from the modules in which NumPy evaluates them for whole arrays, so that
+each is written once. The kernels also run as plain Python, a thousand times slower.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from octo_arm_model.core.section.paper_balance import (
 
 
 def sums_of(weights: Weights, tensions: FloatArray) -> FloatArray:
-    """Sums of ``tensions`` (tendons,), (sums, nodes)."""
+    """Weighted sums (sums, nodes) of ``tensions`` (tendons,)."""
     sums = np.zeros(weights.shape)
     place = 0
     for number, tendon, first, count in weights.runs:
@@ -48,9 +47,9 @@ def sums_of(weights: Weights, tensions: FloatArray) -> FloatArray:
 
 
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
-    """The largest of |p - previous|, or infinity where some are not within ``limit``."""
+    """Largest of |p - previous|; infinity if it exceeds ``limit`` or an element is NaN."""
     beyond, total = 0, 0.0
-    # Counting is vectorised, a maximum is not; most checks end here.
+    # Counting is vectorised, unlike a maximum; most checks end here.
     for k in range(3):
         for i in range(p.shape[1]):
             beyond += abs(p[k, i] - previous[k, i]) > limit
@@ -67,7 +66,10 @@ def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
 def converge(
     p: FloatArray, constant: FloatArray, integrate: FloatArray, moment: float
 ) -> tuple[float, int]:
-    """Sweep p (3, points), constant at first, with its `slope_coefficients` (7, points).
+    """Solve for p (3, points) in one element by sweeps, from a constant p, its initial value.
+
+    ``constant`` (7, points) are its `slope_coefficients`, ``integrate`` is that of `Element` and
+    ``moment`` the scale of p [N m].
 
     Returns:
         Last change relative to ``moment`` and number of sweeps; 0 where it does not converge.
@@ -100,11 +102,11 @@ def converge(
 def find_imbalance(
     tables: IntegrationTables, tensions: FloatArray, p: FloatArray
 ) -> tuple[float, int]:
-    """Fill in p (3, nodes), zero at first, where it is not zero; as `renda2012` does.
+    """Fill in p (3, nodes), initially zero, where it is not zero; as `Integration.imbalance`.
 
     Returns:
-        Last relative change and number of sweeps, of the element that took most; -1 where one
-        does not converge.
+        Largest last relative change and number of sweeps of an element; -1 where one does not
+        converge.
     """
     sums = sums_of(tables.weights, tensions)
     torsion, bending = tables.stiffness
@@ -159,7 +161,7 @@ def find_imbalance(
 
 
 def find_twist(tables: PapersTables, tensions: FloatArray, twist: FloatArray) -> tuple[float, int]:
-    """Fill in the ``twist`` (4, nodes); returns what `find_imbalance` does."""
+    """Fill in the ``twist`` (4, nodes); returns as `find_imbalance`, -1 also for stretch <= 0."""
     twist[:] = 0.0
     residual, sweeps = 0.0, 0
     if len(tables.integration.elements):
@@ -175,7 +177,7 @@ def find_twist(tables: PapersTables, tensions: FloatArray, twist: FloatArray) ->
         twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k_b
         twist[3, i] = stretched
     for i in range(axial.size):
-        if not twist[3, i] > 0.0:  # which NaN is not either
+        if not twist[3, i] > 0.0:  # also for NaN
             sweeps = -1
     return residual, sweeps
 
@@ -188,14 +190,14 @@ def find_shapes(
     """Fill in the shapes of arms under ``tensions`` (batch, tendons), as `Results` has them.
 
     Returns:
-        How many have no trustworthy answer; ``iterations`` is -1 for these, and nothing else of
-        them is to be used.
+        Number of arms without solution: their ``iterations`` are -1, and their other results are
+        not to be used.
     """
-    without = 0
+    failures = 0
     for arm in range(len(tensions)):
         residual[arm], iterations[arm] = find_twist(tables, tensions[arm], twist)
         if iterations[arm] < 0:
-            without += 1
+            failures += 1
             continue
         read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm])
-    return without
+    return failures

@@ -1,4 +1,4 @@
-"""Newton's step of tensions that stay >= 0: what `numba_build` compiles."""
+"""Kernels for a Newton step of tensions under the constraint that they stay >= 0."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from numpy.typing import NDArray
 
 from octo_arm_model.core.hints import FloatArray
 
-EXCHANGES = 40  # of slack and taut tendons in one step
-SINGULAR = 1e-10  # pivot over the largest, from which on tensions are not determined
-# By how much the path of a slack tendon may be too short for it to stay so, of the lengths or of
-# what is wrong, which no step is as exact as: tendons that hold each other would be slack and taut
-# by turns for less.
+EXCHANGES = 40  # of tendons between slack and taut in one step, at most
+SINGULAR = 1e-10  # pivot over the largest, below which the tensions are not determined
+# Error of the displacement up to which a slack tendon stays slack: parts of the lengths and of the
+# largest error, as a step is not more accurate than that. With less, antagonistic tendons would
+# alternate between slack and taut.
 STAYS_SLACK, UNSURE = 1e-10, 1e-4
 
 
 def solve_some(
     matrix: FloatArray, right: FloatArray, some: NDArray[np.bool_], found: FloatArray
 ) -> bool:
-    """Solve for ``some`` of the unknowns ``found`` of ``matrix`` (n, n) while the others stay.
+    """Solve the equations ``some`` (n,) of ``matrix`` (n, n) for the unknowns of the same index.
+
+    ``found`` (n,) has the values of the other unknowns and receives the solution.
 
     Returns:
-        Whether that determines them.
+        Whether the system is regular.
     """
     (index,) = np.nonzero(some)
     n = index.size
@@ -59,14 +61,16 @@ def find_step(
     changes: FloatArray, wrong: FloatArray, tensions: FloatArray, driven: NDArray[np.bool_],
     stays_slack: float, step: FloatArray,
 ) -> bool:  # fmt: skip
-    """Fill in Newton's ``step`` of the tensions, after which tendons are taut or slack.
+    """Fill in the Newton ``step`` (tendons,) of the tensions [N], which keeps them >= 0.
 
-    One after another, the taut one that would have to push most becomes slack or the slack one
-    whose path would be shortest taut, until there are none (principal pivoting). Of tendons that
-    hold each other, whose tensions are not determined, the least taut becomes slack.
+    From the derivatives ``changes`` (tendons, tendons) [m/N] and errors ``wrong`` (tendons,) [m]
+    of the displacements. A linear complementarity problem: every driven tendon is taut, its error
+    zero, or slack, its tension zero and its error at most ``stays_slack`` [m]. By
+    principal pivoting the tendon that violates this most is exchanged until none does; where the
+    tensions of taut tendons are not determined, the one of least tension becomes slack.
 
     Returns:
-        Whether there is one.
+        Whether a step was found.
     """
     taut = driven & (tensions > 0.0)
     for _ in range(EXCHANGES):
@@ -96,12 +100,12 @@ def find_step(
 
 
 def lacking(wrong: FloatArray, scale: float) -> float:
-    """What a slack tendon may lack of lengths of that ``scale`` and stay slack [m]."""
+    """Error up to which a slack tendon stays slack [m], for tendon lengths of ``scale`` [m]."""
     return max(STAYS_SLACK * scale, UNSURE * np.abs(wrong).max())
 
 
 def take_step(tensions: FloatArray, step: FloatArray) -> None:
-    """Move ``tensions`` by a ``step``, which ends where they are zero."""
+    """Add ``step`` to ``tensions``, cut so that none becomes negative."""
     for k in range(step.size):
         new = max(tensions[k] + step[k], 0.0)
         step[k] = new - tensions[k]

@@ -1,7 +1,7 @@
-"""Tensions that hold tendons at prescribed lengths: what `numba_build` compiles.
+"""Kernels for the tensions that hold tendons at prescribed displacements.
 
-Of an arm of the model exact that was held at lengths nearby, as `analysis.winding` finds them.
-Where that takes more than a few steps it is left to NumPy.
+For the model exact, from a solution at displacements nearby, as in `analysis.winding`. Where a few
+steps do not suffice, NumPy solves.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray
 
 MOST_STEPS = 6
-PROGRESS = 0.1  # what each step must leave less than of the error
-TENSIONS_MET = 1e-9  # change of tensions, relative, that is none
-MET, ROUNDING = 1e-9, 1e-13  # of the lengths: error that is none before such a change, and at all
-LOST, ON_THE_WAY, FOUND = -1, 0, 1  # what became of a step
+PROGRESS = 0.1  # largest admissible ratio of successive errors
+TENSIONS_MET = 1e-9  # relative change of converged tensions
+MET, ROUNDING = 1e-9, 1e-13  # errors over lengths: converged with such a change, and in any case
+LOST, ON_THE_WAY, FOUND = -1, 0, 1  # verdicts of `next_step`
 
 
 class Winches(NamedTuple):
-    """What is wanted of tendons that keep their places in the cross sections.
+    """Tendons without compliant sheaths, and their prescribed displacements.
 
     Attributes:
         path: see `find_lengths`, (tendons, 4, nodes).
         weights: likewise, (tendons, nodes).
         widens: whether the law of the arm is neo_hookean.
-        given: displacements that are wanted [m], the tendons' compliances [m/N] and unloaded
-            lengths [m], (3, tendons).
-        driven: whether a tendon is held at its displacement, else at its tension, (tendons,).
+        given: prescribed displacements [m], compliances of the tendons [m/N] and unloaded lengths
+            [m], (3, tendons).
+        driven: whether the displacement of a tendon is prescribed, else its tension, (tendons,).
     """
 
     path: FloatArray
@@ -46,14 +46,14 @@ class Winches(NamedTuple):
 
 
 class Reeled(NamedTuple):
-    """A solution nearby, which the one that is wanted is filled in over.
+    """A solution nearby, overwritten by the new one.
 
     Attributes:
-        tensions: of all tendons [N], (tendons,); those that are given as they are wanted.
-        moved: how much these have changed since [N], likewise.
-        changes: derivative of the displacements by the tensions, nearly [m/N], (tendons,
-            tendons), which rank-one updates correct (Broyden 1965).
-        displacement: of all tendons [m], (tendons,).
+        tensions: tensions [N], (tendons,); prescribed ones have their new values.
+        moved: change of the prescribed tensions since that solution [N], (tendons,).
+        changes: approximate derivative of the displacements by the tensions [m/N], (tendons,
+            tendons), with rank-one updates (Broyden 1965).
+        displacement: displacements of all tendons [m], (tendons,).
     """
 
     tensions: FloatArray
@@ -63,10 +63,10 @@ class Reeled(NamedTuple):
 
 
 def first_step(winches: Winches, reeled: Reeled, step: FloatArray) -> float:
-    """Change the tensions by what is wanted, and fill in the whole ``step`` of them.
+    """Take the first Newton step of the tensions; fill in their whole change ``step`` [N].
 
     Returns:
-        The largest change of a displacement that this is for [m]; NaN where there is no step.
+        The largest error of a displacement before it [m]; NaN where no step was found.
     """
     tensions, moved, changes, displacement = reeled
     wanted, rest, driven = winches.given[0], winches.given[2], winches.driven
@@ -90,20 +90,21 @@ def next_step(
     winches: Winches, reeled: Reeled, twist: FloatArray, progress: float, last: float,
     step: FloatArray,
 ) -> tuple[float, int]:  # fmt: skip
-    """Change the tensions by what is ``left`` to be wound in under a ``twist`` (4, nodes).
+    """Take the next Newton step of the tensions, from the solution of ``twist`` (4, nodes).
 
-    ``step`` is that made before, to leave at most ``progress`` of what was left ``last`` [m].
+    ``step`` (tendons,) [N] is the last step, which updates the derivatives, and receives the next.
+    The error has to be at most ``progress`` times the ``last`` one [m].
 
     Returns:
-        What is left [m], and whether that is nothing: `FOUND`, else `ON_THE_WAY`; `LOST` where
-        these steps do not lead there.
+        The largest error of a displacement [m], and `FOUND` if converged, without a step, `LOST`
+        where the steps do not converge, or `ON_THE_WAY`.
     """
     tensions, _, changes, displacement = reeled
     wanted, compliance, rest = winches.given
     scale, count = rest.max(), step.size
     lengths, wrong, left, square = np.empty(count), np.zeros(count), 0.0, 0.0
     find_lengths(winches.path, winches.weights, winches.widens, twist, lengths)
-    # Of less than that no derivatives are seen.
+    # Steps for smaller errors do not determine derivatives.
     if last > MET * scale:
         for k in range(count):
             square += step[k] * step[k]
@@ -134,12 +135,12 @@ def wind(
     tables: ExactTables, grid: GridTables, winches: Winches, reeled: Reeled, twist: FloatArray,
     strains: FloatArray, position: FloatArray, quaternion: FloatArray,
 ) -> tuple[float, int]:  # fmt: skip
-    """Fill in the tensions that hold ``winches``, and the shape, as `Results` has it.
+    """Solve for the tensions ``reeled`` of an unloaded arm; fill in its shape, as `Results`.
 
-    Of an arm without loads; of one with loads see `CompiledLengths.wind_loaded`.
+    For loaded arms see `CompiledLengths.wind_loaded`.
 
     Returns:
-        What `find_exact_twist` does; -1 where tensions were not found.
+        As `find_exact_twist`; -1 where the tensions do not converge.
     """
     step = np.zeros(reeled.tensions.size)
     coarse = np.empty((4, tables.sections.axial.size))

@@ -1,4 +1,4 @@
-"""Small dense systems of linear equations: what `numba_build` compiles."""
+"""Kernels for small dense systems of linear equations."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
 
-FEW = 8  # columns, which take less time one by one
+FEW = 8  # right-hand sides that take less time one by one
 
 
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
-    """Factorise a ``matrix`` (n, n) in place, by rows and with their exchanges ``pivots`` (n,).
+    """LU factors of ``matrix`` (n, n), in place, with the row exchanges ``pivots`` (n,).
 
-    On the diagonal the inverses are left, since divisions wait longest for one another. Four
-    columns at a time, so that what is left of a row is loaded and stored once for the four.
+    The diagonal of U is stored inverted, which saves divisions. Columns are eliminated in groups
+    of four, so that the rest of a row is loaded and stored once per group.
 
     Returns:
-        The sign of its determinant, 1 or -1; 0 where it is singular.
+        The sign of the determinant, 1 or -1; 0 where it is singular.
     """
     n, sign = len(matrix), 1
     for first in range(0, n, 4):
@@ -27,7 +27,7 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
                 if abs(matrix[i, j]) > largest:
                     best, largest = i, abs(matrix[i, j])
             pivots[j] = best
-            if not largest > 0.0:  # nor NaN
+            if not largest > 0.0:  # also for NaN
                 return 0
             if best != j:
                 sign = -sign
@@ -61,10 +61,10 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
 
 
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """Solve in place with the transposed of what was factorised; each of ``right`` (columns, n).
+    """Solve A^T x = b in place from the LU factors of A; b are the rows of ``right`` (columns, n).
 
-    Both substitutions go along rows of ``factors``, which lie in order in memory, by fours; all
-    columns side by side, since the steps of one wait for each other.
+    Forward and back substitution run along rows of ``factors``, contiguous in memory, in groups of
+    four. The right-hand sides alternate, since the operations on each depend on one another.
     """
     n, columns = len(factors), len(right)
     whole = n - n % 4
@@ -107,7 +107,7 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
 
 
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """As `solve_transposed`, for columns that come last: ``right`` is (n, columns)."""
+    """As `solve_transposed`, for ``right`` (n, columns) with b in its columns."""
     n = len(factors)
     if right.shape[1] <= FEW:
         rows = right.T.copy()
@@ -130,7 +130,7 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
 def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int) -> None:
     """Subtract from the row ``target`` of ``rows`` those from ``first`` on, times ``factors``."""
     i, out = 0, rows[target]
-    # By eights, so that `out` is loaded and stored less often.
+    # In groups of eight, so that `out` is loaded and stored less often.
     while i + 8 <= factors.size:
         a, b, c, d = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
         e, f, g, h = factors[i + 4], factors[i + 5], factors[i + 6], factors[i + 7]
@@ -186,15 +186,15 @@ def is_definite(matrix: FloatArray) -> bool:
 
 
 def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
-    """Solve in place for ``right`` (n, count), with definite matrices (n, n, count)."""
+    """Factorise definite matrices (n, n, count) and solve for ``right`` (n, count), in place."""
     eliminate_definite(matrix)
     substitute_definite(matrix, right)
 
 
 def eliminate_definite(matrix: FloatArray) -> None:
-    """Eliminate in the lower halves of definite matrices (n, n, count), all of them side by side.
+    """Factorise definite matrices (n, n, count) in place, in their lower halves.
 
-    As `batched_ldlt` does; on the diagonal the inverses are left.
+    The L D L^T of `batched_ldlt`, stored as L D below the diagonal and the inverse of D on it.
     """
     n, factor = len(matrix), np.empty(matrix.shape[2])
     for j in range(n):
@@ -209,7 +209,7 @@ def eliminate_definite(matrix: FloatArray) -> None:
 
 
 def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
-    """Solve in place for ``right`` (n, count), with what `eliminate_definite` left."""
+    """Solve in place for ``right`` (n, count), from the factors of `eliminate_definite`."""
     n, count = right.shape
     for j in range(n):
         for i in range(j + 1, n):

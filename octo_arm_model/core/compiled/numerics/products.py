@@ -1,4 +1,4 @@
-"""Products of the compiled kernels."""
+"""Kernels for products of rows with small matrices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
     """Add the product of ``row`` (n,) with ``matrix`` (n, m) to ``out`` (m,)."""
     i = 0
-    # By fours, so that `out` is loaded and stored less often.
+    # In groups of four, so that `out` is loaded and stored less often.
     while i + 4 <= row.size:
         a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
         for j in range(out.size):
@@ -28,10 +28,11 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
 def add_runs(
     runs: IntArray, matrices: FloatArray, each: int, rows: FloatArray, out: FloatArray
 ) -> None:
-    """Add to ``out`` (k, n) what ``rows`` (k, points) of elements of ``each`` points are there.
+    """Add to ``out`` (k, n) the interpolated values of ``rows`` (k, points).
 
-    ``runs`` have an element, the first and the number of places in ``out`` whose values it gives,
-    ``matrices`` (each, number) from its points to these, one after another.
+    Each of ``runs`` has the number of an element, of ``each`` points, and the first and the number
+    of the places in ``out`` that lie in it; ``matrices`` has the matrices (each, number) from the
+    points to these places, one after another.
     """
     done = 0
     for element, first, count in runs:
@@ -45,12 +46,12 @@ def add_runs(
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (m, columns), the transposed ``matrix`` (n, m) times ``rows`` (n, columns).
 
-    All of them lie in order in memory.
+    All of them are C-contiguous.
     """
     if rows.shape[1] > 1:
         np.dot(matrix.T, rows, out)
         return
-    # BLAS takes longer to be called.
+    # A call of BLAS would take longer.
     vector = out.reshape(out.size)
     vector[:] = 0.0
     add_products(rows.reshape(rows.size), matrix, vector)

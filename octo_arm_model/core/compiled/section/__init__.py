@@ -1,1 +1,1 @@
-"""Cross sections in machine code: balance, least energy, sheaths. Imports numerics."""
+"""Kernels of cross sections: equilibrium, minimum of energy, sheaths. Imports numerics."""

@@ -1,4 +1,4 @@
-"""Lengths of tendons: what `numba_build` compiles, as `tendon_lengths` has them."""
+"""Kernel for the lengths of tendons, as in `tendon_lengths`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octo_arm_model.core.section.formulas import tendon_direction
 def find_lengths(
     path: FloatArray, weights: FloatArray, widens: bool, twist: FloatArray, lengths: FloatArray
 ) -> None:
-    """Fill in the ``lengths`` (tendons,) under ``twist`` (4, nodes).
+    """Fill in the ``lengths`` (tendons,) [m] under ``twist`` (4, nodes).
 
     ``path`` (tendons, 4, nodes) has offsets along n and b and their slopes, ``weights`` (tendons,
     nodes) are those of the integral, zero where a tendon does not act.
@@ -28,7 +28,7 @@ def find_lengths(
     t, n, b, s = scaled[0], scaled[1], scaled[2], scaled[3]
     for tendon in range(len(path)):
         x, y, dx, dy = path[tendon]
-        # By themselves, so that several are found at once.
+        # In a loop of its own, which is vectorised.
         for i in range(count):
             stretch[i] = tendon_direction(
                 t[i], n[i], b[i], s[i], width[i], x[i], y[i], dx[i], dy[i]

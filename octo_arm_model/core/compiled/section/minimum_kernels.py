@@ -1,4 +1,4 @@
-"""Cross sections of least energy: what `numba_build` compiles, as `section.newton` has it."""
+"""Kernels that minimise the energy of cross sections, as in `section.newton`."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.newton import OVERSHOOT, ROUNDING, TOLERANCE
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
-MOST_STEPS = 60  # of Newton's method; NumPy goes on where these are not enough
-# Rows: the step taken last and the one to take, slope of the energy along the step, imbalance and
-# the least pivot of the Hessian.
+MOST_STEPS = 60  # of Newton's method; where these are not enough NumPy solves
+# Rows: last step, next step, minus the derivative of the energy along the last step at its start,
+# relative residual, and least pivot of the Hessian.
 STEP_T, STEP_N, STEP_B, STEP_S = (FREE + k * LANES for k in range(4))
 NEXT_T, NEXT_N, NEXT_B, NEXT_S = (FREE + (4 + k) * LANES for k in range(4))
 DESCENT, LEFT, PIVOT = FREE + 8 * LANES, FREE + 9 * LANES, FREE + 10 * LANES
@@ -49,7 +49,7 @@ ROWS = FREE + 11 * LANES
 
 
 def set_next(count: int, rows: FloatArray) -> None:
-    """Newton's step from gradient and Hessian, by L D L^T, and what is left of the balance."""
+    """Fill in the next Newton step by L D L^T, the least pivot and the relative residual."""
     for i in range(count):
         g_t, g_n, g_b, g_s = rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i]
         moment = max(abs(g_t), max(abs(g_n), abs(g_b))) / rows[OF_MOMENT + i]
@@ -82,18 +82,18 @@ def find_next(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
     offsets: FloatArray,
 ) -> None:  # fmt: skip
-    """Evaluate the sections of a ``block`` and fill in what `set_next` does."""
+    """Evaluate gradient and Hessian of a ``block``, then `set_next`."""
     set_balance(tables, block, tensions, pulled, rows, offsets, 1)
     count = tables.blocks[block, 1]
     if tables.planar:
-        # Tendons cannot twist the arm, but for rounding.
+        # Exactly zero: tendons have no moment about t but rounding.
         for i in range(count):
             rows[G_T + i], rows[NT + i], rows[BT + i], rows[ST + i] = 0.0, 0.0, 0.0, 0.0
     set_next(count, rows)
 
 
 def take_step(count: int, rows: FloatArray) -> None:
-    """Step on, or half of the last step back where that was too long."""
+    """Take the next step, or take back half of the last one where that was too long."""
     for i in range(count):
         g_t, g_n, g_b, g_s = rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i]
         slope = rows[DESCENT + i]
@@ -101,14 +101,14 @@ def take_step(count: int, rows: FloatArray) -> None:
             g_t * rows[STEP_T + i] + g_n * rows[STEP_N + i]
             + g_b * rows[STEP_B + i] + g_s * rows[STEP_S + i]
         )  # fmt: skip
-        goes_on = work <= OVERSHOOT * slope or rows[LEFT + i] <= ROUNDING
-        t = rows[NEXT_T + i] if goes_on else -0.5 * rows[STEP_T + i]
-        n = rows[NEXT_N + i] if goes_on else -0.5 * rows[STEP_N + i]
-        b = rows[NEXT_B + i] if goes_on else -0.5 * rows[STEP_B + i]
-        s = rows[NEXT_S + i] if goes_on else -0.5 * rows[STEP_S + i]
-        sign = 1.0 if goes_on else -1.0
+        is_accepted = work <= OVERSHOOT * slope or rows[LEFT + i] <= ROUNDING
+        t = rows[NEXT_T + i] if is_accepted else -0.5 * rows[STEP_T + i]
+        n = rows[NEXT_N + i] if is_accepted else -0.5 * rows[STEP_N + i]
+        b = rows[NEXT_B + i] if is_accepted else -0.5 * rows[STEP_B + i]
+        s = rows[NEXT_S + i] if is_accepted else -0.5 * rows[STEP_S + i]
+        sign = 1.0 if is_accepted else -1.0
         newton = -(g_t * t + g_n * n + g_b * b + g_s * s)
-        rows[DESCENT + i] = newton if goes_on else 0.5 * slope
+        rows[DESCENT + i] = newton if is_accepted else 0.5 * slope
         rows[T + i], rows[N + i] = rows[T + i] + t, rows[N + i] + n
         rows[B + i], rows[S + i] = rows[B + i] + b, rows[S + i] + s
         rows[STEP_T + i], rows[STEP_N + i] = sign * t, sign * n
@@ -122,7 +122,7 @@ def minimise_block(
     """Move the strain of the sections of a ``block`` to least energy.
 
     Returns:
-        What is left of the balance, relative, and the number of steps; -1 without balance.
+        Relative residual and number of steps; -1 where it does not converge.
     """
     count = tables.blocks[block, 1]
     for i in range(count):
@@ -130,16 +130,16 @@ def minimise_block(
         rows[DESCENT + i] = 0.0
     for steps in range(MOST_STEPS):
         find_next(tables, block, tensions, pulled, rows, offsets)
-        unsettled = 0
+        unconverged = 0
         for i in range(count):
-            unsettled += not (
+            unconverged += not (
                 rows[LEFT + i] <= TOLERANCE and rows[OFFSET_LEFT + i] <= OFFSET_TOLERANCE
             )
-        if not unsettled:
+        if not unconverged:
             worst = 0.0
             for i in range(count):
                 worst = max(worst, rows[LEFT + i])
-            # Gradient and Hessian are known: one step more leaves rounding alone.
+            # One more step with this Hessian: the error is then of the order of rounding.
             for i in range(4 * LANES):
                 rows[T + i] += rows[NEXT_T + i]
             return worst, steps
@@ -148,7 +148,7 @@ def minimise_block(
 
 
 def is_least(count: int, rows: FloatArray) -> bool:
-    """Whether the energy is least where it is in balance, as `check_stable` asks."""
+    """Whether the equilibria of a block are minima of the energy, as `check_stable` requires."""
     for i in range(count):
         if not rows[PIVOT + i] > 0.0:
             return False
@@ -161,8 +161,8 @@ def find_minima(
     """Fill in ``twist`` (4, sections) of least energy.
 
     Returns:
-        What is left of the balance, relative, and the most steps; -1 where there is none, or a
-        fibre would be compressed to nothing.
+        Largest relative residual and number of steps of a block; -1 where one does not converge or
+        a fibre is shorter than `SHORTEST_FIBRE`.
     """
     return find_some_minima(tables, 0, len(tables.blocks), tensions, twist, False)
 
@@ -173,7 +173,7 @@ def find_some_minima(
 ) -> tuple[float, int]:  # fmt: skip
     """`find_minima` in the blocks from ``start`` to before ``stop``.
 
-    Where ``is_near``, ``twist`` is given and nearly right.
+    If ``is_near``, ``twist`` is given as the start.
     """
     pulled, has_sheaths = np.flatnonzero(tensions), tables.sheath_compliance.size > 0
     residual, steps = 0.0, 0
@@ -205,7 +205,7 @@ def set_twist(tables: SectionTables, block: int, rows: FloatArray, twist: FloatA
     """Fill in the ``twist`` (4, sections) of a ``block``.
 
     Returns:
-        Whether no fibre would be compressed to nothing.
+        Whether no fibre is shorter than `SHORTEST_FIBRE`.
     """
     first, count = tables.blocks[block]
     squared, crushed = tables.squared[first : first + count], 0

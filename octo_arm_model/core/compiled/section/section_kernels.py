@@ -1,9 +1,7 @@
-"""The balance of the cross sections of the model exact: what `numba_build` compiles.
+"""Kernels for gradient and Hessian of the energy of cross sections of the model exact.
 
-As in `paper_kernels`, formulas are those that NumPy evaluates, imported from their modules.
-Sections are evaluated in blocks of up to `LANES`. All quantities of a block are rows of one flat
-array, ``rows``, `LANES` apart: the compiler then knows that they do not overlap, and evaluates
-several sections with every instruction.
+As in `paper_kernels`, the formulas are imported from the modules in which NumPy evaluates them.
+Sections are evaluated in blocks of up to `LANES`, see `section_rows`.
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ from octo_arm_model.core.section.formulas import (
 def set_scales(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
 ) -> None:
-    """Fill in what imbalances of moments and forces are measured by, see `force_scale`."""
+    """Fill in the scales of residual moments and forces, see `force_scale`."""
     first, count = tables.blocks[block]
     axial, lever = tables.axial[first : first + count], tables.lever_max[first : first + count]
     for i in range(count):
@@ -112,7 +110,7 @@ def add_tendon(
     count: int, tension: float, part: FloatArray, path_x: FloatArray, path_y: FloatArray,
     slope_x: FloatArray, slope_y: FloatArray, rows: FloatArray,
 ) -> None:  # fmt: skip
-    """Add gradient and Hessian of T |u| of a tendon in its place in ``count`` sections."""
+    """Add gradient and Hessian of T |u| of a tendon on its path, in ``count`` sections."""
     for i in range(count):
         t, n, b, slope = rows[T + i], rows[N + i], rows[B + i], rows[SLOPE + i]
         x, y, dx, dy = path_x[i], path_y[i], slope_x[i], slope_y[i]
@@ -133,8 +131,8 @@ def set_balance(
 ) -> None:  # fmt: skip
     """Fill in gradient and Hessian of the energy of the sections of a ``block``.
 
-    ``pulled`` are the numbers of tendons under tension, ``offsets`` (pulled, 2 `LANES`) those of
-    their places in sheaths, which take up to ``offset_steps`` steps of Newton's method.
+    ``pulled`` are the indices of the tendons under tension. Their ``offsets`` (pulled, 2 `LANES`)
+    [m] in sheaths are updated by up to ``offset_steps`` Newton steps.
     """
     set_material(tables, block, rows)
     first, count = tables.blocks[block]
@@ -162,7 +160,7 @@ def evaluate_sections(
     tables: SectionTables, tensions: FloatArray, twist: FloatArray, gradient: FloatArray,
     hessian: FloatArray, scale: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in how all sections answer a ``twist`` (4, sections), as `evaluate` does."""
+    """`Evaluate`: gradient, Hessian and scale of all sections at ``twist`` (4, sections)."""
     pulled = np.flatnonzero(tensions)
     rows, offsets = np.zeros(FREE + LANES), np.empty((pulled.size, 2 * LANES))
     for block in range(len(tables.blocks)):
@@ -175,7 +173,7 @@ def evaluate_sections(
         set_balance(tables, block, tensions, pulled, rows, offsets, MOST_OFFSET_STEPS)
         for i in range(count):
             if tables.planar and t[i] == 0.0:
-                # Tendons cannot twist the arm, but for rounding.
+                # Exactly zero: tendons have no moment about t but rounding.
                 rows[G_T + i] = 0.0
         unscale(count, t, n, b, rows)
         for k in range(4):
@@ -191,7 +189,7 @@ def evaluate_sections(
 
 
 def unscale(count: int, t: FloatArray, n: FloatArray, b: FloatArray, rows: FloatArray) -> None:
-    """Turn gradient and Hessian by the scaled strain into those by the twist."""
+    """Convert gradient and Hessian by the scaled strain to those by the twist."""
     for i in range(count):
         width, slope, bend = rows[WIDTH + i], rows[SLOPE + i], rows[BEND + i]
         g_t, g_n, g_b = rows[G_T + i], rows[G_N + i], rows[G_B + i]

@@ -1,8 +1,7 @@
-"""A block of cross sections of the model exact: what `numba_build` compiles.
+"""Layout of a block of cross sections of the model exact, and kernels that fill it in.
 
 All quantities of up to `LANES` sections are rows of one flat array, ``rows``, `LANES` apart: the
-compiler then knows that they do not overlap, and evaluates several sections with every
-instruction.
+compiler then knows that they do not overlap, and vectorises over the sections.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 
 # First elements of the rows of a block: scaled strain, gradient and Hessian (lower half, row by
-# row), widening and its derivatives, scales of moments and forces, imbalance in sheaths over the
-# lever arm: the largest of all tendons, and that of one.
+# row), widening and its derivatives, scales of moments and forces, residual of the offsets in
+# sheaths over the lever arm: the largest of all tendons, and that of one.
 T, N, B, S = (k * LANES for k in range(4))
 G_T, G_N, G_B, G_S = 4 * LANES, 5 * LANES, 6 * LANES, 7 * LANES
 TT, NT, NN, BT, BN = 8 * LANES, 9 * LANES, 10 * LANES, 11 * LANES, 12 * LANES
@@ -26,7 +25,7 @@ FREE = 25 * LANES  # rows from here on are those of the caller
 def set_strain(
     widens: bool, t: FloatArray, n: FloatArray, b: FloatArray, s: FloatArray, rows: FloatArray
 ) -> None:
-    """Fill in the scaled strain from the twist of the sections of a block."""
+    """Fill in the scaled strain from the twist (t, n, b, s) of the sections of a block."""
     for i in range(s.size):
         width = incompressible_widening(s[i])[0] if widens else 1.0
         rows[T + i], rows[N + i], rows[B + i] = width * t[i], width * n[i], width * b[i]

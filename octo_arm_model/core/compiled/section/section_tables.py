@@ -1,4 +1,4 @@
-"""Cross sections of the model exact, tabulated for the compiled kernels."""
+"""Tables of cross sections of the model exact for the kernels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LANES = 64  # sections in a block, at most
 
 
 class SectionTables(NamedTuple):
-    """Cross sections of the model exact, as `SectionEnergy` has them.
+    """Cross sections of the model exact, see `SectionEnergy`.
 
     Attributes:
         axial: E A of each [N], (sections,).
@@ -28,15 +28,15 @@ class SectionTables(NamedTuple):
         y: along b.
         dx: slope of ``x``.
         dy: slope of ``y``.
-        transmission: part of its tension that each tendon has there.
-        blocks: first and number of the sections in each block, which is evaluated at once,
-            (blocks, 2).
-        acting: up to how many of these each tendon acts, (tendons, blocks).
-        sheath_compliance: of each tendon's sheath [1/Pa], see `SheathedSections`; of no tendon
-            where all are rigid.
-        farthest: largest distance of a tendon from the midline there [m], likewise.
+        transmission: local tension of each tendon over that at the base, likewise.
+        blocks: first section and number of sections of each block, (blocks, 2).
+        acting: number of leading sections of a block that include all in which a tendon acts,
+            (tendons, blocks).
+        sheath_compliance: see `SheathedSections` [1/Pa], (tendons, sections); (0, 0) where all
+            sheaths are rigid.
+        farthest: largest admissible distance of a tendon from the midline [m], likewise.
         widens: whether the law is neo_hookean; else it is linear.
-        planar: whether tendons cannot twist the arm.
+        planar: see `SectionEnergy`.
     """
 
     axial: FloatArray
@@ -57,17 +57,17 @@ class SectionTables(NamedTuple):
 
 
 class ExactTables(NamedTuple):
-    """What `exact` interpolates from.
+    """`UnloadedExact`: cross sections, and the interpolation from points to nodes.
 
     Attributes:
-        sections: at the points of all panels.
-        at_nodes: at the nodes, run by run.
-        node_blocks: the first of their blocks that is in each panel, and the one after the last,
+        sections: cross sections at the points of all panels.
+        at_nodes: cross sections at the nodes, panel by panel.
+        node_blocks: first block of ``at_nodes`` in each panel, and that after the last,
             (panels, 2).
         tail: matrix (points of a panel, 2) to the last two Chebyshev coefficients.
-        uneven: of each panel, see `UnloadedExact`.
-        runs: panel, first node and number of nodes of ranges of nodes in it, (runs, 3).
-        to_nodes: matrices (points, nodes) from the points of a panel to these, one after another.
+        uneven: see `UnloadedExact`, (panels,).
+        runs: panel, first node and number of nodes of each run of nodes in one panel, (runs, 3).
+        to_nodes: matrices (points, nodes) from the points of a panel to a run, one after another.
     """
 
     sections: SectionTables
@@ -82,9 +82,9 @@ class ExactTables(NamedTuple):
 def section_tables(
     energy: SectionEnergy, groups: Sequence[IntArray] | None = None
 ) -> SectionTables:
-    """The cross sections of ``energy``.
+    """Tables of the cross sections of ``energy``, or of those with the indices in ``groups``.
 
-    Or those whose numbers are in ``groups``, in this order, no block in two of them.
+    In the order of ``groups``; no block extends over two of them.
     """
     if groups is None:
         groups = [np.arange(energy.s.size)]
@@ -118,7 +118,7 @@ def section_tables(
 
 
 def _blocks(groups: Sequence[IntArray]) -> IntArray:
-    """See `SectionTables`."""
+    """`SectionTables.blocks` of groups of sections."""
     blocks, start = [], 0
     for group in groups:
         stop = start + group.size
@@ -128,7 +128,7 @@ def _blocks(groups: Sequence[IntArray]) -> IntArray:
 
 
 def _acting(transmission: FloatArray, blocks: IntArray) -> IntArray:
-    """See `SectionTables`."""
+    """`SectionTables.acting`."""
     acting = np.zeros((len(transmission), len(blocks)), np.int64)
     for number, (first, count) in enumerate(blocks):
         acts = transmission[:, first : first + count] != 0.0
@@ -137,10 +137,10 @@ def _acting(transmission: FloatArray, blocks: IntArray) -> IntArray:
 
 
 def exact_tables(statics: Exact) -> ExactTables:
-    """What ``statics`` interpolates from."""
+    """Tables of the unloaded arm of ``statics``."""
     runs, matrices = [], []
     for panel, (nodes, matrix) in enumerate(statics.unloaded.panels):
-        # Nodes of a panel are in order but for gaps: ends of intervals, and then their middles.
+        # Nodes of a panel are consecutive but for gaps: ends of intervals, then middles.
         for part in np.split(np.arange(nodes.size), np.flatnonzero(np.diff(nodes) > 1) + 1):
             runs.append((panel, nodes[part[0]], part.size))
             matrices.append(matrix[:, part])
@@ -159,7 +159,7 @@ def exact_tables(statics: Exact) -> ExactTables:
 
 
 def no_exact() -> ExactTables:
-    """Of another model."""
+    """Empty tables of the types of `exact_tables`."""
     none, table = np.zeros(0), np.zeros((0, 0))
     numbers, pairs = np.zeros((0, 0), np.int64), np.zeros((0, 2), np.int64)
     sections = SectionTables(

@@ -1,4 +1,4 @@
-"""Tendons in compliant sheaths: what `numba_build` compiles, as `sheaths.sheath` has it."""
+"""Kernels for tendons in compliant sheaths, as in `sheaths.sheath`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from octo_arm_model.core.section.formulas import (
     tendon_hessian,
 )
 
-OFFSET_TOLERANCE = 1e-9  # imbalance of a tendon in its sheath, relative: its square is rounding
+OFFSET_TOLERANCE = 1e-9  # residual of an offset over the lever arm: its square is rounding
 MOST_OFFSET_STEPS = 30  # of Newton's method for offsets at a given strain
 
 
@@ -35,10 +35,10 @@ def step_offset(
     slope_x: FloatArray, slope_y: FloatArray, compliance: FloatArray, lever: FloatArray,
     rows: FloatArray, offset: FloatArray,
 ) -> float:  # fmt: skip
-    """Newton's step for the ``offset`` (2 `LANES`,) [m] of a tendon in its sheath.
+    """Newton step of the ``offset`` (2 `LANES`,) [m] of a tendon in its sheath.
 
     Returns:
-        The largest imbalance before it over the lever arm; NaN is left out.
+        The largest residual before it over the lever arm, but for NaN.
     """
     for i in range(count):
         t, n, b = rows[T + i], rows[N + i], rows[B + i]
@@ -65,10 +65,10 @@ def add_sheathed_tendon(
     slope_x: FloatArray, slope_y: FloatArray, compliance: FloatArray, lever: FloatArray,
     rows: FloatArray, offset: FloatArray,
 ) -> None:  # fmt: skip
-    """As `add_tendon`, of a tendon that stands off its path by ``offset`` (2 `LANES`,) [m].
+    """As `add_tendon`, for a tendon displaced from its path by ``offset`` (2 `LANES`,) [m].
 
-    Its offset is condensed out as in `SheathedSections`, and so is what is left of its balance in
-    the sheath, of which the square is then left in the gradient.
+    The offset is condensed out as in `SheathedSections`, together with its residual: the error of
+    the gradient is then of second order in the residual.
     """
     for i in range(count):
         t, n, b, slope = rows[T + i], rows[N + i], rows[B + i], rows[SLOPE + i]
@@ -101,7 +101,7 @@ def add_sheathed_tendon(
 
 
 def are_inside(tables: SectionTables, block: int, pulled: IntArray, offsets: FloatArray) -> bool:
-    """Whether tendons in sheaths stay in the body, as `check_tendons` asks."""
+    """Whether tendons in sheaths stay in the body, as `check_tendons` requires."""
     first = tables.blocks[block, 0]
     for number in range(pulled.size):
         tendon = pulled[number]

@@ -1,4 +1,4 @@
-"""Where the search for least energy starts: what `numba_build` compiles, as `section.newton`."""
+"""Kernels for the initial strain of the minimisation, as in `section.newton`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from octo_arm_model.core.section.sheaths.sheath import MOST_SOFTENED
 def set_start(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
 ) -> None:
-    """Fill in nearly the scaled strain, as `initial_strain` does."""
+    """Fill in the scaled strain of `initial_strain`."""
     first, count = tables.blocks[block]
     last = first + count
     axial, squared = tables.axial[first:last], tables.squared[first:last]
@@ -59,7 +59,7 @@ def set_start(
             stretch, bend, load, force, softening, f[0], f[1], f[2], f[3], f[4]
         )
         curvature = bend / radius
-        # The straight state where that is impossible or NaN.
+        # The straight state where the bent one is impossible or NaN.
         can_be = stretch > abs(curvature) * lever[i]
         towards = -curvature / max(moment, 1e-300) if can_be else 0.0
         rows[T + i], rows[N + i], rows[B + i] = 0.0, towards * n, towards * b

@@ -1,1 +1,1 @@
-"""Tendons that dig into the body around them. Imports section."""
+"""Tendons in compliant sheaths, displaced within the cross section. Imports section."""

@@ -1,22 +1,22 @@
 """Tendons in compliant sheaths, whose offsets are condensed out of every cross section.
 
-A thread under tension presses towards the inside of the bend. Its offset from its path is
-d = (d_n, d_b) in the undeformed cross section, for which the rubber around it takes k |d|^2 / 2
-per reference length, and psi of `energy` becomes
+A tendon under tension presses towards the inside of the bend. It is displaced from its path by
+d = (d_n, d_b) in the undeformed cross section, which stores the energy k |d|^2 / 2 per reference
+length in the rubber around it, and psi of `energy` becomes
 
     min over d of  psi_material + sum T |u(r + d)| + k |d|^2 / 2 .
 
-As the section widens by w it carries tendon and rubber along, to w (r + d); of a volume that is
-kept, a length l w^2 = 1 of plane strain stores the same energy, so that k is a constant. d has two
-unknowns for each tendon, whose energy is convex as u is linear in them. With C the mixed second
-derivatives by strain and d, and D those by d, gradient and Hessian by the strain are
+A section that widens by w carries tendon and rubber along, to w (r + d). k is a constant: an
+energy of k |w d|^2 / 2 per deformed length is k |d|^2 / 2 per reference length, since lambda w^2 =
+1 at constant volume. It is convex in d, two unknowns per tendon, as u is linear in d. With C the
+mixed second derivatives by strain and d, and D those by d, gradient and Hessian by the strain are
 
     dpsi/de at d    and    d2psi/de2 - C D^-1 C^T .
 
-u counts the slope r' of the path but not d'. A tendon is held in its place at the base and its
-anchorage, from where d rises over a length of about (T / k)^1/2 as that of a string on an elastic
-foundation does. That end effect is left out, as is that d varies between them; the manual's page
-of effects has its size.
+u includes the slope r' of the path but not d'. A tendon is fixed at the base and at its anchorage,
+from where d rises over a length of about (T / k)^1/2, as in a string on an elastic foundation.
+This end effect and the variation of d in between are neglected; the page of effects in the manual
+quantifies them.
 """
 
 from __future__ import annotations
@@ -43,25 +43,25 @@ from octo_arm_model.core.section.formulas import (
 from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.sheaths.sheathed_tendons import SheathedTendons
 
-# Of 1/8, which is all the stiffness of a straight section: a start for the search of a balance.
+# Bound of `softening` in initial strains: E J is 1/8 of 2 E A R^2.
 MOST_SOFTENED = 0.1
 _MOST_STEPS = 30  # of Newton's method for the offsets of tendons
-_TOLERANCE = 1e-14  # of their balance, over the lever arm
-# Sections are stable, as long as tendons run within this of the midline (sine squared) and their
-# sheaths take no more than this part from the bending stiffness: the rest is of that order.
+_TOLERANCE = 1e-14  # of their residual, over the lever arm
+# Sections are stable if the squared sine of the angle between tendons and midline and the relative
+# loss of bending stiffness by sheaths are at most these: the neglected terms are of that order.
 _SURELY_ALONG, _SURELY_STIFF = 0.1, 0.25
 
 
 def sections_of(
     arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
 ) -> SectionEnergy:
-    """The cross sections of ``arm`` at ``nodes`` (n,), with tendons as they are held."""
+    """The cross sections of ``arm`` at ``nodes`` (n,), with sheaths where it has any."""
     kind = SheathedSections if arm.sheath_stiffness else SectionEnergy
     return kind(arm, nodes, section, law, shear)
 
 
 class _Placed(NamedTuple):
-    """As `Condensed`; ``over`` is 1 / |u| and ``inverse`` D^-1 times k."""
+    """Fields as of `Condensed`; ``over`` is 1 / |u|, ``inverse`` k D^-1 (nn, nb, bb)."""
 
     sections: SectionEnergy
     offset: FloatArray
@@ -72,12 +72,12 @@ class _Placed(NamedTuple):
 
 
 class SheathedSections(SectionEnergy):
-    """Cross sections whose tendons have offsets from their paths.
+    """Cross sections whose tendons are displaced from their paths.
 
     Attributes:
         sheath_compliance: 1 / k of each tendon, zero of a rigid one [1/Pa],
             (tendons, 1, nodes).
-        farthest: largest distance from the midline that a tendon may have [m], likewise.
+        farthest: largest admissible distance of a tendon from the midline [m], likewise.
     """
 
     _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_borne')
@@ -92,18 +92,18 @@ class SheathedSections(SectionEnergy):
         self.sheath_compliance = compliance[:, np.newaxis, np.newaxis] * self.active
         off_midline = np.hypot(self.x, self.y)
         self.farthest = np.maximum(self.radius, off_midline)
-        # Forces per length [N/m] that surely press no tendon beyond that.
-        room, gives_way = self.farthest - off_midline, self.sheath_compliance > 0.0
-        self._borne = np.full_like(room, np.inf)
-        np.divide(room, self.sheath_compliance, out=self._borne, where=gives_way)
-        # A tendon off its path twists the arm where that has a slope.
+        # Lateral force [N/m] up to which a tendon cannot be displaced beyond that.
+        clearance, is_compliant = self.farthest - off_midline, self.sheath_compliance > 0.0
+        self._borne = np.full_like(clearance, np.inf)
+        np.divide(clearance, self.sheath_compliance, out=self._borne, where=is_compliant)
+        # A displaced tendon whose path has a slope has a moment about t.
         self._in_planes, self.planar = self.planar, False
 
     def condensed(self, strain: FloatArray, local_tensions: FloatArray) -> Condensed:
-        """Offsets of the tendons under scaled ``strain``, and what follows from them.
+        """Offsets of the tendons under scaled ``strain``, and their derivatives.
 
         Raises:
-            ConvergenceError: if they have no balance.
+            ConvergenceError: if Newton's method for the offsets does not converge.
         """
         t, n, b = strain[:3]
         slope = self.widening(strain[3])[1]
@@ -132,7 +132,7 @@ class SheathedSections(SectionEnergy):
         """Offsets of the tendons by Newton's method; raises as `condensed`."""
         t, n, b, stretch = strain[:4]
         yielding = self.sheath_compliance * local_tensions
-        # Nearly: for tendons along the midline, where that leaves them most of their length.
+        # Start: for tendons parallel to the midline, where that shortens them little; else zero.
         near = yielding * np.where(yielding * (n * n + b * b) < 0.25 * stretch, 1.0, 0.0)
         offset = np.stack([near * b, -near * n])
         moved = copy.copy(self)
@@ -146,7 +146,7 @@ class SheathedSections(SectionEnergy):
             inverse = sheath_inverse(t, n, b, *pull, yielding * over)
             left_n, left_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
             worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
-            if not worst > _TOLERANCE:  # NaN where a section cannot be
+            if not worst > _TOLERANCE:  # also for NaN of an impossible strain
                 return _Placed(moved, offset, unit, over, pull, inverse)
             nn, nb, bb = inverse
             offset[0] -= nn * left_n + nb * left_b
@@ -170,14 +170,14 @@ class SheathedSections(SectionEnergy):
     def tendon_gradient(
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
-        """Gradient (n, batch, nodes) of that energy: at the offsets, which are in balance."""
+        """Gradient (n, batch, nodes) of the energy of tendons and sheaths, minimal over d."""
         moved = self.placed(strain, local_tensions)
         return SectionEnergy.tendon_gradient(moved, strain, local_tensions, width, slope)
 
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray, widening: Widening
     ) -> tuple[FloatArray, FloatArray]:
-        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of that energy."""
+        """Gradient (n, batch, nodes) and condensed Hessian (n, n, batch, nodes) of that energy."""
         found = self.condensed(strain, local_tensions)
         gradient, hessian = SectionEnergy.tendon_derivatives(
             found.sections, strain, local_tensions, widening
@@ -186,7 +186,7 @@ class SheathedSections(SectionEnergy):
         return gradient, hessian
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Stretch |u| of every tendon where it stands, (tendons, batch, nodes)."""
+        """Stretch |u| of every tendon at its offset, (tendons, batch, nodes)."""
         moved = self.placed(strain, local_tensions)
         return SectionEnergy.stretches(moved, strain, local_tensions)
 
@@ -199,7 +199,7 @@ class SheathedSections(SectionEnergy):
         return length, gradient - found.answer(found.pull)
 
     def length_by_tension(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
-        """Derivative of the stretches by the tension there at a given strain [1/N]."""
+        """Derivative of the stretches by the local tension at fixed strain [1/N]."""
         found = self.condensed(strain, local_tensions)
         return -found.shortening(found.pull)
 
@@ -207,7 +207,7 @@ class SheathedSections(SectionEnergy):
         """Refuse tendons that are pressed out of the body.
 
         Raises:
-            SolveError: if one is; the message says where.
+            SolveError: if one is; the message states the arc coordinate.
         """
         # Derivatives of |u| by the offset are no larger than the curvature.
         curvature = np.sqrt(np.add.reduce(strain[:3] ** 2))
@@ -218,10 +218,10 @@ class SheathedSections(SectionEnergy):
         self._refuse(outside, 'press a tendon out of the body', 'its sheath is')
 
     def check_stable(self, strain: FloatArray, local_tensions: FloatArray) -> None:
-        """Refuse a balance without loads that is no minimum of the energy.
+        """Refuse an unloaded equilibrium that is no minimum of the energy.
 
         Raises:
-            SolveError: if one is; the message says where.
+            SolveError: if a section is unstable; the message states its arc coordinate.
         """
         if self._is_surely_stable(strain, local_tensions):
             return
@@ -233,10 +233,10 @@ class SheathedSections(SectionEnergy):
         self._refuse(unstable, 'bend the arm without end', 'sheaths are')
 
     def _is_surely_stable(self, strain: FloatArray, local_tensions: FloatArray) -> bool:
-        """Whether sheaths take little from the stiffness of the sections, without a Hessian.
+        """Whether sheaths cannot make a section unstable, estimated without a Hessian.
 
-        C has entries up to T, and beside those only smaller ones in the sine between tendon and
-        midline; a straight rod is stiffer in torsion than 2/3 of what it is in bending.
+        The entries of C are at most T but for terms of the order of the sine of the angle between
+        tendon and midline, and G I is at least 2/3 of E J.
         """
         z = (strain[1] * strain[1] + strain[2] * strain[2]) * self.squared_radius
         f = self.law.density(strain[3], z)

@@ -1,4 +1,4 @@
-"""The stiffness of the rubber about a tendon, estimated from the radii of thread and body."""
+"""Stiffness of the rubber around a tendon, estimated from the radii of tendon and body."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import math
 from octo_arm_model.core.arm.validation import positive
 from octo_arm_model.core.errors import ArmDefinitionError
 
-_WIDEST = 0.5  # of the radius of the body, a sheath that is still a hole in it
+_WIDEST = 0.5  # of the radius of the body: largest sheath for which the formula holds
 
 
 def estimate_sheath_stiffness(
     thread_radius: float, body_radius: float, shear_modulus: float
 ) -> float:
-    """Stiffness k [Pa] of rubber of a ``shear_modulus`` [Pa] about a thread or its sheath.
+    """Stiffness k [Pa] of rubber of ``shear_modulus`` [Pa] around a tendon or its sheath.
 
-    Plane strain of an incompressible disc of ``body_radius`` [m] under a force that is spread
-    evenly over a ring of ``thread_radius`` about its centre and balanced by the shear of the beam,
-    evenly over the section. Kelvin's line force moves the ring by (1/2 - ln r) / (4 pi G) and the
-    mean of the section by (1 - ln R) / (4 pi G), and with the balance leaves the rim free of
-    traction:
+    Plane strain of an incompressible disc of ``body_radius`` R [m] under a force per length that
+    is uniform on a ring of ``thread_radius`` r [m] about the centre and balanced by a uniform body
+    force, the shear of the beam. Per unit of force, Kelvin's solution displaces the ring by (1/2 -
+    ln r) / (4 pi G) and the section on average by (1 - ln R) / (4 pi G), and with the body force
+    leaves the rim free of traction:
 
         k = 4 pi G / (ln(R / r) - 1/2) .
 
     Kelvin's solution in the plane: e.g. Timoshenko and Goodier, Theory of Elasticity, section 42
-    (force at a point of a plate), for plane strain and nu = 1/2. For tapered arms with the mean
-    radius; off the centre rubber yields a little more.
+    (force at a point of a plate), for plane strain and nu = 1/2. Tapered arms take the
+    mean radius; off the centre the rubber is a little softer.
 
     Raises:
         ArmDefinitionError: if a value is not > 0, or the thread is wider than half of the body.

@@ -1,8 +1,8 @@
 """Tendons in compliant sheaths, for `quasi_newton`.
 
-A tendon that is nearly parallel to the midline is pressed off its path by T / k times the
-curvature, whatever else it does, and takes T^2 / k from the bending stiffness of the body. So
-their offsets follow from the directions that tendons had at the last strain.
+A tendon nearly parallel to the midline is displaced by T / k times the curvature, and reduces the
+bending stiffness of the body by T^2 / k. The offsets are therefore computed from the directions of
+the tendons at the last strain.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 class SheathedTendons:
-    """`quasi_newton.Tendons` at offsets from their paths."""
+    """`quasi_newton.Tendons` that are displaced from their paths."""
 
     has_torsion = True
 
     def __init__(self, sections: SheathedSections, local_tensions: FloatArray) -> None:
-        """Of cross ``sections``, under tensions (tendons, batch, nodes) [N]."""
+        """Of cross ``sections``, under ``local_tensions`` (tendons, batch, nodes) [N]."""
         self._sections = sections
         pulled = np.flatnonzero(local_tensions.any(axis=(1, 2)))
         self._tensions = local_tensions[pulled]
@@ -47,13 +47,13 @@ class SheathedTendons:
         t, n, b, stretch = strain
         width, slope, _ = self._sections.widening(stretch)
         if self._direction is None:
-            # Twice at first, for a start near the balance to stay there.
+            # First from the direction t, so that a start near equilibrium stays near it.
             self._turn(strain, width, (1.0, 0.0, 0.0))
         assert self._direction is not None
         p_n, p_b, over = self._turn(strain, width, self._direction)
         unit = self._direction
         new_n, new_b = sheath_pull(t, n, b, *unit)
-        # Tendons hardly turn as they move: lever arms follow at once.
+        # Directions hardly change with the offsets, of which the lever arms use the newest.
         x, y = self._x - self._yielding * new_n, self._y - self._yielding * new_b
         left = np.abs(new_n - p_n) + np.abs(new_b - p_b)
         left *= self._yielding
@@ -74,10 +74,10 @@ class SheathedTendons:
     def _turn(
         self, strain: FloatArray, width: Number, direction: tuple[Number, Number, Number]
     ) -> tuple[Number, Number, FloatArray]:
-        """Find the direction of tendons at the offsets of those of nearly this ``direction``.
+        """Update the directions of the tendons, at the offsets that follow from ``direction``.
 
         Returns:
-            Derivatives of |u| by the offset for the ``direction``, and 1 / |u|.
+            Derivatives of |u| by the offset for ``direction``, and the new 1 / |u|.
         """
         t, n, b, stretch = strain
         p_n, p_b = sheath_pull(t, n, b, *direction)
@@ -88,5 +88,5 @@ class SheathedTendons:
         return p_n, p_b, over
 
     def stiffened(self, step: FloatArray) -> FloatArray:
-        """Never called."""
+        """Not defined with torsion."""
         raise NotImplementedError

@@ -1,7 +1,7 @@
-"""Tendons that cannot twist the arm, in cross sections without torsion, for `quasi_newton`.
+"""Tendons without a moment about t, in sections without torsion, for `quasi_newton`.
 
-Across t they have the directions of their slopes r' alone, so that u = (u_t, w r') with the
-widening w, and u / w depends on the strain by its component along t only.
+Then u = (u_t, w r') with the widening w, and only the component along t of u / w depends on the
+strain.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class PlanarTendons:
-    """`quasi_newton.Tendons` held on their paths."""
+    """`quasi_newton.Tendons` that stay on their paths."""
 
     has_torsion = False
     imbalance = 0.0
@@ -26,7 +26,7 @@ class PlanarTendons:
     coupling: Number = 0.0
 
     def __init__(self, energy: SectionEnergy, local_tensions: FloatArray) -> None:
-        """Of the cross sections ``energy``, under tensions (tendons, batch, nodes) [N]."""
+        """Of the sections ``energy``, under ``local_tensions`` (tendons, batch, nodes) [N]."""
         self._energy, self._tensions = energy, local_tensions
 
     def gradient(self, strain: FloatArray) -> FloatArray:

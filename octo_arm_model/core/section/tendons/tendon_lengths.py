@@ -16,17 +16,17 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-# From a twist (n, nodes) and tensions (tendons, nodes) [N] to every length [m], (tendons,).
-# Tensions count where sheaths give way; None where tendons keep their places.
+# From a twist (n, nodes) and tensions (tendons, nodes) [N] to the length of every tendon [m],
+# (tendons,). The tensions matter with compliant sheaths only; else they may be None.
 Measure: TypeAlias = Callable[[FloatArray, FloatArray | None], FloatArray]
 
 
 class TendonLengths:
-    """Integrals of what each tendon is stretched by along the arm.
+    """Integrals along the arm of the stretch of each tendon.
 
     Attributes:
         sections: the cross sections at the nodes.
-        weights: of the integral along each tendon, (tendons, nodes).
+        weights: quadrature weights along each tendon [m], (tendons, nodes).
         under: length of every tendon [m], (tendons,), under a twist (4 or 6, nodes) and tensions
             (tendons, nodes) [N] there, see `Measure`.
     """
@@ -55,13 +55,13 @@ class TendonLengths:
 
     @functools.cached_property
     def at_rest(self) -> FloatArray:
-        """Those of the unloaded arm."""
+        """Lengths in the unloaded arm [m], (tendons,)."""
         return self.under(self._straight, self._slack)
 
     def offset_weights(self, arm: Arm) -> FloatArray:
-        """Weights of integrals that are d(unloaded length)/d(distance from midline).
+        """Derivatives of the unloaded lengths by the distances from the midline at the nodes.
 
-        (tendons, nodes), of the tendons of ``arm``; zero of those that do not wind about it.
+        (tendons, nodes), for the tendons of ``arm``; zero for those that do not wind about it.
         """
         by_offset = ParameterDerivatives(self.sections, arm).length_by_offset(
             self._straight[:, np.newaxis], self._slack[:, np.newaxis]

@@ -25,7 +25,7 @@ from octo_arm_model.core.errors import TensionError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.vectors import times
 
-_FEW = 64  # up to so many numbers Python takes less time than NumPy
+_FEW = 64  # numbers, up to which Python takes less time than NumPy
 
 
 class TendonSums(NamedTuple):
@@ -38,7 +38,7 @@ class TendonSums(NamedTuple):
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
         mixed: mixed second moment [N m^2]; None where it vanishes for all tensions.
-        routing_torque: moment about t of the tendons' slopes [N m]; None likewise.
+        routing_torque: moment of the tendons about t by their slopes [N m]; None likewise.
     """
 
     axial: FloatArray
@@ -51,10 +51,10 @@ class TendonSums(NamedTuple):
 
 
 def transmission(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
-    """Part of its tension that each tendon has at ``s`` (n,), each in its ``section`` (n,).
+    """Local tension over that at the base of each tendon at ``s`` (n,), in its ``section`` (n,).
 
-    1 up to the anchorage of a frictionless tendon and 0 beyond, (tendons, n). All models and
-    derivatives take tensions along the arm from here alone.
+    1 up to the anchorage of a frictionless tendon and 0 beyond, (tendons, n). The only source of
+    local tensions for all models and derivatives.
     """
     return (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
 
@@ -63,7 +63,7 @@ class TendonWeights:
     """The matrices that turn tensions into `TendonSums` at given nodes.
 
     Attributes:
-        matrices: one for each sum that there is, (5 to 7, tendons, nodes).
+        matrices: one for each sum that does not vanish, (5 to 7, tendons, nodes).
     """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
@@ -77,7 +77,7 @@ class TendonWeights:
         sums = [part, part * n, part * b, part * n**2, part * b**2]
         scale = max(float(np.max(np.hypot(n, b))), 1e-300)
         mixed, routing_torque = part * n * b, part * (n * slope_b - b * slope_n)
-        # Both vanish for the paper's tendons and are left out then.
+        # Both vanish for the paper's tendons, and are then omitted.
         self._is_mixed = bool(np.any(np.abs(mixed) > 1e-14 * scale**2))
         self._has_routing_torque = bool(np.any(np.abs(routing_torque) > 1e-14 * scale))
         if self._is_mixed:
@@ -110,8 +110,7 @@ class TendonWeights:
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     """Return ``tensions`` as a float array that ends in the shape `Arm.tension_shape` [N].
 
-    Where sections differ in their number of tendons that is flat, and one set may also be given
-    as rows.
+    Where that is flat, one set may also be given in rows, one for each section.
 
     Raises:
         TensionError: if the shape is not that of the arm, or a tension is negative or not
@@ -147,7 +146,7 @@ def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
     """Return largest tensions, one number or of `Arm.tension_shape`, as (tendons,) [N].
 
     Raises:
-        TensionError: if they are not such, or one is not finite and > 0.
+        TensionError: if they have another shape, or one is not finite and > 0.
     """
     given = real_numbers(highest)
     try:
@@ -167,7 +166,7 @@ def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
 
 
 def largest_of(tensions: FloatArray) -> float:
-    """The largest of ``tensions`` [N]; zero if there are none."""
+    """Largest of ``tensions`` [N]; zero if there are none."""
     if 0 < tensions.size <= _FEW:
         return max(tensions.ravel().tolist())
     return float(tensions.max(initial=0.0))
@@ -176,7 +175,7 @@ def largest_of(tensions: FloatArray) -> float:
 def _is_fine(array: FloatArray) -> bool:
     """Whether all are finite and >= 0."""
     if 0 < array.size <= _FEW:
-        # NaN or an overflow of the sum is left to NumPy.
+        # NaN and an overflow of the sum are decided by NumPy below.
         values = array.ravel().tolist()
         if min(values) >= 0.0 and math.isfinite(sum(values)):
             return True

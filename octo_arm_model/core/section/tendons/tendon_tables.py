@@ -1,6 +1,6 @@
-"""The direction u of every tendon, linear in the scaled strain and the widening of the section.
+"""The vector u of every tendon as a linear function of scaled strain and widening.
 
-See `energy` for u; the widening follows from the stretch, and is taken as one strain more here.
+See `energy` for u. The widening, a function of the stretch, is treated as one more strain here.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from octo_arm_model.core.hints import FloatArray, Number
 class TendonTables:
     """Derivatives of u by n strains and the widening.
 
-    Of batches of one arm, or of many where tendons have left their paths.
+    The axis of the batch has length one unless tendons are displaced from their paths.
 
     Attributes:
         by: the derivatives, (3, n + 1, tendons, batch, nodes).
-        products: of each two of them, (n + 1, n + 1, tendons, batch, nodes).
+        products: scalar products of each two of them, (n + 1, n + 1, tendons, batch, nodes).
     """
 
     def __init__(
         self, x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, strains: int
     ) -> None:
-        """Of tendons at offsets ``x`` and ``y`` of slopes ``dx`` and ``dy``."""
+        """Tabulate tendons at offsets ``x`` and ``y`` of slopes ``dx`` and ``dy``."""
         self.by = by = np.zeros((3, strains + 1, *x.shape))
         by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -y, x, y, -x
         for component in range(strains - 3):
@@ -32,7 +32,7 @@ class TendonTables:
         self.products: FloatArray = np.einsum('cmjbn,ckjbn->mkjbn', by, by)
 
     def directions(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
-        """Of all tendons u, (3, tendons, batch, nodes), and its length."""
+        """The u of all tendons, (3, tendons, batch, nodes), and |u|."""
         extended = np.empty((len(strain) + 1, *strain.shape[1:]))
         extended[:-1], extended[-1] = strain, width
         u = np.einsum('cmj...,m...->cj...', self.by, extended)
@@ -40,9 +40,9 @@ class TendonTables:
 
 
 def by_strain(by: FloatArray, slope: Number) -> FloatArray:
-    """Derivatives (n, ...) by the strain alone, of those ``by`` strain and widening.
+    """Derivatives (n, ...) by the strain, from those ``by`` strain and widening (n + 1, ...).
 
-    ``slope`` is the derivative of the widening by the stretch; ``by`` is written over.
+    ``slope`` is the derivative of the widening by the stretch; ``by`` is overwritten.
     """
     by[3] += slope * by[-1]
     return by[:-1]

@@ -1,4 +1,4 @@
-"""The unit tangents of tendons in the axes of the cross sections, from the twist of the frame.
+"""Unit tangents of tendons in the axes of the cross sections, from the twist of the frame.
 
 A tendon at offset r w(lambda) runs along u = (lambda, v_n, v_b) + kappa x w r + w r'; see
 `energy` for the letters.
@@ -18,7 +18,7 @@ def curvature(
     t: Number, n: Number, b: Number, e_t: Number, e_n: Number, e_b: Number,
     slope_t: Number, slope_n: Number, slope_b: Number,
 ) -> tuple[Number, Number, Number]:  # fmt: skip
-    """Derivative in space of the unit tangent e, e' + kappa x e, from the angular twist."""
+    """Derivative e' + kappa x e of the unit tangent e by s, from the angular twist (t, n, b)."""
     return (
         slope_t + (n * e_b - b * e_n),
         slope_n + (b * e_t - t * e_b),
@@ -32,7 +32,7 @@ def kink_angle(t: Number, n: Number, b: Number) -> Number:
 
 
 class Tangents(NamedTuple):
-    """Of all tendons at all nodes.
+    """Tangents of all tendons at all nodes.
 
     Attributes:
         unit: components along t, n and b, (3, tendons, batch, nodes).
@@ -43,13 +43,13 @@ class Tangents(NamedTuple):
     stretch: FloatArray
 
     def turned(self, change: FloatArray) -> FloatArray:
-        """Change of ``unit`` with a ``change`` of u, (3, tendons, batch, nodes)."""
+        """Change of ``unit`` by a ``change`` of u, (3, tendons, batch, nodes)."""
         along = np.einsum('i...,i...->...', self.unit, change)
         return np.asarray((change - self.unit * along) / self.stretch)
 
 
 def tangents(energy: SectionEnergy, twist: FloatArray) -> Tangents:
-    """Of the tendons of ``energy`` under ``twist`` (4 or 6, batch, nodes)."""
+    """`Tangents` of the tendons of ``energy`` under ``twist`` (4 or 6, batch, nodes)."""
     width, _, _ = energy.widening(twist[3])
     x, y, dx, dy = energy.x, energy.y, energy.dx, energy.dy
     t, n, b, stretch = twist[:4]
@@ -64,9 +64,9 @@ def tangents(energy: SectionEnergy, twist: FloatArray) -> Tangents:
 
 
 def direction_by_twist(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:
-    """Change of u (3, tendons, columns, nodes) with a ``change`` (n, columns, nodes) of one twist.
+    """Change of u (3, tendons, columns, nodes) by a ``change`` (n, columns, nodes) of ``twist``.
 
-    ``twist`` is (n, 1, nodes).
+    For one arm, ``twist`` (n, 1, nodes).
     """
     width, slope, _ = energy.widening(twist[3])
     x, y, dx, dy = energy.x, energy.y, energy.dx, energy.dy
