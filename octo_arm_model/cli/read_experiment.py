@@ -45,8 +45,7 @@ def read_options(
     if offset is not None:
         finite('--clock-offset', offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
-    if options.align is not None:
-        read_alignment(options.align)  # Checked before the bag is read.
+    alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit,
@@ -67,13 +66,10 @@ def read_options(
         )
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
-    if options.align is not None:
-        alignment = read_alignment(options.align)
-    elif recording.frame_id == config.base_frame:
+    if options.align is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
         notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
-    else:
-        alignment = None
+    elif options.align is None:
         notes.append(
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'

@@ -80,20 +80,22 @@ def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
     Raises:
         ArmDefinitionError: if a standard deviation is negative or not finite.
     """
-    deviations = {}
-    for name, parameter, unit in (
-        ('tension', 'tension_stddev', 'N'),
-        ('displacement', 'displacement_stddev', 'm'),
-        ('youngs_modulus', 'material.youngs_modulus_stddev', '-'),
-        ('poisson_ratio', 'material.poisson_ratio_stddev', '-'),
-        ('offset', 'tendons.offset_stddev', 'm'),
-    ):
-        deviations[name] = not_negative(parameter, given[parameter], 'standard deviation', unit)
-    name = 'model_error_stddev'
-    model = not_negative(name, given[name], 'standard deviation', '-')
-    # An error of the curvature, constant along the arm, that moves the tip by d turns it by
-    # 2 d / length.
-    return Uncertainty(**deviations, model_position=model * arm.length, model_rotation=2.0 * model)
+
+    def stddev(name: str, unit: str) -> float:
+        return not_negative(name, given[name], 'standard deviation', unit)
+
+    model = stddev('model_error_stddev', '-')
+    return Uncertainty(
+        tension=stddev('tension_stddev', 'N'),
+        displacement=stddev('displacement_stddev', 'm'),
+        youngs_modulus=stddev('material.youngs_modulus_stddev', '-'),
+        poisson_ratio=stddev('material.poisson_ratio_stddev', '-'),
+        offset=stddev('tendons.offset_stddev', 'm'),
+        # An error of the curvature, constant along the arm, that moves the tip by d turns it by
+        # 2 d / length.
+        model_position=model * arm.length,
+        model_rotation=2.0 * model,
+    )
 
 
 def _material(given: Values) -> Material:

@@ -73,7 +73,7 @@ class LiveParameters(Generic[Prepared]):
             if value is not None
         }
         try:
-            _check_types(values, self._table)
+            _refuse_integers(values, self._table)
             self._candidate = values, self._prepare(values)
         except OctoArmError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -104,7 +104,7 @@ def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
         for name, parameter in overrides.items()
         if not is_of_every_node(name)
     }
-    _check_types(given, table)
+    _refuse_integers(given, table)
     values = []
     for parameter in table:
         descriptor = ParameterDescriptor(
@@ -158,28 +158,21 @@ def _type_empty_lists(
     ]
 
 
-def _check_types(given: Mapping[str, Any], table: Sequence[Parameter]) -> None:
-    """Check values against the declared types before rclpy does, with a clearer message.
+def _refuse_integers(given: Mapping[str, Any], table: Sequence[Parameter]) -> None:
+    """Refuse integers where ROS needs doubles, before rclpy does, and say what to write.
 
     Raises:
-        ConfigError: if a value is of another type than its parameter, or an integer is given where
-            ROS needs a double.
+        ConfigError: if there is one.
     """
     for parameter in table:
-        if parameter.name in given:
-            _explain_integers(parameter, given[parameter.name])
-            parameter.convert(given[parameter.name])
-
-
-def _explain_integers(parameter: Parameter, value: Any) -> None:
-    """Refuse integers where ROS needs doubles, and say what to write."""
-    if parameter.kind is not float:
-        return
-    elements = value if hasattr(value, '__len__') and not isinstance(value, str) else [value]
-    if any(isinstance(element, int) and not isinstance(element, bool) for element in elements):
-        meant = ', '.join(str(float(element)) for element in elements)
-        meant = f'[{meant}]' if parameter.is_array else meant
-        raise ConfigError(
-            f'{parameter.name} is an integer, expected {parameter.type_name}: ROS keeps the two '
-            f'apart, write {meant}'
-        )
+        if parameter.kind is not float or parameter.name not in given:
+            continue
+        value = given[parameter.name]
+        elements = value if hasattr(value, '__len__') and not isinstance(value, str) else [value]
+        if any(isinstance(one, int) and not isinstance(one, bool) for one in elements):
+            meant = ', '.join(str(float(one)) for one in elements)
+            meant = f'[{meant}]' if parameter.is_array else meant
+            raise ConfigError(
+                f'{parameter.name} is an integer, expected {parameter.type_name}: ROS keeps the '
+                f'two apart, write {meant}'
+            )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES, SOFT_L1, Problem
+from octo_arm_model.experiment.fitting.least_squares.fit import Problem
 
 AUTO = 'auto'
 # A robust loss is taken where its misfit at held-back loads is below this part of the plain one's.
@@ -77,13 +77,6 @@ def better(tried: Sequence[HeldBackFit]) -> HeldBackFit:
         return first
     best = min(others, key=lambda one: one.held_back, default=first)
     return best if best.held_back < _CLEARLY * first.held_back else first
-
-
-def losses_of(loss: str, folds: Sequence[Sequence[int]]) -> tuple[str, ...]:
-    """Losses to try for ``loss``; where nothing can be held back the robust one."""
-    if loss != AUTO:
-        return (loss,)
-    return LOSSES if folds else (SOFT_L1,)
 
 
 def misfit_of(away: Sequence[FloatArray], length: float) -> Misfit:

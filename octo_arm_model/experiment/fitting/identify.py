@@ -17,7 +17,12 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting import held_back, model_error
 from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, misfit_of
 from octo_arm_model.experiment.fitting.identification import Identification
-from octo_arm_model.experiment.fitting.least_squares.fit import Problem, fit_alignment
+from octo_arm_model.experiment.fitting.least_squares.fit import (
+    LOSSES,
+    SOFT_L1,
+    Problem,
+    fit_alignment,
+)
 from octo_arm_model.experiment.fitting.loads import folds_of, loaded, steps_by_load
 from octo_arm_model.experiment.fitting.notes import notes_on
 from octo_arm_model.experiment.fitting.uncertainty import (
@@ -95,7 +100,10 @@ class _Fit:
         self._readings = Readings.of(shapes)
         self._loads = steps_by_load(self._readings.tensions)
         self._folds = folds_of(self._loads)
-        self._loss, self._losses = loss, held_back.losses_of(loss, self._folds)
+        self._loss = loss
+        self._losses: tuple[str, ...] = (loss,)
+        if loss == AUTO:  # where nothing can be held back the robust one
+            self._losses = LOSSES if self._folds else (SOFT_L1,)
         if alignment is None:
             alignment = Alignment.none()
             if 'alignment' in fits:

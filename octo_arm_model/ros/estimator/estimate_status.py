@@ -50,24 +50,16 @@ class EstimateStatus:
         """Note that the estimate begins anew because of the stamps of ``topic``."""
         self._run_back[topic] = self._run_back.get(topic, 0) + 1
 
-    def _of_stamps(self) -> list[str]:
-        """Stamps that have run back since the last time."""
-        run_back, self._run_back = self._run_back, {}
-        return [
-            f'stamps of {topic} ran back, it began anew {count} time(s)'
-            for topic, count in sorted(run_back.items())
-        ]
-
-    def _useless(self) -> list[str]:
-        """That none of the measurements since the last time could be used, where it is so."""
-        is_so, count = self._unused and not self._used, self._unused
-        self._used = self._unused = 0
-        return [f'none of {count} measurements could be used: {self._reason}'] if is_so else []
-
     def report(self, idle: str) -> DiagnosticStatus:
         """The status now, of a node that is ``idle`` in some state, or of one that is not."""
         tracker, config, tracked = self._tracker, self._config, self._tracked
-        problems = self._of_stamps() + self._useless()
+        problems = [
+            f'stamps of {topic} ran back, it began anew {count} time(s)'
+            for topic, count in sorted(self._run_back.items())
+        ]
+        if self._unused and not self._used:
+            problems.append(f'none of {self._unused} measurements could be used: {self._reason}')
+        self._run_back, self._used, self._unused = {}, 0, 0
         if tracker is None or config is None or tracked is None:
             problem = idle or '; '.join(problems)
             return make_status('estimate', DiagnosticStatus.WARN, problem, 'waiting', {})

@@ -128,19 +128,9 @@ class Diagnostics:
             self._refusals.count(topic, in_short(error))
 
     def _report(self) -> None:
-        name = self._node.get_fully_qualified_name()
-        parts = (
-            self._solver(),
-            self._input(),
-            self._output(),
-            *(part(self._idle) for part in self.parts),
-        )
-        message = DiagnosticArray(status=list(parts))
-        for status in message.status:
-            status.name = f'{name.lstrip("/")}: {status.name}'
-            status.hardware_id = name
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        more = (part(self._idle) for part in self.parts)
+        statuses = self._solver(), self._input(), self._output(), *more
+        self._publisher.publish(diagnostics_message(self._node, *statuses))
         self._lately.clear()
         self._topics, self._received, self._busy = {}, 0, 0.0
 
@@ -214,6 +204,17 @@ class Diagnostics:
             'answered': self._totals['answered'],
             'skipped': self._totals['skipped'],
         })  # fmt: skip
+
+
+def diagnostics_message(node: Node, *statuses: DiagnosticStatus) -> DiagnosticArray:
+    """The ``statuses`` as those of ``node``, whose name is put before theirs."""
+    name = node.get_fully_qualified_name()
+    for status in statuses:
+        status.name = f'{name.lstrip("/")}: {status.name}'
+        status.hardware_id = name
+    message = DiagnosticArray(status=list(statuses))
+    message.header.stamp = node.get_clock().now().to_msg()
+    return message
 
 
 def make_status(

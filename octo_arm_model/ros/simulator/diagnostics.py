@@ -43,10 +43,9 @@ class SimulatorDiagnostics:
         """Publish the counts since the last time; ``source`` is what the simulator follows."""
         lately = {name: self.counts[name] - self._reported[name] for name in self.counts}
         self._reported = dict(self.counts)
-        name, refused = self._node.get_fully_qualified_name(), lately['refused']
+        refused, level = lately['refused'], DiagnosticStatus.WARN
         problem = f'{refused} refused: {self._reason}' if refused else ''
-        level, title = DiagnosticStatus.WARN, f'{name.lstrip("/")}: simulator'
-        status = diagnostics.make_status(title, level, problem, f'following {source}', {
+        status = diagnostics.make_status('simulator', level, problem, f'following {source}', {
             'source': source,
             'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
             'refused': self.counts['refused'],
@@ -54,7 +53,4 @@ class SimulatorDiagnostics:
             'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
             'readings lost': self.counts['lost'],
         })  # fmt: skip
-        status.hardware_id = name
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        self._publisher.publish(diagnostics.diagnostics_message(self._node, status))

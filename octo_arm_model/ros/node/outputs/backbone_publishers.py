@@ -64,10 +64,7 @@ class BackbonePublishers:
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
         kind = frames_class(node)
         self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
-        self._writer: BackboneWriter | None = None
-        self._profiles_writer: TensionProfilesWriter | None = None
-        self._frames: FramesWriter | None = None
-        self._solver: Solver | None = None
+        self._solver: Solver | None = None  # until `describe`, as all writers
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
         """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
@@ -117,25 +114,23 @@ class BackbonePublishers:
 
         ``covariance`` (6, 6) is that of the tip; ``more`` makes a message of further markers.
         """
-        assert self._writer is not None and self._solver is not None
+        assert self._solver is not None
         writer = self._writer
         # Published before the next one is serialised, for the least latency of each.
         for publisher, data in zip(self._publishers, writer.all(backbone, covariance, *stamp)):
             publisher.publish(data)
         if self._transforms is not None:
-            assert self._frames is not None
             self._transforms.publish(self._frames.write(backbone, *stamp))
         if self._lengths.get_subscription_count():
             lengths = self._solver.tendon_lengths(backbone)
             self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if self._profiles.get_subscription_count():
-            assert self._profiles_writer is not None
             self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
         self._drawing.publish(backbone, stamp, more)
 
     def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""
-        if self._writer is not None and self._estimates.get_subscription_count():
+        if self._estimates.get_subscription_count():
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
 
 
