@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from octo_arm_model import (
     Arm,
     Backbone,
+    Body,
     Config,
     DistributedLoad,
     Loads,
@@ -27,6 +28,7 @@ from octo_arm_model import (
     PointLoad,
     Pose,
     ProfiledBody,
+    Section,
     SolveError,
     Solver,
     Table,
@@ -731,6 +733,20 @@ def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it(
     for part in np.linspace(1.0, 1.1, 40):
         solver.solve(part * tensions, start=last)
     assert settle.__self__.known_about(last.shape) is not None
+
+
+def test_elements_that_turn_far_are_cut_however_even_their_twist() -> None:
+    arm = Arm(Material(1e5), Body(0.3, 0.003, 0.003), (Section(0.3, 0.0028, 0.0028),))
+    tensions, wrench = [[0.4, 0.0, 0.0, 0.0]], [0.0, 0.0, 1e-12, 0.0, 0.0, 0.0]
+    plain, quick = (
+        Solver(arm, 'exact', 21, compiled=compiled).solve(tensions, tip_wrench=wrench)
+        for compiled in (False, True)
+    )
+    unloaded = Solver(arm, 'exact', 1601).solve(tensions)
+    assert plain.shape is not None and quick.shape is not None
+    assert plain.shape.twist.shape == quick.shape.twist.shape
+    np.testing.assert_allclose(quick.position, plain.position, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(quick.position, unloaded.position[::80], rtol=0.0, atol=6e-8)
 
 
 def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:
