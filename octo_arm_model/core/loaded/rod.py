@@ -46,7 +46,7 @@ RESOLVED = 1e-4
 # Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
 STRAIGHT = 1e-3
 # And where none turns by more than this [rad], however even its twist: what is interpolated and
-# integrated within is the direction of the midline, to 2e-7 of the length of four such elements.
+# integrated within is the direction of the midline: to 4e-7 of the length, by four such elements.
 MOST_TURN = 4.0
 # `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
