@@ -17,7 +17,7 @@ from octo_arm_model.bags.store.metadata import check_folder
 from octo_arm_model.bags.store.records import Key, Record, count_messages, counts_of, stamp_of
 from octo_arm_model.bags.store.storages import BoundedReader, CheckedSqlite3Reader
 from octo_arm_model.bags.store.types import numeric_fields, types_for
-from octo_arm_model.core.errors import BagError, OctoArmError, listed
+from octo_arm_model.core.errors import BagError, OctoArmError, listed, shown
 from octo_arm_model.wire.stamp import Stamp
 
 T = TypeVar('T')
@@ -76,6 +76,9 @@ class BagReader:
         self._connections = list(self._reader.connections)
         types: dict[str, set[str]] = {}
         for connection in self._connections:
+            for name in (connection.topic, connection.msgtype):
+                if not name.isprintable():
+                    raise ValueError(f'{shown(name)} names a topic or a type')
             types.setdefault(connection.topic, set()).add(connection.msgtype)
         self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
         said = count_messages(self._connections)

@@ -9,6 +9,13 @@ _LISTED = 20  # names in a message
 _LONGEST = 300  # characters of a message of `in_short`
 
 
+def printable(text: str) -> str:
+    """``text`` on one line: control characters in it, which a terminal would obey, are spaces."""
+    if text.isprintable():
+        return text
+    return ''.join(one if one.isprintable() else ' ' for one in text)
+
+
 def shown(value: object) -> str:
     """``value`` on one line for a message, cut after `_SHOWN` characters."""
     text = ' '.join(repr(value).splitlines())
@@ -147,9 +154,9 @@ class ContinuationError(ConvergenceError):
 
 
 def in_short(error: Exception) -> str:
-    """Message of ``error``, its middle left out where it is longer than `_LONGEST`."""
+    """Message of ``error`` on one line, its middle left out where it is longer than `_LONGEST`."""
     text = str(error)
-    if len(text) <= _LONGEST:
-        return text
-    half = (_LONGEST - 5) // 2
-    return f'{text[:half]} ... {text[-half:]}'
+    if len(text) > _LONGEST:
+        half = (_LONGEST - 5) // 2
+        text = f'{text[:half]} ... {text[-half:]}'
+    return printable(text)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
+import importlib.machinery
 import re
 from typing import Any
 
@@ -50,18 +50,25 @@ def message_class(type_name: str) -> Any:
     Raises:
         ConfigError: if it is not installed.
     """
-    match = _TYPE.fullmatch(type_name)
-    module = None
-    if match is not None:
-        with contextlib.suppress(ModuleNotFoundError):
-            module = importlib.import_module(f'{match[1]}.msg')
-    found = getattr(module, match[2], None) if match is not None else None
+    match, found = _TYPE.fullmatch(type_name), None
+    if match is not None and _has_messages(match[1]):
+        module = importlib.import_module(f'{match[1]}.msg')
+        found = getattr(module, match[2], None)
     if not hasattr(found, 'get_fields_and_field_types'):
         raise ConfigError(
             f'no messages of type {shown(type_name)} are installed, expected one such as '
             'sensor_msgs/msg/JointState'
         )
     return found
+
+
+def _has_messages(package: str) -> bool:
+    """Whether a Python ``package`` has a subpackage msg: nothing of it is run to know that."""
+    spec = importlib.machinery.PathFinder.find_spec(package)
+    folders = None if spec is None else spec.submodule_search_locations
+    if folders is None:
+        return False
+    return importlib.machinery.PathFinder.find_spec(f'{package}.msg', folders) is not None
 
 
 def wrench_values(message: Wrench) -> FloatArray:

@@ -16,7 +16,6 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError, listed, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_NAME
 
 NONE = '-'
 MAX_VALUES = 100_000  # of one message
@@ -91,7 +90,7 @@ def tensions_by_names(
         places |= {name: n for n, name in enumerate(names)}
         for name, count in Counter(names).items():
             if count > 1 and name in wanted:
-                raise TensionError(f'named more than once: {name[:MAX_NAME]}')
+                raise TensionError(f'named more than once: {listed([name])}')
     tensions = np.zeros(len(arm.tendons))
     for tendon, name in enumerate(wanted):
         if name == NONE:

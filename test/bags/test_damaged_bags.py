@@ -405,6 +405,11 @@ def test_what_a_parser_complains_of_is_cut(tmp_path: Path) -> None:
     assert len(problem) < 1000
 
 
+def test_a_topic_that_a_terminal_would_obey_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / 'bag', [text_sample('/a\x1b[2J', 'text')])
+    assert "'/a\\x1b[2J' names a topic" in problem_of(path)
+
+
 def test_custom_data_are_as_they_are_written(tmp_path: Path) -> None:
     path = bag(tmp_path / 'bag')
     text = (path / 'metadata.yaml').read_text()

@@ -8,10 +8,10 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from backbone_messages import assert_hold
 from builtin_interfaces.msg import Time
 
-from octo_arm_model import Solver, load_config
+from octo_arm_model import ConfigError, Solver, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.messages import backbone_messages
+from octo_arm_model.ros.messages import backbone_messages, message_class
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 ARM = CONFIG.arm
@@ -24,3 +24,17 @@ def test_messages_carry_the_backbone_unchanged():
     headers = [message.header for message in (path, poses, strains, *path.poses)]
     assert all(header.stamp == stamp and header.frame_id == 'somewhere' for header in headers)
     assert_hold(path, poses, strains, backbone)
+
+
+@pytest.mark.parametrize('inside', ['__init__.py', 'other/__init__.py'])
+def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monkeypatch, inside):
+    # Type names come from parameters, which whoever is on the network may set.
+    for name in {'__init__.py', inside}:
+        path = tmp_path / 'octo_arm_loud' / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text('raise SystemExit("was run")')
+    monkeypatch.syspath_prepend(tmp_path)
+    for type_name in ('octo_arm_loud/msg/Any', 'octo_arm_absent/msg/Any', 'sensor_msgs/msg/Any'):
+        with pytest.raises(ConfigError, match='no messages of type'):
+            message_class(type_name)
+    assert message_class('sensor_msgs/msg/JointState').__name__ == 'JointState'

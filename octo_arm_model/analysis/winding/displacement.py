@@ -29,6 +29,7 @@ from octo_arm_model.core.errors import (
     ContinuationError,
     SolveError,
     TensionError,
+    listed,
     shown,
 )
 from octo_arm_model.core.rod.backbone import Backbone
@@ -91,8 +92,8 @@ def check_displacements(
     names = frozenset(arm.tendon_names)
     for name in [*displacements, *tensions]:
         if name not in names:
-            known = ', '.join(arm.tendon_names)
-            raise TensionError(f'unknown tendon {name}; this arm has {known}')
+            known = listed(arm.tendon_names)
+            raise TensionError(f'unknown tendon {listed([name])}; this arm has {known}')
     for name, value in displacements.items():
         if name in tensions:
             raise TensionError(f'tendon {name} has both a displacement and a tension')

@@ -45,6 +45,9 @@ from octo_arm_model.core.section.strain_measures import (
 RESOLVED = 1e-4
 # Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
 STRAIGHT = 1e-3
+# And where none turns by more than this [rad], however even its twist: what is interpolated and
+# integrated within is the direction of the midline: to 4e-7 of the length, by four such elements.
+MOST_TURN = 4.0
 # `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
@@ -247,7 +250,9 @@ class LoadedRod:
         """Whether elements are fine enough for each ``twist`` (n, batch, points), (batch,)."""
         size = np.abs(twist).max(axis=-1)
         size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
-        return (self._tail(twist) <= RESOLVED * size).all(axis=0)
+        turn = np.sqrt(np.add.reduce(twist[:3] ** 2)) * self._own.steps
+        smooth = (self._tail(twist) <= RESOLVED * size).all(axis=0)
+        return np.asarray(smooth & (turn <= MOST_TURN).all(axis=-1))
 
     def _tail(self, values: FloatArray) -> FloatArray:
         """Largest of the last Legendre coefficients of ``values`` (n, arms, points), (n, arms)."""

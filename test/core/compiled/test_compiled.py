@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from octo_arm_model import (
     Arm,
     Backbone,
+    Body,
     Config,
     DistributedLoad,
     Loads,
@@ -27,6 +28,7 @@ from octo_arm_model import (
     PointLoad,
     Pose,
     ProfiledBody,
+    Section,
     SolveError,
     Solver,
     Table,

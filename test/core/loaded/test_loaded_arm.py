@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import reference_exact as reference
+from differences import jacobian
 from helical_arm import CONE, HELICAL, RUBBER
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
@@ -827,3 +828,26 @@ def test_the_arm_of_table_4_finds_its_balance_under_its_weight(
     loads = Loads(gravity=GRAVITY, fluid_density=fluid)
     solver = Solver(with_density(table4.arm), 'exact', 101, material=law, loads=loads)
     assert_all_balance(solver, family)
+
+
+# An arm that coils ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('turns', [1, 2, 5])
+def test_a_slender_arm_that_coils_is_resolved_however_even_its_curvature(turns: int) -> None:
+    # Its twist is that of a circle, which a single point would resolve; its midline is not.
+    tensions = np.array([[16.0 * turns, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    solver, step = Solver(ROD, 'exact', 41), 1e-4 * tensions[0, 0]
+    unloaded = Solver(ROD, 'exact', 1601)
+    coiled = unloaded.solve(tensions)
+    found = solver.solve(tensions, tip_wrench=[0.0, 0.0, 1e-12, 0.0, 0.0, 0.0])
+    turned = np.sum(np.diff(coiled.s) * np.hypot(coiled.xi, coiled.k)[1:])
+    assert turned > 0.9 * math.tau * turns
+    error = np.abs(found.position - coiled.position[::40]).max()
+    assert error < 2e-7 * ROD.length
+    expected = jacobian(
+        lambda first: unloaded.solve([[first[0], 0.0, 0.0], [0.0, 0.0, 0.0]]).tip,
+        [tensions[0, 0]], step,
+    )  # fmt: skip
+    by_tension = solver.sensitivity(solver.solve(tensions)).by_tension.pose[-1, :3, :1]
+    np.testing.assert_allclose(by_tension, expected, rtol=0.0, atol=2e-5 * abs(expected).max())

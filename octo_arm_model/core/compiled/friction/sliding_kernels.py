@@ -218,8 +218,7 @@ def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None
 
 def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
     """Whether points resolve ``twist`` and `resolves_tensions`, as `LoadedRod.resolves_twist`."""
-    length = tables.step.sum()
-    return resolves_tensions(tables, pulled) and resolves_twist(tables.tail, length, twist)
+    return resolves_tensions(tables, pulled) and resolves_twist(tables.tail, tables.step, twist)
 
 
 def find_sliding_shapes(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.rod import RESOLVED, STRAIGHT
+from octo_arm_model.core.loaded.rod import MOST_TURN, RESOLVED, STRAIGHT
 
 
 def largest_tail(tail: FloatArray, values: FloatArray) -> float:
@@ -23,12 +25,17 @@ def largest_tail(tail: FloatArray, values: FloatArray) -> float:
     return largest
 
 
-def resolves_twist(tail: FloatArray, length: float, twist: FloatArray) -> bool:
-    """Whether elements of an arm of this ``length`` [m] resolve a ``twist`` (4, points)."""
+def resolves_twist(tail: FloatArray, step: FloatArray, twist: FloatArray) -> bool:
+    """Whether elements of these lengths ``step`` [m] resolve a ``twist`` (4, points)."""
+    each = tail.shape[1]
+    for point in range(twist.shape[1]):
+        rate = math.sqrt(twist[0, point] ** 2 + twist[1, point] ** 2 + twist[2, point] ** 2)
+        if not rate * step[point // each] <= MOST_TURN:
+            return False
     size = np.empty(4)
     for k in range(4):
         size[k] = np.abs(twist[k]).max()
-    angular = max(size[0], size[1], size[2], STRAIGHT / length)
+    angular = max(size[0], size[1], size[2], STRAIGHT / step.sum())
     for k in range(4):
         # False for NaN.
         if not largest_tail(tail, twist[k]) <= RESOLVED * (angular if k < 3 else size[3]):

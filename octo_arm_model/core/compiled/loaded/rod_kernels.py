@@ -210,7 +210,7 @@ def search(
     if (
         wanted != BALANCE and corrected <= MOST_CORRECTED
         and (is_least or (sign > 0 and not has_energy))
-        and (wanted == ANY_READINGS or resolves_twist(tables.tail, tables.length, state.twist))
+        and (wanted == ANY_READINGS or resolves_twist(tables.tail, tables.step, state.twist))
         and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
