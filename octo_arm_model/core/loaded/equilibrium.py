@@ -125,7 +125,10 @@ class Equilibrium:
                 gradient = gradient_by_twist(energy, batch, local_tensions)
             gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
         rotation = orientation.matrix()
-        tangent = np.einsum('ik...,k...->i...', rotation[:, : len(twist) - 3], twist[3:])
+        if len(twist) == 4:
+            tangent = rotation[:, 0] * twist[3]
+        else:
+            tangent = np.einsum('ik...,k...->i...', rotation, twist[3:])
         both = self._resultants(condition, orientation).copy()
         moment, force = both
         moment += self.collocation.integrate_from_tip(cross(tangent, force))
@@ -176,8 +179,9 @@ class Equilibrium:
 
     def linearised(self, state: State, damping: float = 0.0) -> System:
         """The linear system about ``state``, for cross sections stiffer by ``damping``."""
+        hessian = self.hessian(state)
         linear = Linearised(
-            self.collocation, self.hessian(state) * (1.0 + damping), state.rotation,
+            self.collocation, hessian * (1.0 + damping) if damping else hessian, state.rotation,
             state.tangent, state.moment, state.force, self._unit,
         )  # fmt: skip
         factor = state.condition.factor

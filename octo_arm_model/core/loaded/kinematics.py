@@ -50,9 +50,7 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
     system = blocks.reshape(-1, 2 * points, 2 * points)
     diagonal = system.reshape(len(system), -1)[:, :: 2 * points + 1]
     diagonal += 1.0
-    right = np.empty((len(system), *start.shape))
-    right[:] = start
-    within = np.linalg.solve(system, right).swapaxes(1, 2).reshape(*lead, elements, 2, -1)
+    within = np.linalg.solve(system, start).swapaxes(1, 2).reshape(*lead, elements, 2, -1)
     # At the starts of all elements, as products of two, of four, and so on.
     chain = np.empty((*lead, elements, 2, 2), np.complex128)
     chain[..., 0, :, :] = base
@@ -70,10 +68,11 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
 
 
 @functools.cache
-def _tables(points: int) -> tuple[ComplexArray, FloatArray]:
-    """Integrals from the start of an element, (points, 1, points), and M there, (2 points, 2)."""
+def _tables(points: int) -> tuple[ComplexArray, ComplexArray]:
+    """Integrals from the start of an element, (points, 1, points), and M there, (1, 2 points, 2)."""
     from_start = gauss_rule(points).from_start[:, np.newaxis].astype(np.complex128)
-    return from_start, np.repeat(np.eye(2), points, axis=0)
+    start = np.repeat(np.eye(2, dtype=np.complex128), points, axis=0)
+    return from_start, start[np.newaxis]
 
 
 def unit(orientation: Quaternions) -> Quaternions:

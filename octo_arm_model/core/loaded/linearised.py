@@ -105,6 +105,7 @@ class Linearised:
             ConvergenceError: if the system is singular.
         """
         self._collocation, self._unit = collocation, unit
+        self._weights = collocation.rule.weights / unit
         # From here on by arm and point of it, for one arm too.
         by_arm = -1, collocation.s.size
         hessian = hessian.reshape(*hessian.shape[:2], *by_arm)
@@ -213,12 +214,12 @@ class Linearised:
         ends = right[:, 3:-3].reshape(arms, elements, 6, columns)
         np.matmul(self._to_ends, bends, out=ends)
         moment = ends[:, :, 3:]
-        moment += (carried @ (rule.weights / self._unit)).transpose(2, 3, 0, 1)
+        moment += (carried @ self._weights).transpose(2, 3, 0, 1)
         band = self._band.reshape(-1, 3 * _BAND + 1).T
         pivots = (self._pivots + _first_rows(*self._pivots.shape)).ravel()
         found, _ = dgbtrs(band, _BAND, _BAND, right.reshape(-1, columns), pivots)
         changes = found.reshape(arms, elements + 1, 6, columns)
-        bends += self._bends @ np.concatenate([changes[:, :-1, :3], changes[:, 1:, 3:]], axis=2)
+        bends += self._bends @ found.reshape(arms, -1, columns).take(_ends(elements), axis=1)
         moved: FloatArray = np.empty(by_point)
         moved[1] = bends.reshape(arms, elements, 3, -1, columns).transpose(2, 4, 0, 1, 3)
         turn = np.matmul(moved[1], rule.from_start.T, out=moved[0])
@@ -245,6 +246,13 @@ class Linearised:
 def _first_rows(arms: int, size: int) -> IntArray:
     """The first of the ``size`` rows of each arm in the system of all, (arms, 1)."""
     return np.arange(0, arms * size, size)[:, np.newaxis]
+
+
+@functools.cache
+def _ends(elements: int) -> IntArray:
+    """Unknowns of an arm that are Phi at the first and d m at the last end of each element."""
+    own = np.array([0, 1, 2, 9, 10, 11])
+    return own + 6 * np.arange(elements)[:, np.newaxis]
 
 
 @functools.cache

@@ -171,7 +171,7 @@ def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
         system, turned = problem.linearised(state), 0.0
     step = newton_step(problem, system, state)
     # Newton's method leaves about the square of a residual; what is not near is linearised next.
-    is_far = now.is_known or bool(np.max(state.residual) ** 2 > NEAR)
+    is_far = now.is_known or float(state.residual.max()) ** 2 > NEAR
     new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
     turn = problem.turn(step)
     corrected = now.corrected + (0.0 if now.is_first else turn)
@@ -208,8 +208,8 @@ def _groups(
     groups = []
     for verdict in set(verdicts):
         now, these = _next(before, after, verdict), arms
-        chosen = np.array([number for number, one in enumerate(verdicts) if one == verdict])
-        if chosen.size < len(verdicts):
+        if verdicts.count(verdict) < len(verdicts):
+            chosen = np.array([number for number, one in enumerate(verdicts) if one == verdict])
             now, these = now.of(chosen), arms[chosen]
         groups.append((verdict, these, now))
     return groups

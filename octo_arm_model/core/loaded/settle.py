@@ -124,13 +124,14 @@ class Settling:
             is_stable = (found.corrected <= MOST_CORRECTED) & self._are_stable(state, system)
             strain = to_scaled(energy.law, twist)
             is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
-            for number in np.flatnonzero(is_stable & ~is_read).tolist():
+            for number in np.flatnonzero(is_stable > is_read).tolist():
                 outcomes[number] = shapes[number]
             numbers = np.flatnonzero(is_read)
             if numbers.size:
-                part = state if numbers.size == len(shapes) else state.of(numbers)
-                local_tensions = energy.local_tensions(part.condition.tensions)
-                energy.check_tendons(strain[:, numbers], local_tensions)
+                part = state
+                if numbers.size < len(shapes):
+                    part, strain = state.of(numbers), strain[:, numbers]
+                energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
                 read = rod.read_out(part)
                 for i, number in enumerate(numbers.tolist()):
                     outcomes[number] = Solution(
@@ -163,10 +164,8 @@ class Settling:
         Where loads have no energy the sign of the determinant is all that is known.
         """
         problem = self._rod.equilibrium
-        has_energy = np.array(
-            [problem.loads.has_energy(wrench) for wrench in state.condition.tip_wrench]
-        )
+        has_energy = [problem.loads.has_energy(wrench) for wrench in state.condition.tip_wrench]
         least = are_least(system, problem.collocation.rule.weights)
-        if has_energy.all():
+        if all(has_energy):
             return least
         return np.where(has_energy, least, system.signs == problem.unloaded_sign)

@@ -88,7 +88,7 @@ def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
     """
     ends, axial = system.ends, system.axial
     arms, elements = ends.shape[:2]
-    is_stretched = (np.einsum('kkan->kan', axial) > 0.0).all(axis=(0, 2))
+    is_stretched = (axial.diagonal() > 0.0).all(axis=(1, 2))
     # The rows of an element are those of the form over the weights of their points.
     by_row = system.matrix.reshape(arms, elements, 3, weights.size, -1)
     are_free = are_definite((by_row * weights[:, np.newaxis]).reshape(system.matrix.shape))
@@ -100,11 +100,12 @@ def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
     by_first, by_last = _ONE + ends[..., :3, :3], _ONE + ends[..., 3:, 3:]
     before = by_last @ stiffness
     at_first = before @ by_first - ends[..., 3:, :3]
-    form = np.zeros((arms, elements, 3, elements, 3))
-    _diagonal(form)[:] = stiffness
-    _diagonal(form[:, :-1, :, :-1])[:] += at_first[:, 1:]
-    _diagonal(form[:, :-1, :, 1:])[:] = -before[:, 1:]
-    _diagonal(form[:, 1:, :, :-1])[:] = -(stiffness @ by_first)[:, 1:]
+    # Of its symmetric part, which is asked for alone, the blocks on the diagonal and below.
+    form, own = np.zeros((arms, elements, 3, elements, 3)), stiffness.copy()
+    own[:, :-1] += at_first[:, 1:]
+    _diagonal(form)[:] = own
+    below = before.swapaxes(-1, -2) + stiffness @ by_first
+    _diagonal(form[:, 1:, :, :-1])[:] = -below[:, 1:]
     are_held = are_definite(form.reshape(arms, 3 * elements, -1))
     return np.asarray(is_stretched & are_free & are_held)
 

@@ -102,13 +102,13 @@ class UnloadedExact:
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
         count, panels = len(tensions), len(self.panels)
-        found_by_panel = np.empty((energy.strains * count, panels, self._from_points.shape[-1]))
-        by_panel = coarse.reshape(-1, panels, self._each)
-        np.matmul(by_panel.swapaxes(0, 1), self._from_points, out=found_by_panel.swapaxes(0, 1))
-        twist = found_by_panel.reshape(energy.strains, count, -1).take(self._columns, axis=-1)
+        by_panel = coarse.reshape(-1, panels, self._each).swapaxes(0, 1)
+        interpolated = np.empty((energy.strains * count, panels, self._from_points.shape[-1]))
+        np.matmul(by_panel, self._from_points, out=interpolated.swapaxes(0, 1))
+        twist = interpolated.reshape(energy.strains, count, -1).take(self._columns, axis=-1)
         twist[3] += 1.0
         residual, iterations = found.residual, np.full(count, found.iterations)
-        tail = np.abs(found_by_panel[..., -3:-1]).reshape(energy.strains, count, panels, 2)
+        tail = np.abs(interpolated[..., -3:-1]).reshape(energy.strains, count, panels, 2)
         size = np.abs(coarse).max(axis=2)
         size[:3] = size[:3].max(axis=0)
         unresolved = (tail > RESOLVED * size[:, :, np.newaxis, np.newaxis]).any(axis=(0, 3))

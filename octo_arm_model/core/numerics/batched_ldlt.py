@@ -43,6 +43,8 @@ def substitute(factors: FloatArray, right: FloatArray) -> FloatArray:
 def invert(factors: FloatArray) -> FloatArray:
     """Inverse (n, n, ...) of factorised matrices."""
     count = len(factors)
+    if count == 1:
+        return 1.0 / factors
     identity = np.zeros((count, *factors.shape[1:]))
     for j in range(count):
         identity[j, j] = 1.0

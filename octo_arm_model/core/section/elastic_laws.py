@@ -44,6 +44,9 @@ class Law(Protocol):
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
 
+    def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The first derivatives alone, the first two of `density`."""
+
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Radius over reference radius at lambda = ``stretch``, and its first two derivatives."""
 
@@ -54,21 +57,32 @@ def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Numbe
     return stretch - 1.0, zero + 0.125, zero + 1.0, zero, zero
 
 
+def neo_hookean_slopes(
+    stretch: Number, bend: Number
+) -> tuple[Number, Number, Number, Number, Number, Number]:
+    """First two of `Density` of the law neo_hookean, of numbers or arrays, and parts of them.
+
+    The latter are w, 1 / (lambda + w), 1 / w and their product over 3.
+    """
+    # The root of lambda^2 - z; NaN where a fibre has no length left.
+    w = np.sqrt(stretch * np.abs(stretch) - bend)
+    total, over_w = stretch + w, 1.0 / w
+    over = 1.0 / total
+    third = over_w * over * (1.0 / 3.0)
+    by_stretch, by_bend = stretch * (1.0 / 3.0) - (third + third), third * over + 1.0 / 24.0
+    return by_stretch, by_bend, w, over, over_w, third
+
+
 def neo_hookean_density(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
     """`Density` of the law neo_hookean, of numbers or arrays."""
-    # The root of lambda^2 - z; NaN where a fibre has no length left.
-    w = np.sqrt(stretch * np.abs(stretch) - bend)
-    total = stretch + w
-    over, over_w = 1.0 / total, 1.0 / w
-    third = over_w * over * (1.0 / 3.0)
+    by_stretch, by_bend, w, over, over_w, third = neo_hookean_slopes(stretch, bend)
     square = over_w * over_w
-    mixed = square * over * third
-    twice = total + w
+    mixed, twice = square * over * third, stretch + w + w
     return (
-        stretch * (1.0 / 3.0) - (third + third),
-        third * over + 1.0 / 24.0,
+        by_stretch,
+        by_bend,
         square * over_w * (2.0 / 3.0) + 1.0 / 3.0,
         -twice * mixed,
         (twice + w) * over * mixed * 0.5,
@@ -92,6 +106,10 @@ class LinearElastic:
         """Derivatives at lambda = ``stretch`` and z = ``bend``; J = A R^2 / 4."""
         return Density(*linear_density(stretch, bend))
 
+    def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The first two of these."""
+        return linear_density(stretch, bend)[:2]
+
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """No widening: 1, and zero derivatives."""
         zero = np.zeros_like(stretch)
@@ -110,6 +128,10 @@ class NeoHookean:
     def density(self, stretch: FloatArray, bend: FloatArray) -> Density:
         """Derivatives at lambda = ``stretch`` and z = ``bend``."""
         return Density(*neo_hookean_density(stretch, bend))
+
+    def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The first two of these."""
+        return neo_hookean_slopes(stretch, bend)[:2]
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """lambda^(-1/2) and its first two derivatives."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
-from octo_arm_model.core.section.elastic_laws import Density, Law
+from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.formulas import bending_factors, tendon_direction
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.quasi_newton import Tendons
@@ -114,7 +114,7 @@ class SectionEnergy:
         Tendons whose ``tensions`` (batch, tendons) are zero in all arms are left out; local
         tensions are (tendons under tension, batch, nodes) [N].
         """
-        pull = tensions.any(axis=0)
+        pull = np.logical_or.reduce(tensions)
         key = pull.tobytes()
         some = self._pulled.get(key)
         if some is None:
@@ -213,8 +213,8 @@ class SectionEnergy:
     ) -> FloatArray:
         """Gradient (n, batch, nodes) of the whole energy, for a `widening` and its derivative."""
         gradient = self.tendon_gradient(strain, local_tensions, width, slope)
-        f = self._density(strain)
-        self._add_stress(strain, f, self.twice * f.by_bend, gradient)
+        by_stretch, by_bend = self.law.slopes(strain[3], self._bend(strain[1:3]))
+        self._add_stress(strain, by_stretch, self.twice * by_bend, gradient)
         return gradient
 
     def tendon_gradient(
@@ -260,17 +260,19 @@ class SectionEnergy:
         self._add_material(strain, gradient, hessian)
         return gradient, hessian
 
-    def _density(self, strain: FloatArray) -> Density:
-        bending = strain[1:3]
-        return self.law.density(strain[3], np.add.reduce(bending * bending) * self.squared_radius)
+    def _bend(self, bending: FloatArray) -> FloatArray:
+        """What elastic laws call z, of two curvatures (2, batch, nodes)."""
+        bend: FloatArray = np.add.reduce(bending * bending) * self.squared_radius
+        return bend
 
     def _add_material(self, strain: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
         """Add those of the elastic energy."""
-        f, bending = self._density(strain), strain[1:3]
+        bending = strain[1:3]
+        f = self.law.density(strain[3], self._bend(bending))
         once, both, second = bending_factors(
             f.by_bend, f.by_stretch_bend, f.by_bend_bend, self.twice, self.fourth
         )
-        self._add_stress(strain, f, once, gradient)
+        self._add_stress(strain, f.by_stretch, once, gradient)
         hessian[0, 0] += self.stiffness.torsion
         hessian[1:3, 1:3] += (second * bending)[:, np.newaxis] * bending
         hessian[1, 1] += once
@@ -284,11 +286,11 @@ class SectionEnergy:
             hessian[5, 5] += self.shear_stiffness
 
     def _add_stress(
-        self, strain: FloatArray, f: Density, once: FloatArray, gradient: FloatArray
+        self, strain: FloatArray, by_stretch: FloatArray, once: FloatArray, gradient: FloatArray
     ) -> None:
         """Add the gradient of the elastic energy; ``once`` as of `bending_factors`."""
         gradient[0] += self.stiffness.torsion * strain[0]
         gradient[1:3] += once * strain[1:3]
-        gradient[3] += self.stiffness.axial * f.by_stretch
+        gradient[3] += self.stiffness.axial * by_stretch
         if self.strains == 6:
             gradient[4:] += self.shear_stiffness * strain[4:]
