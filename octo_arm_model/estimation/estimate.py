@@ -52,7 +52,9 @@ class Estimate:
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:
         """Of position [m] and rotation vector [rad] of every station, (stations, 6, 6)."""
-        root = self._at.change.pose @ self.root
+        pose = self._at.change.pose
+        # As one product: of many small ones calls take most of the time.
+        root = (pose.reshape(-1, pose.shape[-1]) @ self.root).reshape(pose.shape)
         return root @ root.transpose(0, 2, 1)
 
     @property

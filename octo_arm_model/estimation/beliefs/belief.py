@@ -81,7 +81,7 @@ def gain(root: FloatArray, jacobian: FloatArray, noise_root: FloatArray) -> Gain
     m, n = jacobian.shape
     array = np.zeros((m + n, m + n))
     array[:m, :m], array[:m, m:], array[m:, m:] = noise_root, jacobian @ root, root
-    lower = lower_root([array])
+    lower = _lower_root(array)
     innovation_root = lower[:m, :m]
     scaled = solve_lower(innovation_root, lower[m:, :m].T, is_transposed=True).T
     return Gain(scaled, innovation_root, lower[m:, m:])
@@ -110,11 +110,16 @@ def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = Fa
 
 def lower_root(blocks: list[FloatArray]) -> FloatArray:
     """Lower triangular square root of the sum of the squares of ``blocks`` (n, ...)."""
-    array = np.concatenate(blocks, axis=1)
+    return _lower_root(np.concatenate(blocks, axis=1))
+
+
+def _lower_root(array: FloatArray) -> FloatArray:
+    """`lower_root` of one ``array``, which is written to."""
     count = len(array)
-    lower: FloatArray = dgeqrf(array.T)[0][:count].T * _triangle(count)
+    lower = dgeqrf(array.T, overwrite_a=1)[0][:count].T
     # Columns of either sign are a root: make it that of Cholesky.
-    return lower * np.where(lower.diagonal() < 0.0, -1.0, 1.0)
+    signs: FloatArray = _triangle(count) * np.copysign(1.0, lower.diagonal())
+    return lower * signs
 
 
 @functools.lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dpotrf
+from scipy.linalg.lapack import dgeqrf, dposv, dpotrf
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain, solve_lower
@@ -19,7 +19,7 @@ from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradi
 from octo_arm_model.estimation.state.prediction import ArmModel
 
 _MOST_OF_MODEL = 8  # steps within a local model
-_LAST = 0.3  # step within it that is the last
+_LAST = 1.0  # step within it that is the last
 _HALVED = 5  # times that such a step is halved
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
 _MOST_BENT = 50  # halvings of what it loses
@@ -127,8 +127,11 @@ class Posterior:
 
     def step(self, local: Local, x: FloatArray) -> Step:
         """Newton's step from ``x`` to the mean by a ``local`` model."""
-        z, (m, n) = self._away(x), local.jacobian.shape
-        left, jacobian = local.about(z)
+        m, n = local.jacobian.shape
+        z, left, jacobian = local.z, local.left, local.jacobian
+        if x is not local.x:
+            z = self._away(x)
+            left, jacobian = local.about(z)
         root, change = _least_squares(jacobian, left, z)
         multiplier = left - jacobian @ solve_lower(root, change, is_transposed=True)
         # What Gauss and Newton leave out: how measurements bend.
@@ -139,7 +142,7 @@ class Posterior:
         change = _stiffened(bent, change)
         wanted = x + self._prior.root @ solve_lower(root, change, is_transposed=True)
         new, beyond = wanted, 0.0
-        if (wanted[self._model.state.tension] < 0.0).any():
+        if wanted[self._model.state.tension].min() < 0.0:
             after = solve_lower(root, self._prior.root.T).T
             new = nearest_possible(self._model, Belief(x, after), wanted)
             to_white = np.tril(root).T
@@ -175,9 +178,10 @@ def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
     one = _identity(change.size)
     # By Cholesky alone: eigenvalues take longer, and much longer where threads of LAPACK wait.
     for _ in range(_MOST_BENT):
-        if dpotrf(_BENT * one - bent, lower=1)[1] == 0:
-            root = np.ascontiguousarray(dpotrf(one - bent, lower=1)[0])
-            return solve_lower(root, solve_lower(root, change), is_transposed=True)
+        every = bent.ravel()
+        # No part is above the root of the sum of all squares.
+        if every @ every <= _BENT * _BENT or dpotrf(_BENT * one - bent, lower=1)[1] == 0:
+            return np.asarray(dposv(one - bent, change, lower=1)[1])
         bent = 0.5 * bent
     return change
 

@@ -107,11 +107,15 @@ class Measurement(abc.ABC):
 
 def residuals(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
     """Innovations of all ``measurements``, one after the other."""
+    if len(measurements) == 1:
+        return measurements[0].innovation(at)
     return np.concatenate([one.innovation(at) for one in measurements])
 
 
 def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray:
     """Their Jacobians, one below the other."""
+    if len(measurements) == 1:
+        return measurements[0].jacobian(at)
     return np.concatenate([one.jacobian(at) for one in measurements])
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Hashable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.measurements.measurement import Measurement
 from octo_arm_model.estimation.state.prediction import Prediction
 
@@ -28,7 +29,7 @@ class _OfTendons(Measurement):
         """See `Measurement`."""
         return self.name, self._tendons
 
-    def _which(self, at: Prediction) -> IntArray:
+    def _which(self, at: Prediction) -> list[int]:
         names = at.model.arm.tendon_names
         wanted = names if self._tendons is None else self._tendons
         self.check_size(len(wanted), 'one for each tendon')
@@ -36,7 +37,7 @@ class _OfTendons(Measurement):
             if name not in names:
                 known = ', '.join(names)
                 raise MeasurementError(f'{self.name}: unknown tendon {name}; this arm has {known}')
-        return np.array([names.index(name) for name in wanted])
+        return [names.index(name) for name in wanted]
 
 
 class Tensions(_OfTendons):
@@ -51,13 +52,9 @@ class Tensions(_OfTendons):
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
-        which, state = self._which(at), at.model.state
-        jacobian = np.zeros((which.size, state.size))
-        rows = np.arange(which.size)
-        jacobian[rows, state.tension.start + which] = 1.0
-        if state.tension_bias.stop > state.tension_bias.start:
-            jacobian[rows, state.tension_bias.start + which] = 1.0
-        return jacobian
+        state = at.model.state
+        parts = [part for part in (state.tension, state.tension_bias) if part.stop > part.start]
+        return _sums(tuple(self._which(at)), tuple(part.start for part in parts), state.size)
 
     def each_apart(self, at: Prediction) -> Iterator[tuple[Measurement, Measurement]]:
         """See `Measurement`."""
@@ -73,6 +70,16 @@ class Tensions(_OfTendons):
                     self.value[number], float(np.sqrt(self.covariance[number, number])), name
                 ),
             )
+
+
+@functools.lru_cache(maxsize=64)
+def _sums(which: tuple[int, ...], starts: tuple[int, ...], size: int) -> FloatArray:
+    """Matrix (numbers, ``size``) of ones where the parts that begin at ``starts`` are summed."""
+    found = np.zeros((len(which), size))
+    for start in starts:
+        found[np.arange(len(which)), start + np.array(which)] = 1.0
+    found.setflags(write=False)
+    return found
 
 
 class LoadCell(Tensions):

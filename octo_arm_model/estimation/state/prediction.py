@@ -37,6 +37,10 @@ from octo_arm_model.estimation.state.unknowns import State, Unknowns
 BUDGET = Budget(iterations=30)
 
 
+_FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
+_ONE = np.ones(1)
+
+
 class ArmModel:
     """One arm whose tensions, loads and E are a state.
 
@@ -98,9 +102,7 @@ class ArmModel:
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
         self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
-        if state.tip_force.stop > state.tip_force.start or (
-            state.tip_moment.stop > state.tip_moment.start
-        ):
+        if _has(state.tip_force) or _has(state.tip_moment):
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 
     @contextlib.contextmanager
@@ -116,17 +118,15 @@ class ArmModel:
     def tip_wrench(self, x: FloatArray) -> FloatArray:
         """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
         wrench = self._known_wrench.copy()
-        for part, where in (
-            (slice(0, 3), self.state.tip_force),
-            (slice(3, 6), self.state.tip_moment),
-        ):
-            if where.stop > where.start:
+        for part, where in ((_FORCE, self.state.tip_force), (_MOMENT, self.state.tip_moment)):
+            if _has(where):
                 wrench[part] += x[where]
         return wrench
 
     def stiffness(self, x: FloatArray) -> float:
         """E in ``x`` over that of the arm as described."""
-        return float(np.exp(x[self.state.log_modulus].sum()))
+        ratio = x[self.state.log_modulus]
+        return math.exp(ratio[0]) if ratio.size else 1.0
 
     def solve(self, x: FloatArray, start: Backbone | None) -> Backbone:
         """Shape in ``x``, followed from ``start``; of the arm as described, see the module.
@@ -135,8 +135,8 @@ class ArmModel:
             OctoArmError: as `Solver.solve`.
         """
         ratio = self._set_magnitudes(x)
-        along = x[self.state.tension] * self._transmitted(x)
-        tensions = along.reshape(self.arm.tension_shape) / ratio
+        along = x[self.state.tension] * (self._transmitted(x) / ratio)
+        tensions = along.reshape(self.arm.tension_shape)
         wrench = self.tip_wrench(x)
         self._effort.check()
         try:
@@ -157,20 +157,20 @@ class ArmModel:
         self._effort.check()
         self._effort.take(1)
         by = self.solver.sensitivity(backbone)
-        one, along = np.ones(1), self._transmitted(x) / ratio
+        along = self._transmitted(x) / ratio
         lost, every = -along * x[state.tension], slice(None)
         parts = [
             Part(state.tension, by.by_tension, every, along),
-            Part(state.log_modulus, by.by_youngs_modulus, every, one),
+            Part(state.log_modulus, by.by_youngs_modulus, every, 1.0),
             Part(state.tension_loss, by.by_tension, every, lost),
         ]
         if by.by_tip_wrench is not None:
-            parts.append(Part(state.tip_force, by.by_tip_wrench, slice(0, 3), one / ratio))
-            parts.append(Part(state.tip_moment, by.by_tip_wrench, slice(3, 6), one / ratio))
+            parts.append(Part(state.tip_force, by.by_tip_wrench, _FORCE, 1.0 / ratio))
+            parts.append(Part(state.tip_moment, by.by_tip_wrench, _MOMENT, 1.0 / ratio))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
             where = slice(state.point_forces.start, state.current.stop)
-            parts.append(Part(where, by_loads, every, one / ratio))
+            parts.append(Part(where, by_loads, every, 1.0 / ratio))
         return StateChange(state.size, parts)
 
     def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
@@ -181,7 +181,7 @@ class ArmModel:
     def _transmitted(self, x: FloatArray) -> FloatArray:
         """Tension along every tendon over that at the base, one for all where none is lost."""
         loss = x[self.state.tension_loss]
-        return np.exp(-loss) if loss.size else np.ones(1)
+        return np.exp(-loss) if loss.size else _ONE
 
     def _set_magnitudes(self, x: FloatArray) -> float:
         """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
@@ -191,6 +191,11 @@ class ArmModel:
             known = [1.0] if self._scales_dead else []
             self._scaled.magnitudes = np.array([*unknown, *known]) / ratio
         return ratio
+
+
+def _has(part: slice) -> bool:
+    """Whether a ``part`` of a state holds anything."""
+    return bool(part.stop > part.start)
 
 
 class Prediction:

@@ -19,13 +19,13 @@ class Part(NamedTuple):
         where: these components.
         change: of the shape, per unit of what they change.
         columns: of that change, one for each component.
-        scale: unit of what they change per unit of each component, one for all or one for each.
+        scale: unit of what they change per unit of each component, one for all or for each.
     """
 
     where: slice
     change: Change
     columns: slice
-    scale: FloatArray
+    scale: FloatArray | float
 
 
 class StateChange:

@@ -61,14 +61,24 @@ class Walk:
 
     def decay(self, elapsed: float) -> float:
         """What is left of a deviation after ``elapsed`` [s]."""
-        return math.exp(-elapsed / self.correlation_time)
+        return float(_decay(elapsed, np.array(self.correlation_time)))
 
     def variance(self, elapsed: float) -> float:
         """Variance that comes in during ``elapsed`` [s]."""
-        half = 0.5 * self.correlation_time
-        if math.isinf(half):
-            return self.rate**2 * elapsed
-        return -(self.rate**2) * half * math.expm1(-elapsed / half)
+        return float(_variance(elapsed, np.array(self.rate), np.array(self.correlation_time)))
+
+
+def _decay(elapsed: float, correlation_time: FloatArray) -> FloatArray:
+    """See `Walk.decay`."""
+    return np.exp(-elapsed / correlation_time)
+
+
+def _variance(elapsed: float, rate: FloatArray, correlation_time: FloatArray) -> FloatArray:
+    """See `Walk.variance`."""
+    past = 2.0 * elapsed / correlation_time
+    # A random walk, of endless correlation, keeps all that comes in.
+    kept = np.divide(-np.expm1(-past), past, out=np.ones_like(past), where=past > 0.0)
+    return rate * rate * elapsed * kept
 
 
 @dataclass(frozen=True)
@@ -166,6 +176,9 @@ class State:
         self.shapes[self.tension_bias] = False
         self.shaping = np.flatnonzero(self.shapes).tolist()
         self.scatters = np.array([walk.scatters for walk in self._walks])
+        self._stddev, self._rate, self._time = np.array(
+            [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]
+        ).T
 
     def _add(
         self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
@@ -182,15 +195,12 @@ class State:
 
     def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:
         """Standard deviation of every component ``elapsed`` [s] after the start, unmeasured."""
-        return np.array([
-            math.hypot(walk.stddev * walk.decay(elapsed), math.sqrt(walk.variance(elapsed)))
-            for walk in self._walks
-        ])  # fmt: skip
+        return np.hypot(self._stddev * self.decay(elapsed), self.growth(elapsed))
 
     def decay(self, elapsed: float) -> FloatArray:
         """What is left of every component after ``elapsed`` [s]."""
-        return np.array([walk.decay(elapsed) for walk in self._walks])
+        return _decay(elapsed, self._time)
 
     def growth(self, elapsed: float) -> FloatArray:
         """Standard deviation that comes to every component in ``elapsed`` [s]."""
-        return np.sqrt([walk.variance(elapsed) for walk in self._walks])
+        return np.sqrt(_variance(elapsed, self._rate, self._time))
