@@ -755,6 +755,20 @@ def test_derivatives_by_several_things_are_those_by_each_alone() -> None:
         np.testing.assert_allclose(together, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
+def test_elements_that_turn_far_are_cut_however_even_their_twist() -> None:
+    arm = Arm(Material(1e5), Body(0.3, 0.003, 0.003), (Section(0.3, 0.0028, 0.0028),))
+    tensions, wrench = [[0.4, 0.0, 0.0, 0.0]], [0.0, 0.0, 1e-12, 0.0, 0.0, 0.0]
+    plain, quick = (
+        Solver(arm, 'exact', 21, compiled=compiled).solve(tensions, tip_wrench=wrench)
+        for compiled in (False, True)
+    )
+    unloaded = Solver(arm, 'exact', 1601).solve(tensions)
+    assert plain.shape is not None and quick.shape is not None
+    assert plain.shape.twist.shape == quick.shape.twist.shape
+    np.testing.assert_allclose(quick.position, plain.position, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(quick.position, unloaded.position[::80], rtol=0.0, atol=6e-8)
+
+
 def test_a_stable_balance_that_elements_do_not_resolve_is_gone_on_from() -> None:
     arm = TABLE_4.arm.with_density(5000.0)
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
