@@ -1,4 +1,4 @@
-"""What a bag holds for an estimator: its topics, and all that was measured by its stamps."""
+"""Inputs of an estimator in a bag: its topics, and measurements by their stamps."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def names(topic: str, *usual: str) -> bool:
 
 
 def namespace(topic: str, usual: Iterable[str]) -> str:
-    """What a ``topic`` of one of the ``usual`` names, or of any other, is in; with the slash."""
+    """Namespace, with the slash, of a ``topic`` of one of the ``usual`` names or any other."""
     for name in usual:
         if names(topic, name):
             return topic.removesuffix(name)

@@ -71,7 +71,7 @@ class _McapWriter(_Numbered, McapWriter):
 
 
 class _Sqlite3Writer(_Numbered, Sqlite3Writer):
-    """That of rosbags with pages that hold several messages.
+    """The SQLite writer of rosbags with pages that hold several messages.
 
     It keeps no journal: what fails is discarded whole.
     """
@@ -82,7 +82,7 @@ class _Sqlite3Writer(_Numbered, Sqlite3Writer):
 
 
 class _Writer(Writer):
-    """That of rosbags, quicker with many messages."""
+    """The writer of rosbags, with a quicker loop over many messages."""
 
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
         **Writer.STORAGE_PLUGINS,

@@ -184,7 +184,7 @@ def _bag_output(
     reader: BagReader,
     recorded: Recorded,
 ) -> Callable[[Moment, TimedEstimate], None]:
-    """What writes estimates, not more often than --rate, to the bag --out."""
+    """A function that writes estimates to the bag --out, at most --rate of them a second."""
     from octo_arm_model.bags.estimate_output import EstimateOutput, copy_bag
     from octo_arm_model.bags.writer import BagWriter
 

@@ -28,7 +28,7 @@ _MARKERS = {LOADING: ('^', True, 'loading'), UNLOADING: ('v', False, 'unloading'
 
 
 def pictures_of(comparisons: Sequence[ModelComparison]) -> dict[str, Callable[[], Any]]:
-    """What draws each picture of ``comparisons`` of the same steps, by name; see `save_all`."""
+    """Functions that draw the pictures of ``comparisons``, by name; see `save_all`."""
     axes = _axes(comparisons)
     steps: dict[int, list[tuple[ModelComparison, StepComparison]]] = {}
     for comparison in comparisons:

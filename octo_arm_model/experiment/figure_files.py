@@ -46,7 +46,7 @@ class TensionColours:
     """Colours of steps by the sum of their tensions."""
 
     def __init__(self, shapes: Sequence[MeasuredShape]) -> None:
-        """Of steps with these ``shapes``."""
+        """Scale the colours from zero to the largest tension of ``shapes``."""
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 

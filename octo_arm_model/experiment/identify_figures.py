@@ -24,7 +24,7 @@ _FEW = 2  # points: tips have no residuals along the arm
 def pictures_of(
     fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]
 ) -> dict[str, Callable[[], Any]]:
-    """What draws each picture of the ``fitted`` models of ``shapes``, by name; see `save_all`."""
+    """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
     if names:

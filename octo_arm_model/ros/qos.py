@@ -104,7 +104,7 @@ def _create(
 
 
 def _prefix(node: Node, entity: str, topic: str) -> str:
-    """What the names of the parameters of an ``entity`` of ``topic`` begin with."""
+    """Prefix of the names of the parameters of an ``entity`` of ``topic``."""
     return f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
 
 

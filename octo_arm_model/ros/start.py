@@ -21,10 +21,7 @@ _HINTS = {
 
 
 def split_arguments(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """Those of the program itself, and those of ROS, which parses all from --ros-args on.
-
-    ``arguments`` are those of the command line if None.
-    """
+    """Split ``arguments``, by default of the command line, at --ros-args: own, and of ROS."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     own = given.index('--ros-args') if '--ros-args' in given else len(given)
     return given[:own], given[own:]

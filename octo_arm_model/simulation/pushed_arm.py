@@ -92,5 +92,5 @@ class PushedArm:
         )
 
     def _predicted(self, zero: Measurement) -> FloatArray:
-        """What a measurement of the value ``zero`` would have to be."""
+        """The value of a measurement without noise; ``zero`` is that measurement with value 0."""
         return -zero.innovation(self.at)

@@ -1,4 +1,4 @@
-"""What pushes a simulated arm, and the sensors besides load cells that see it: parameters."""
+"""Parameters of the push on a simulated arm, and of its sensors besides load cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was left out of what came in: counted by topic and reason, with an example of each."""
+"""Messages left out, counted by topic and reason, with an example of each."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Refusals:
 
     @property
     def hints(self) -> list[str]:
-        """What parameters are for what was left out."""
+        """Parameters that would let messages in that were left out."""
         if any(_NEGATIVE.match(example) for example in self.examples.values()):
             return ['load cells: tension_deadband takes readings near zero as zero']
         return []

@@ -78,7 +78,7 @@ class TensionLayout:
         return tensions, Stamp(*_STAMP.unpack_from(data, _FIELDS + self._stamp))
 
     def read_all(self, messages: Sequence[bytes]) -> TensionBatch:
-        """Those of ``messages`` that are laid out alike."""
+        """Read those of ``messages`` that have this layout."""
         size = self._comparison.size
         places = [place for place, data in enumerate(messages) if len(data) == size]
         rows = np.empty((0, 0), np.uint8)

@@ -1,4 +1,4 @@
-"""How well a shape and a force on it are known, as triangles: a tube, an arrow and its cone."""
+"""Uncertainty of a shape and of a force on it as triangles: a tube, an arrow and its cone."""
 
 from __future__ import annotations
 

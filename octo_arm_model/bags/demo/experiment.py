@@ -1,4 +1,4 @@
-"""What a simulated experiment is like, and what is recorded of it."""
+"""Parameters of a simulated experiment and of its recording."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MOST_AHEAD = 1e8  # [s] of a clock: seconds of a stamp are an int32
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is simulated and how well it is measured; see `add_demo` for what it makes.
+    """Parameters of a simulation and the noise of its sensors; see `add_demo`.
 
     Attributes:
         stiffness: true Young's modulus over that of the config [-].
@@ -116,7 +116,7 @@ class Experiment:
 
 
 def truth(experiment: Experiment) -> dict[str, Any]:
-    """What a demo was made with, for its metadata."""
+    """The parameters of a demo, for its metadata."""
     return {
         'model': 'exact',
         **asdict(experiment),
@@ -131,7 +131,7 @@ def custom_data(experiment: Experiment) -> dict[str, str]:
 
 
 def note(experiment: Experiment) -> str:
-    """What a demo says of itself."""
+    """Text of the topic note: the data are synthetic, and their parameters."""
     return (
         'This recording is synthetic: nothing of it was measured. octo-arm record-demo made it '
         f'with {json.dumps(truth(experiment))}.'

@@ -32,7 +32,7 @@ class DemoMessages:
     """Collects messages and writes them in order of receipt."""
 
     def __init__(self, writer: BagWriter, config: Config, points: int, markers: int) -> None:
-        """Of the arm of ``config``, with midlines of so many ``points``, for ``writer``."""
+        """Lay out messages of the arm of ``config``, with so many ``points`` and ``markers``."""
         frame, names = text_field('base_frame', config.base_frame), config.arm.tendon_names
         lengths = tendon_tensions(frame, names)  # but that the numbers are positions
         lengths.count(0)  # no velocities

@@ -26,7 +26,7 @@ class TrueArm:
     """
 
     def __init__(self, parameters: Mapping[str, Any], experiment: Experiment) -> None:
-        """Of the arm of ``parameters``, which the ``experiment`` changes."""
+        """Change the arm of ``parameters`` as the ``experiment`` says."""
         changed: dict[str, Any] = {'model': 'exact'}
         for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
             if parameters.get(name):

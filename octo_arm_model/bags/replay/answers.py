@@ -1,4 +1,4 @@
-"""What the node would answer: shapes and their messages, many sets of tensions at a time."""
+"""Answers of the node: shapes and their messages, many sets of tensions at a time."""
 
 from __future__ import annotations
 

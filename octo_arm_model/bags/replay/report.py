@@ -1,4 +1,4 @@
-"""What a replay answered, and what it left out."""
+"""Numbers of messages that a replay answered and left out."""
 
 from __future__ import annotations
 

@@ -50,5 +50,5 @@ def count_messages(connections: Iterable[Connection]) -> Counter[Key]:
 
 
 def counts_of(counts: Counter[Key], connections: Iterable[Connection]) -> dict[Key, int]:
-    """Those of ``counts`` that are of ``connections``."""
+    """Entries of ``counts`` for the topics and types of ``connections``."""
     return {key: counts[key] for key in {(one.topic, one.msgtype) for one in connections}}

@@ -183,7 +183,7 @@ class _Folder(DirectoryReader):
 
 
 class BoundedReader(Reader):
-    """That of rosbags on these storages."""
+    """The reader of rosbags with these storages."""
 
     STORAGE_PLUGINS: Mapping[str, Any] = {
         'dir': _Folder,

@@ -89,7 +89,7 @@ class CameraCheck:
         self._last = new
 
     def errors(self) -> CameraErrors | None:
-        """Of all frames with an estimate; None if there are none."""
+        """Errors of all frames with an estimate; None if there are none."""
         kept, plain = [], []
         last: Backbone | None = None
         for number, position in self._pairs:

@@ -56,7 +56,7 @@ def filtered(followed: Iterable[Followed]) -> Iterator[TimedEstimate]:
 
 
 class Followed(NamedTuple):
-    """What was measured at one time [s], and what a filter made of it; None of no estimate."""
+    """Measurements of one time [s], and the filter's result; None where there is none."""
 
     group: Sequence[StampedMeasurement]
     time: float
@@ -71,7 +71,7 @@ def follow(
     failed: Failed,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[Followed]:
-    """What a `Tracker` makes of each of ``groups`` by ascending time, from its first estimate on.
+    """Results of a `Tracker` for ``groups`` by ascending time, from its first estimate on.
 
     Where measurements of one time give no estimate they are left out, and ``failed`` is called.
     """
@@ -138,9 +138,9 @@ def _begun(
     now: Followed,
     gate: float,
 ) -> list[Followed]:
-    """What the new ``beginning`` makes of what was measured before it was found ``now``.
+    """Filter the measurements between the new ``beginning`` and ``now``, when it was found.
 
-    The tracker takes the newest of that alone, and what was known then is ``lost``.
+    The tracker used only the newest of them; its results until then are ``lost``.
     """
     begun, last = [], None
     for one in lost:

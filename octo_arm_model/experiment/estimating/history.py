@@ -26,7 +26,7 @@ _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 
 
 class Moment(NamedTuple):
-    """What is known at one time.
+    """Tip, contact and their standard deviations at one time.
 
     Attributes:
         time: [s].

@@ -1,4 +1,4 @@
-"""What an estimator needs of a recording: the arm, its unknowns, everything measured, a camera."""
+"""Inputs of an estimator from a recording: arm, unknowns, measurements, and a camera."""
 
 from __future__ import annotations
 

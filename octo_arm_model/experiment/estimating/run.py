@@ -24,7 +24,7 @@ from octo_arm_model.wire.refusals import Refusals
 
 @dataclass(frozen=True)
 class Result:
-    """What an estimator made of a recording.
+    """The estimates of a recording, in summary.
 
     Attributes:
         recorded: what was measured.

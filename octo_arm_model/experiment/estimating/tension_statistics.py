@@ -1,4 +1,4 @@
-"""How the tensions of a recording vary, for what is not known of the load cells."""
+"""Noise and rate of change of recorded tensions, used where no parameters give them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TIMES = 3.0  # standard deviations that the largest change may be
 
 
 def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:
-    """Of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], in the order of receipt.
+    """Noise and rate of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], as received.
 
     The rate is that of which the largest change from one reading to the next is three standard
     deviations; each reading is the median of three, so that one wrong reading is no change.

@@ -1,4 +1,4 @@
-"""What a fit comes to."""
+"""The result of a fit."""
 
 from __future__ import annotations
 

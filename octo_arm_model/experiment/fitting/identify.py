@@ -186,7 +186,7 @@ def _with_fit(
     best: HeldBackFit,
     folds: Sequence[Sequence[int]],
 ) -> Identification:
-    """What is known with ``nothing`` fitted, and the ``best`` fit of a ``problem``."""
+    """The result ``nothing`` with the values of the ``best`` fit of a ``problem``."""
     unknowns, x, length = problem.unknowns, best.x, problem.length
     jacobian = problem.jacobian(x)
     floor, tip_stddev = None, None

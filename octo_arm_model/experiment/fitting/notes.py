@@ -91,7 +91,7 @@ def _of_misfit(problem: Problem, after: Misfit, floor: float | None) -> list[str
 
 
 def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
-    """What loading and unloading say, where the modulus is fitted."""
+    """Remarks on loading and unloading, where the modulus is fitted."""
     if 'youngs_modulus' not in problem.unknowns.names:
         return []
     column = problem.unknowns.names.index('youngs_modulus')

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class Count:
-    """How much is done, of how much that is known of by now.
+    """Counts work done, and the work that is known of so far.
 
     Attributes:
         done: so much.

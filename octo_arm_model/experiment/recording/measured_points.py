@@ -21,7 +21,7 @@ _OF_TIPS = 4.0  # so many times the length tips and markers may be apart, in all
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of the arm, and how.
+    """Sources and unit of measured points, and the markers that they are.
 
     Attributes:
         sources: topics, or none for the only one there is; several are of one marker each, or,
@@ -70,7 +70,7 @@ class MeasuredPoints:
     """
 
     def __init__(self, measured: Measured, length: float) -> None:
-        """Of an arm of ``length`` [m].
+        """Check points of an arm of ``length`` [m].
 
         Raises:
             MeasurementError: if arc coordinates of markers are not increasing, or not on the arm.

@@ -32,7 +32,7 @@ class Alignment:
 
     @classmethod
     def none(cls) -> Alignment:
-        """Of a camera whose frame is base_frame."""
+        """The identity, for a camera whose frame is base_frame."""
         return cls(np.zeros(3), np.zeros(3))
 
     @classmethod
@@ -95,7 +95,7 @@ def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alig
 
 
 def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
-    """What ``points`` (n, 3) do not determine of a fitted alignment, in words.
+    """Degrees of freedom of a fitted alignment that ``points`` (n, 3) leave open, in words.
 
     ``noise`` is the root mean square distance that the fit leaves [m]: what is within it of a line
     or a plane cannot be distinguished from one.

@@ -84,7 +84,7 @@ def clock_offset(
 
 
 def rubbed(tensions: FloatArray) -> FloatArray:
-    """What arrives of ``tensions`` (n, tendons) [N] where friction takes the part `_PLAY` of them.
+    """The ``tensions`` (n, tendons) [N] left where friction takes the part `_PLAY` of them.
 
     The play operator: the tension that arrives stays while it is within this part of that given,
     and is drawn along at its edge.

@@ -81,7 +81,7 @@ def _swap(
 
 
 def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
-    """What ``ask``, called up to twice, returns; ConfigError after ``timeout`` [s]."""
+    """Result of the request ``ask``, sent up to twice; ConfigError after ``timeout`` [s]."""
     # A server that has not discovered the reader of its answers yet loses the first.
     asked, begin = list[Future](), time.monotonic()
     for part in range(_QUESTIONS):

@@ -1,4 +1,4 @@
-"""What the diagnostics say of an estimate: its consistency, and what is not observable."""
+"""The status of an estimate in the diagnostics: consistency, and what is not observable."""
 
 from __future__ import annotations
 

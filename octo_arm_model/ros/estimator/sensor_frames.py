@@ -31,7 +31,7 @@ class NotKnownYet(MeasurementError):
     """The time of a wanted pose is after the last transform that leads to it."""
 
     def __init__(self, reason: str, frame: str, target: str, stamp_ns: int) -> None:
-        """Of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""
+        """The wanted pose is that of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""
         super().__init__(reason)
         self.frame, self.target, self.stamp_ns = frame, target, stamp_ns
 

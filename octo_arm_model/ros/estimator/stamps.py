@@ -10,7 +10,7 @@ _BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back,
 
 
 class Stamps:
-    """What times measurements were made at.
+    """Resolves the stamps of measurements, and finds stamps that run back.
 
     Attributes:
         ahead: how far a stamp may be ahead of the clock [s].

@@ -38,7 +38,7 @@ class HeardInputs:
         self._is_answered |= topic not in self.unanswered
 
     def silent(self, limit: float) -> list[str]:
-        """What has been silent for more than ``limit`` [s], of what is used."""
+        """A sentence for each used input without a message for more than ``limit`` [s]."""
         now = time.monotonic()
         silent = [
             f'{topic} is silent for {now - heard:.1f} s'

@@ -1,4 +1,4 @@
-"""What a simulator publishes on ``/diagnostics``: how many commands and readings there were."""
+"""Diagnostics of the simulator: numbers of commands and readings."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ class SimulatorNode(CheckedNode):
         self._is_playing = False
 
     def _length_control(self) -> LengthControl:
-        """That of the present arm, made when it is first needed."""
+        """Length control of the present arm, made at its first use."""
         if self._control is None:
             self._control = LengthControl(self._config.solver, self._config.limits)
         return self._control
@@ -200,7 +200,7 @@ class SimulatorNode(CheckedNode):
         self._encoders.publish(message)
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
-        """What load cells read (tendons,) [N]."""
+        """Message of the ``readings`` of load cells (tendons,) [N]."""
         config = self._config
         message = tensions_message(readings, config.arm, stamp, config.base_frame)
         if names := config.hardware.calibration.names:

@@ -17,7 +17,7 @@ _PARTS = 6  # three of position or force, three of rotation or moment
 
 
 class BackboneCovariance(NamedTuple):
-    """What such a message holds.
+    """Contents of the message.
 
     Attributes:
         s: arc coordinates of the stations [m], (stations,).
@@ -69,7 +69,7 @@ class CovarianceWriter:
 
 
 def read_covariance(message: Any) -> BackboneCovariance:
-    """What a ``message``, an object of its type, holds.
+    """Contents of a ``message``, an object of its type.
 
     Raises:
         MessageError: if it has not 36 numbers for each station.

@@ -30,7 +30,7 @@ class Solutions:
     """Solutions of all steps at one x after another."""
 
     def __init__(self, unknowns: Unknowns) -> None:
-        """Of the steps whose readings ``unknowns`` has."""
+        """Solve the steps whose readings ``unknowns`` has."""
         self._unknowns, self._readings = unknowns, unknowns.readings
         self._at: FloatArray = np.empty(0)
         self._solver: Solver | None = None
@@ -120,7 +120,7 @@ class Solutions:
         return positions, np.array([self._read(x, solver, backbone) for backbone in backbones])
 
     def _read(self, x: FloatArray, solver: Solver, backbone: Backbone) -> FloatArray:
-        """What encoders read at ``x``, (tendons,) [m]."""
+        """Readings of the encoders at ``x`` by the model, (tendons,) [m]."""
         return displacements_of(solver, backbone).ravel() + self._unknowns.zeros(x)
 
     def _change(self, x: FloatArray, step: int, of: Callable[[Change], FloatArray]) -> FloatArray:
@@ -179,7 +179,7 @@ class Solutions:
         return solver.tension_integrals(backbone).ravel() / unknown.reference
 
     def encoder_residuals(self, x: FloatArray, step: int) -> FloatArray:
-        """What encoders of taut tendons read less what they should, (taut,) [m]."""
+        """Readings of the encoders of taut tendons less those of the model, (taut,) [m]."""
         solver, backbone = self._solver_at(x), self.backbone(x, step)
         away = self._readings.displacements[step] - self._read(x, solver, backbone)
         return np.asarray(away[self._unknowns.taut[step]])

@@ -1,4 +1,4 @@
-"""What load cells and encoders read in the steps of a fit."""
+"""Readings of load cells and encoders in the steps of a fit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 
 
 class Readings(NamedTuple):
-    """What was read of the tendons in all steps.
+    """Readings of the tendons in all steps.
 
     Attributes:
         tensions: (steps, tendons) [N].
@@ -26,7 +26,7 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, shapes: Sequence[MeasuredShape]) -> Readings:
-        """Those of measured ``shapes``."""
+        """Readings in the windows of measured ``shapes``."""
         tensions = np.array([shape.window.tensions for shape in shapes])
         none = np.full(tensions.shape[1], np.nan)
         read = [shape.window.displacements for shape in shapes]

@@ -1,4 +1,4 @@
-"""What can be fitted, and the numbers that each of it is.
+"""The parameters that can be fitted, and the components of x for each.
 
 They form a vector x: of moduli and scales the logarithm of their ratio to the start, so that they
 stay positive; of the tendons' own stiffness the ratio of the start to it, in which what encoders
@@ -36,7 +36,7 @@ _SOFTEST = 1e6  # least stiffness of tendons that is looked for, as its part of 
 
 
 class Scale(Enum):
-    """What the component of x is for the value of an unknown."""
+    """How the value of an unknown follows from its component of x."""
 
     VALUE = auto()
     LOGARITHM = auto()

@@ -199,7 +199,7 @@ class Unknowns:
         return step if x[number] + step <= unknown.high else -step
 
     def zeros(self, x: FloatArray) -> FloatArray:
-        """What each encoder reads of the taut unloaded arm, (tendons,) [m]."""
+        """Readings of the encoders at the taut unloaded arm, (tendons,) [m]."""
         return np.array([self.value(x, f'{ZERO}{name}', 0.0) for name in self.arm.tendon_names])
 
     @property
