@@ -33,7 +33,8 @@ EPILOG = (
 examples:
   octo-arm compare experiment
   octo-arm compare experiment --model all --out compared
-  octo-arm compare experiment --config renda2012_prototype --align 0 0 0.5 1 0 0 0 --json
+  octo-arm compare experiment --config renda2012_prototype --json \\
+      --align 0.12 0.05 0.6 0.8 -0.36 0.288 0.384
 
 With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
 model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),

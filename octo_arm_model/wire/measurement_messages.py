@@ -36,6 +36,8 @@ from octo_arm_model.wire.displacement_messages import (
 )
 from octo_arm_model.wire.stamp import Stamp
 
+# Rounding, in single precision, by which a covariance may not be symmetric, of its deviations.
+_ASYMMETRY = 1e-6
 # Of a quaternion that `TipPose` may take for one.
 _SHORTEST, _LONGEST = 0.5, 2.0
 # Pose of a frame in base_frame by its name and a stamp [ns].
@@ -112,6 +114,15 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
     at, turned = message.pose.pose.position, message.pose.pose.orientation
     position = rotation.apply([at.x, at.y, at.z]) + origin
     own: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    deviation = np.sqrt(np.abs(np.diag(own)))
+    with np.errstate(invalid='ignore', over='ignore'):
+        skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
+    if skew.any():
+        i, j = np.argwhere(skew)[0]
+        raise MeasurementError(
+            f'its covariance is {own[i, j]:g} at {i}, {j} and {own[j, i]:g} at {j}, {i}, '
+            'expected a symmetric one'
+        )
     for part, stddev in ((slice(0, 3), noise.tip_position), (slice(3, 6), noise.tip_rotation)):
         if not own[part, part].any():
             own[part, part] = stddev**2 * np.eye(3)

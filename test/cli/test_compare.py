@@ -152,3 +152,19 @@ def test_of_all_models_those_that_cover_the_arm_are_compared(
     assert set(said['models']) == {'exact'}
     assert any('renda2012 is not compared: model is' in note for note in said['notes'])
     assert main([*arguments, '--model', 'renda2012']) == 2
+
+
+def test_the_examples_of_its_help_work_on_the_demo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(['record-demo', 'experiment']) == 0
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(['compare', '--help'])
+    examples = capsys.readouterr().out.replace('\\\n', ' ').splitlines()
+    tried = [line.split()[1:] for line in examples if '  octo-arm compare experiment' in line]
+    assert len(tried) >= 3
+    for arguments in tried:
+        if 'all' not in arguments:  # which takes long, and differs in nothing else
+            assert main(arguments) == 0, capsys.readouterr().err
