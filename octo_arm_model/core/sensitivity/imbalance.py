@@ -34,7 +34,7 @@ class Imbalance:
         self.strain = to_scaled(energy.law, self._twist)
 
     def _left_by(self, gradient: FloatArray) -> FloatArray:
-        """By changes of the ``gradient`` (n, quantities, 1, points) by the scaled strain."""
+        """Imbalance by a change of the energy's ``gradient`` (n, quantities, 1, points)."""
         return -unscale_gradient(self._energy, self._twist, gradient)[:, :, 0]
 
     @functools.cached_property
