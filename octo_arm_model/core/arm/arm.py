@@ -54,8 +54,8 @@ class Arm:
             are one number for all tendons or one per tendon; stored per tendon, or empty where
             all are zero.
         free_length: length of each tendon between the base and its winch [m].
-        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that
-            cannot leave its path in the cross section.
+        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that cannot leave
+            its path in the cross section.
         friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
             `MAX_FRICTION`.
 
@@ -76,7 +76,7 @@ class Arm:
     friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate what depends on several parts."""
+        """Validate the combination of the parts."""
         given = self.sections
         if not isinstance(given, Sequence) or not all(isinstance(s, _SECTIONS) for s in given):
             raise ArmDefinitionError('sections', given, 'a sequence of sections')

@@ -67,7 +67,7 @@ class ProfiledBody:
     disc_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate what does not depend on the rest of the arm."""
+        """Validate, but for what `Arm` checks with its other parts."""
         object.__setattr__(self, 'length', positive('body.length', self.length, 'm'))
         discs = not_negative('body.disc_radius', self.disc_radius, 'radius', 'm')
         object.__setattr__(self, 'disc_radius', discs)

@@ -199,9 +199,9 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
     count = math.ceil(_PARTS * max(1.0, np.diff(ends).max() / longest * (1.0 - _SAME)))
     parts = np.linspace(ends[:-1], ends[1:], count + 1)
     # Tendons that end where the panel begins do not act in it.
-    acts = [arm.sections[i - 1].anchorage >= ends[-1] for i in arm.tendon_section]
+    active = [arm.sections[i - 1].anchorage >= ends[-1] for i in arm.tendon_section]
     place, slope = (
-        np.stack(of(parts.ravel()))[:, acts].reshape(2, -1, *parts.shape)
+        np.stack(of(parts.ravel()))[:, active].reshape(2, -1, *parts.shape)
         for of in (arm.tendon_offsets, arm.tendon_slopes)
     )
     modulus, radius = arm.material.youngs_modulus_at(parts), arm.body.radius(parts)

@@ -62,8 +62,8 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     if state.sliding is not None:
         local_tensions = state.sliding.tensions
     count, tendons = len(twist), tensions.size
-    left = Imbalance(energy, parameters, twist, local_tensions)
-    strain, by_sheath = left.strain, left.by_sheath_stiffness
+    imbalance = Imbalance(energy, parameters, twist, local_tensions)
+    strain, by_sheath = imbalance.strain, imbalance.by_sheath_stiffness
     sheaths = by_sheath.shape[1]
     more = sheaths
     if state.sliding is not None:
@@ -71,16 +71,16 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
         more, direct = sheaths + tendons, _direct(rod, state, state.sliding, sheaths)
     columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
     if state.sliding is None:
-        columns[:count, :tendons] = left.by_tension
+        columns[:count, :tendons] = imbalance.by_tension
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
-    columns[:count, tendons + 6, np.newaxis] = left.by_youngs_modulus
-    columns[:count, tendons + 7, np.newaxis] = left.by_poisson_ratio
-    columns[:count, tendons + 8 : 2 * tendons + 8] = left.by_offset
+    columns[:count, tendons + 6, np.newaxis] = imbalance.by_youngs_modulus
+    columns[:count, tendons + 7, np.newaxis] = imbalance.by_poisson_ratio
+    columns[:count, tendons + 8 : 2 * tendons + 8] = imbalance.by_offset
     columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + sheaths] = by_sheath
     response, slid = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = read_out(rod, state, response)
     weights = problem.collocation.weights
-    length = lengths_along(left.length_by_twist * weights, response.twist)
+    length = lengths_along(imbalance.length_by_twist * weights, response.twist)
     # Derivatives of the lengths at fixed twist.
     at_place = energy.length_by_tension(strain, local_tensions) * energy.transmission
     at_place = at_place[:, 0] * weights

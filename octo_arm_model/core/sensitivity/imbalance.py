@@ -33,15 +33,15 @@ class Imbalance:
         self._twist, self._local_tensions = twist[:, np.newaxis], local_tensions
         self.strain = to_scaled(energy.law, self._twist)
 
-    def _left_by(self, gradient: FloatArray) -> FloatArray:
-        """By changes of the ``gradient`` (n, quantities, 1, points) by the scaled strain."""
+    def _imbalance_by(self, gradient: FloatArray) -> FloatArray:
+        """Imbalance by a change of the energy's ``gradient`` (n, quantities, 1, points)."""
         return -unscale_gradient(self._energy, self._twist, gradient)[:, :, 0]
 
     @functools.cached_property
     def length_by_twist(self) -> FloatArray:
         """Gradient of every tendon's stretch by the twist, (n, tendons, points)."""
         _, gradient = self._energy.lengthening(self.strain, self._local_tensions)
-        return -self._left_by(gradient)
+        return -self._imbalance_by(gradient)
 
     @property
     def by_tension(self) -> FloatArray:
@@ -52,23 +52,23 @@ class Imbalance:
     def by_youngs_modulus(self) -> FloatArray:
         """Per relative change of E."""
         elastic, _ = self._energy.material(self.strain)
-        return self._left_by(elastic[:, np.newaxis])
+        return self._imbalance_by(elastic[:, np.newaxis])
 
     @property
     def by_poisson_ratio(self) -> FloatArray:
         """Per unit of nu."""
-        return self._left_by(self._parameters.gradient_by_poisson(self.strain)[:, np.newaxis])
+        return self._imbalance_by(self._parameters.gradient_by_poisson(self.strain)[:, np.newaxis])
 
     @property
     def by_offset(self) -> FloatArray:
         """Per metre of each tendon's distance from the midline."""
-        return self._left_by(
+        return self._imbalance_by(
             self._parameters.gradient_by_offset(self.strain, self._local_tensions)
         )
 
     @property
     def by_sheath_stiffness(self) -> FloatArray:
         """Per pascal of each tendon's sheath; no quantities where no tendon has a sheath."""
-        return self._left_by(
+        return self._imbalance_by(
             self._parameters.gradient_by_sheath(self.strain, self._local_tensions)
         )

@@ -46,7 +46,7 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
     by_wrench[:, 3:] /= own.length
 
     def tip_by(quantity: str) -> FloatArray:
-        left: FloatArray = getattr(imbalance, f'by_{quantity}')
-        return np.tensordot(by_wrench, left, axes=([0, 2], [0, 2]))
+        wrench: FloatArray = getattr(imbalance, f'by_{quantity}')
+        return np.tensordot(by_wrench, wrench, axes=([0, 2], [0, 2]))
 
     return tip_by

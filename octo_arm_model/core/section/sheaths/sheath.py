@@ -80,7 +80,7 @@ class SheathedSections(SectionEnergy):
         farthest: largest admissible distance of a tendon from the midline [m], likewise.
     """
 
-    _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_borne')
+    _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_safe_force')
 
     def __init__(
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
@@ -94,8 +94,8 @@ class SheathedSections(SectionEnergy):
         self.farthest = np.maximum(self.radius, off_midline)
         # Lateral force [N/m] up to which a tendon cannot be displaced beyond that.
         clearance, is_compliant = self.farthest - off_midline, self.sheath_compliance > 0.0
-        self._borne = np.full_like(clearance, np.inf)
-        np.divide(clearance, self.sheath_compliance, out=self._borne, where=is_compliant)
+        self._safe_force = np.full_like(clearance, np.inf)
+        np.divide(clearance, self.sheath_compliance, out=self._safe_force, where=is_compliant)
         # A displaced tendon whose path has a slope has a moment about t.
         self._in_planes, self.planar = self.planar, False
 
@@ -144,13 +144,15 @@ class SheathedSections(SectionEnergy):
             unit = u_t * over, u_n * over, u_b * over
             pull = sheath_pull(t, n, b, *unit)
             inverse = sheath_inverse(t, n, b, *pull, yielding * over)
-            left_n, left_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
-            worst = float(((np.abs(left_n) + np.abs(left_b)) / self.lever_max).max(initial=0.0))
+            residual_n, residual_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
+            worst = float(
+                ((np.abs(residual_n) + np.abs(residual_b)) / self.lever_max).max(initial=0.0)
+            )
             if not worst > _TOLERANCE:  # also for NaN of an impossible strain
                 return _Placed(moved, offset, unit, over, pull, inverse)
             nn, nb, bb = inverse
-            offset[0] -= nn * left_n + nb * left_b
-            offset[1] -= nb * left_n + bb * left_b
+            offset[0] -= nn * residual_n + nb * residual_b
+            offset[1] -= nb * residual_n + bb * residual_b
         raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
 
     def softening(self, local_tensions: FloatArray) -> FloatArray:
@@ -211,7 +213,7 @@ class SheathedSections(SectionEnergy):
         """
         # Derivatives of |u| by the offset are no larger than the curvature.
         curvature = np.sqrt(np.add.reduce(strain[:3] ** 2))
-        if not (local_tensions * curvature > self._borne).any():
+        if not (local_tensions * curvature > self._safe_force).any():
             return
         moved = self.placed(strain, local_tensions)
         outside = np.any(np.hypot(moved.x, moved.y) > self.farthest, axis=0)

@@ -25,7 +25,7 @@ class SheathedTendons:
     has_torsion = True
 
     def __init__(self, sections: SheathedSections, local_tensions: FloatArray) -> None:
-        """Of cross ``sections``, under ``local_tensions`` (tendons, batch, nodes) [N]."""
+        """Prepare for cross ``sections``, under tensions (tendons, batch, nodes) [N]."""
         self._sections = sections
         pulled = np.flatnonzero(local_tensions.any(axis=(1, 2)))
         self._tensions = local_tensions[pulled]

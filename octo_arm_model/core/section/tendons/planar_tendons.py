@@ -26,7 +26,7 @@ class PlanarTendons:
     coupling: Number = 0.0
 
     def __init__(self, energy: SectionEnergy, local_tensions: FloatArray) -> None:
-        """Of the sections ``energy``, under ``local_tensions`` (tendons, batch, nodes) [N]."""
+        """Prepare for sections ``energy``, under tensions (tendons, batch, nodes) [N]."""
         self._energy, self._tensions = energy, local_tensions
 
     def gradient(self, strain: FloatArray) -> FloatArray:
