@@ -212,7 +212,7 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
     change = count * np.abs(np.diff(described, axis=1)).max(axis=(0, 1))
     # By as much one of the two components of a place changes at least: that a tendon winds by
     # whole turns within each part, its places alone do not show.
-    angle = np.stack([tendon.angle.value(parts) for tendon in arm.tendons])[acts]
+    angle = np.stack([tendon.angle.value(parts) for tendon in arm.tendons])[active]
     wound = np.abs(np.diff(angle, axis=1)) * (np.hypot(*place) / thickness)[:, 1:]
     change = np.maximum(change, math.sqrt(0.5) * count * wound.max(axis=(0, 1), initial=0.0))
     smallest_radius = np.minimum(thickness[0], thickness[-1])
