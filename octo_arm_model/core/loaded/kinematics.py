@@ -69,7 +69,7 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
 
 @functools.cache
 def _tables(points: int) -> tuple[ComplexArray, ComplexArray]:
-    """Integrals from the start of an element, (points, 1, points), and M there, (1, 2 points, 2)."""
+    """Integrals from the start of an element, (points, 1, points), M there, (1, 2 points, 2)."""
     from_start = gauss_rule(points).from_start[:, np.newaxis].astype(np.complex128)
     start = np.repeat(np.eye(2, dtype=np.complex128), points, axis=0)
     return from_start, start[np.newaxis]
