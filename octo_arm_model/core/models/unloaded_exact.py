@@ -102,9 +102,12 @@ class UnloadedExact:
         # Deviations are interpolated, so that an arm without tensions stays exactly as it was.
         coarse[3] -= 1.0
         count, panels = len(tensions), len(self.panels)
-        by_panel = coarse.reshape(-1, panels, self._each).swapaxes(0, 1)
-        interpolated = np.empty((energy.strains * count, panels, self._from_points.shape[-1]))
-        np.matmul(by_panel, self._from_points, out=interpolated.swapaxes(0, 1))
+        # In products of all strains of one arm, or of each of many arms, which BLAS does not share
+        # among threads: see `Setup.batch`.
+        rows = count if count > 1 else energy.strains
+        by_panel = coarse.reshape(-1, rows, panels, self._each)
+        interpolated = np.empty((*by_panel.shape[:-1], self._from_points.shape[-1]))
+        np.matmul(by_panel.swapaxes(1, 2), self._from_points, out=interpolated.swapaxes(1, 2))
         twist = interpolated.reshape(energy.strains, count, -1).take(self._columns, axis=-1)
         twist[3] += 1.0
         residual, iterations = found.residual, np.full(count, found.iterations)
