@@ -1,8 +1,9 @@
 """How what measurements predict bends: second derivatives, learnt while a filter runs.
 
 They change slowly: every two Jacobians tell the second derivatives along the way from one to the
-other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly all are found
-anew by differences, for which the arm is solved once for each component of the state.
+other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly they are found
+anew by differences, along what the measurements correct; where nothing is known of states nearby
+all are, for which the arm is solved once for each component of the state.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from octo_arm_model.estimation.state.prediction import Prediction
 
 _STEP = 0.1  # standard deviations, of differences of the Jacobian
 _FAR = 0.3  # change of the Jacobian, in parts of it, after which nothing learnt is kept
-_OFF = 0.7  # part of a change of the Jacobian that is not as foretold, where all is learnt anew
-_TOLD = 0.1  # standard deviations that a direction is corrected by, in which they are found anew
+_OFF = 0.7  # part of a change of the Jacobian that is not as foretold, where they are found anew
 _SMALL = 0.01  # likewise of the Jacobian, that need not be foretold
+_CORRECTED = 0.1  # standard deviations before, that what is found anew is corrected by at least
 
 
 class Curvature(NamedTuple):
@@ -119,16 +120,20 @@ def renewed_along(
     Raises:
         SolveError: if the arm has no trustworthy shape nearby.
     """
-    corrected = by.gain @ by.innovation_root / scale[:, np.newaxis]
-    axes, told, _ = np.linalg.svd(corrected, full_matrices=False)
-    state, units = at.model.state, np.where(at.model.state.shapes, scale, 0.0)
+    # Not by singular vectors, which rounding turns where they are equally long.
+    axes, corrected = np.linalg.qr(by.gain @ by.innovation_root / scale[:, np.newaxis])
+    tension, units = at.model.state.tension, np.where(at.model.state.shapes, scale, 0.0)
     found = known
-    for axis in axes.T[told > _TOLD]:
-        change = axis * units
+    for axis, size in zip(axes.T, corrected.diagonal(), strict=True):
+        if abs(size) < _CORRECTED:
+            continue
+        change = np.copysign(1.0, size) * axis * units
         change *= _STEP / np.linalg.norm(change / stddev)
-        # Upwards, as a slack tendon cannot pull less.
-        moved = at.x + np.copysign(1.0, change[state.tension].sum()) * change
-        moved[state.tension] = np.maximum(moved[state.tension], 0.0)
+        moved = at.x + change
+        if moved[tension].min() < 0.0:
+            moved = at.x - change
+        # A slack tendon cannot pull less.
+        moved[tension] = np.maximum(moved[tension], 0.0)
         jacobian = jacobians(measurements, Prediction(at.model, moved, at.shape))
         found = found.after(moved - at.x, jacobian, scale)._replace(jacobian=known.jacobian)
     return found

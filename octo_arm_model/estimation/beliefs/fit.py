@@ -40,7 +40,7 @@ from octo_arm_model.estimation.state.prediction import Prediction
 
 _TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
 _MOST = 12  # evaluations
-_RENEWALS = 1  # of all second derivatives: where no more foretell a step there is no end of it
+_RENEWALS = 3  # of second derivatives: where no more foretell a step there is no end of it
 _GROWTH = 3.0  # of a step from one evaluation to the next, that ends the iteration
 _WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
 # By how much what should be least may be more at the end than at the start: by more where the

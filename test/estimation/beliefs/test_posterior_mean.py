@@ -11,7 +11,12 @@ from estimation_arms import TENSIONS, WEIGHT, rubber
 from scipy.stats import chi2
 
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain, gain
-from octo_arm_model.estimation.beliefs.curvature import Curvature, renewed, stddev_of
+from octo_arm_model.estimation.beliefs.curvature import (
+    Curvature,
+    renewed,
+    renewed_along,
+    stddev_of,
+)
 from octo_arm_model.estimation.beliefs.fit import fit, fit_at_mode
 from octo_arm_model.estimation.beliefs.mode import most_probable
 from octo_arm_model.estimation.beliefs.posterior_mean import (
@@ -60,6 +65,31 @@ def test_the_shift_is_the_gradient_of_the_determinant() -> None:
     # As shifts of the mean, in standard deviations.
     size = np.linalg.norm(expected @ by.root)
     assert np.linalg.norm((found - expected) @ by.root) < 0.02 * size
+
+
+def test_second_derivatives_anew_along_what_is_corrected_are_those_of_all_there() -> None:
+    stddev = np.array([2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4])
+    at, tip, by, second = bent(1e-5, stddev.tolist())
+    flat = Curvature.flat(tip.jacobian(at))
+    found = renewed_along(by, flat, [tip], at, stddev, stddev)
+    assert np.array_equal(found.jacobian, flat.jacobian)
+    assert np.allclose(found.second, found.second.transpose(0, 2, 1))
+    # The tip tells of three directions.
+    expected, along = (one * stddev[:, np.newaxis] @ by.gain for one in (second, found.second))
+    assert np.linalg.norm(along - expected) < 0.02 * np.linalg.norm(expected)
+    shift, all_of_it = (gradient(by.gain, one) * stddev for one in (found.second, second))
+    assert np.linalg.norm(shift - all_of_it) < 0.02 * np.linalg.norm(all_of_it)
+
+
+def test_a_slack_tendon_is_not_let_out_for_second_derivatives() -> None:
+    at, tip, by, _ = bent(1e-5, [2e-3, 3e-3, 2e-3, 1e-3, 1e-4, 2e-4, 1e-4])
+    slack = at.x.copy()
+    slack[at.model.state.tension] = 0.0
+    at = Prediction(at.model, slack, at.solved)
+    stddev = np.full(slack.size, 1e-3)
+    found = renewed_along(by, Curvature.flat(tip.jacobian(at)), [tip], at, stddev, stddev)
+    assert np.isfinite(found.second).all()
+    assert found.second.any()
 
 
 def test_innovations_agree_on_average_with_what_is_expected() -> None:
