@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem, state_of
+from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
@@ -47,9 +48,10 @@ class SlidingRod(CompiledRod):
         Raises:
             SolveError: if there is none.
         """
-        held, twist = _NOTHING if before is None else own(before), np.empty((4, self._rod.points))
-        _, sweeps, _ = self._slide(self._friction, own(tensions), held, twist, _NOTHING, _NOTHING)
-        return self._unloaded(tensions, before) if sweeps < 0 else twist
+        held = _NOTHING if before is None else own(before)
+        memory = np.empty((remembered(int(np.count_nonzero(tensions))), self._rod.points))
+        _, sweeps, _ = self._slide(self._friction, own(tensions), held, _NOTHING, memory)
+        return self._unloaded(tensions, before) if sweeps < 0 else memory[:4].copy()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
