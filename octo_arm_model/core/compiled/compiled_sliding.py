@@ -6,8 +6,9 @@ import functools
 
 import numpy as np
 
+from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
-from octo_arm_model.core.compiled.friction.sliding_kernels import UNRESOLVED, remembered
+from octo_arm_model.core.compiled.friction.sliding_kernels import UNRESOLVED
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.models.arm_tables import GridTables, own
 from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
@@ -51,7 +52,7 @@ class CompiledSliding:
         stations = np.zeros((count, position.shape[1], tendons))
         level, known, held = 0, _NOTHING, _NOTHING
         if before is not None:
-            level, held = self._rods.level_of(before), own(before)
+            level, held = self._rods.level_of(before), np.ascontiguousarray(before, float)
             kept = self._kept.about(before)
             known = _NOTHING if kept is None else kept
         memory = _NOTHING

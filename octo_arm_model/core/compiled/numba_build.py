@@ -73,7 +73,7 @@ find_sliding_shapes = _made(
     sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,
     _TABLE, np.zeros((0, 0, 0)), _TABLE, _TABLE,
 )  # fmt: skip
-slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _FOUR, _TABLE, _TABLE)
+slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _TABLE, _FOUR)
 read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
 find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)
 _WINCHES = (

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem, state_of
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem
+from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
-from octo_arm_model.core.compiled.loaded.rod_kernels import READ_ONLY, Outcome
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState
+from octo_arm_model.core.compiled.loaded.rod_kernels import BALANCE, READ_ONLY, Outcome
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState, empty_state
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
@@ -47,9 +48,10 @@ class SlidingRod(CompiledRod):
         Raises:
             SolveError: if there is none.
         """
-        held, twist = _NOTHING if before is None else own(before), np.empty((4, self._rod.points))
-        _, sweeps, _ = self._slide(self._friction, own(tensions), held, twist, _NOTHING, _NOTHING)
-        return self._unloaded(tensions, before) if sweeps < 0 else twist
+        held = _NOTHING if before is None else own(before)
+        memory = np.empty((remembered(int(np.count_nonzero(tensions))), self._rod.points))
+        _, sweeps, _ = self._slide(self._friction, own(tensions), held, _NOTHING, memory)
+        return self._unloaded(tensions, before) if sweeps < 0 else memory[:4].copy()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """Iterate until the residual is within ``tolerance``."""
@@ -91,13 +93,20 @@ class SlidingRod(CompiledRod):
         readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """`sliding_rod_kernels.slide_rod`, as that of `CompiledRod`."""
-        before = _NOTHING if condition.before is None else own(condition.before)
-        tensions, tip_wrench = own(condition.tensions), own(condition.tip_wrench)
+        # Which the kernel only reads.
+        before = _NOTHING if condition.before is None else np.ascontiguousarray(condition.before)
+        tensions = np.ascontiguousarray(condition.tensions)
+        tip_wrench = np.ascontiguousarray(condition.tip_wrench)
         orientation = np.empty((2, self._rod.points), complex)
+        room = empty_state(self._rod.points)[1:] if wanted == BALANCE else self._room
         near, nothing = self.known_about(shape), self._nothing_known
         system = self._room_for_system()
         for known in (nothing,) if near is None else (near, nothing):
-            state = state_of(shape)
+            state = RodState(np.array(shape.twist), *room)
+            a, b = shape.orientation
+            state.turn[0], state.turn[1], state.turn[2], state.turn[3] = (
+                a.real, a.imag, b.real, b.imag
+            )  # fmt: skip
             found = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
                 float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,

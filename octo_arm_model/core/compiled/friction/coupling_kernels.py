@@ -1,133 +1,190 @@
-"""How tendons with friction turn together: what `numba_build` compiles.
+"""How tendons with friction and cross sections answer each other: what `numba_build` compiles.
 
-As `sliding.sliding_balance` has it, of the tendons under tension alone, ``pulled``.
+Of whole arms, as in `turning_kernels`; as `sliding.sliding_balance` has it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.friction_kernels import TurningState, integrate
-from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
-from octo_arm_model.core.compiled.friction.placing_kernels import add_yielding, place_of
-from octo_arm_model.core.compiled.numerics.dense_kernels import (
-    eliminate_definite,
-    substitute_definite,
-)
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.section.elastic_laws import incompressible_widening
+from octo_arm_model.core.section.formulas import (
+    sheath_inverse,
+    sheath_mixed,
+    sheath_pull,
+    tendon_direction,
+    tendon_gradient,
+    unscaled_gradient,
+)
+
+# Rows of the lower half of the Hessian by the twist, row by row.
+TT, NT, NN, BT, BN, BB, ST, SN, SB, SS = range(10)
+HESSIAN = 10
 
 
-def find_couplings(
-    tables: FrictionTables, twist: FloatArray, hessian: FloatArray, pulled: IntArray,
-    turning: TurningState,
+def eliminate(hessian: FloatArray) -> None:
+    """Leave L D L^T of the Hessian (`HESSIAN`, points), the inverses of D on the diagonal."""
+    for i in range(hessian.shape[1]):
+        nt, bt, bn = hessian[NT, i], hessian[BT, i], hessian[BN, i]
+        st, sn, sb = hessian[ST, i], hessian[SN, i], hessian[SB, i]
+        over = 1.0 / hessian[TT, i]
+        f_n, f_b, f_s = nt * over, bt * over, st * over
+        hessian[TT, i], hessian[NT, i], hessian[BT, i], hessian[ST, i] = over, f_n, f_b, f_s
+        over = 1.0 / (hessian[NN, i] - f_n * nt)
+        bn, sn = bn - f_n * bt, sn - f_n * st
+        h_b, h_s = bn * over, sn * over
+        hessian[NN, i], hessian[BN, i], hessian[SN, i] = over, h_b, h_s
+        over = 1.0 / (hessian[BB, i] - f_b * bt - h_b * bn)
+        sb = sb - f_b * st - h_b * sn
+        k_s = sb * over
+        hessian[BB, i], hessian[SB, i] = over, k_s
+        hessian[SS, i] = 1.0 / (hessian[SS, i] - f_s * st - h_s * sn - k_s * sb)
+
+
+def set_forces(
+    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, strain: FloatArray,
+    unit: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in ``by_pull`` and ``coupling`` of ``turning``, of which all else is known.
+    """Fill in the ``force`` (pulled, 4, points) per tension: less the gradient of |u|."""
+    for number in range(pulled.size):
+        tendon = pulled[number]
+        for i in range(strain.shape[1]):
+            g_t, g_n, g_b, g_s = tendon_gradient(
+                -unit[0, number, i], -unit[1, number, i], -unit[2, number, i], strain[5, i],
+                place[0, number, i], place[1, number, i], dx[tendon, i], dy[tendon, i],
+            )  # fmt: skip
+            force[number, 0, i] = g_t
+            force[number, 1, i] = g_n
+            force[number, 2, i] = g_b
+            force[number, 3, i] = g_s
 
-    Under ``twist`` (4, points), with the ``hessian`` (4, 4, points) of the energy there.
+
+def add_yielding(
+    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, along: FloatArray,
+    compliance: FloatArray, strain: FloatArray, force: FloatArray,
+) -> None:  # fmt: skip
+    """Add to the ``force`` (pulled, 4, points) of tendons what their sheaths take from it.
+
+    In which they are in balance under tensions ``along`` them, and move with these.
     """
-    sections, count, unit = tables.sections, twist.shape[1], turning.unit
-    width, slope = np.ones(count), np.zeros(count)
-    if sections.widens:
-        for i in range(count):
-            width[i], slope[i], _ = incompressible_widening(twist[3, i])
-    factors = hessian.copy()
-    eliminate_definite(factors)
-    t, n, b = twist[0], twist[1], twist[2]
-    for k in range(pulled.size):
-        e_t, e_n, e_b = unit[0, k], unit[1, k], unit[2, k]
-        x, y = place_of(sections, pulled[k], k, turning.offset)
-        dx, dy = sections.dx[pulled[k]], sections.dy[pulled[k]]
-        bends = turning.by_pull[k]
-        for i in range(count):
-            bends[0, i] = -width[i] * (x[i] * e_b[i] - y[i] * e_n[i])
-            bends[1, i] = -width[i] * y[i] * e_t[i]
-            bends[2, i] = width[i] * x[i] * e_t[i]
-            bends[3, i] = -e_t[i] - slope[i] * (
-                (n[i] * y[i] - b[i] * x[i]) * e_t[i]
-                + (dx[i] - t[i] * y[i]) * e_n[i]
-                + (dy[i] + t[i] * x[i]) * e_b[i]
+    for number in range(pulled.size):
+        tendon = pulled[number]
+        for i in range(strain.shape[1]):
+            t, n, b, slope = strain[0, i], strain[1, i], strain[2, i], strain[5, i]
+            x, y = place[0, number, i], place[1, number, i]
+            soft, local = compliance[tendon, i], along[tendon, i]
+            u_t, u_n, u_b, length = tendon_direction(
+                t, n, b, strain[3, i], strain[4, i], x, y, dx[tendon, i], dy[tendon, i]
             )
-        if turning.offset.size:
-            add_yielding(sections, pulled[k], x, y, twist, width, slope, bends)
-        substitute_definite(factors, bends)
-    across = np.empty((3, count))
-    for j in range(pulled.size):
-        e_t, e_n, e_b = unit[0, j], unit[1, j], unit[2, j]
-        c_t, c_n, c_b = turning.curvature[0, j], turning.curvature[1, j], turning.curvature[2, j]
-        for i in range(count):
-            rate = turning.rate[j, i]
-            over = 1.0 / rate if rate > 0.0 else 0.0
-            across[0, i] = over * (e_n[i] * c_b[i] - e_b[i] * c_n[i])
-            across[1, i] = over * (e_b[i] * c_t[i] - e_t[i] * c_b[i])
-            across[2, i] = over * (e_t[i] * c_n[i] - e_n[i] * c_t[i])
-        for k in range(pulled.size):
-            bends, out = turning.by_pull[k], turning.coupling[j, k]
-            for i in range(count):
-                out[i] = (
-                    across[0, i] * bends[0, i] + across[1, i] * bends[1, i]
-                    + across[2, i] * bends[2, i]
+            over = 1.0 / length
+            e_t, e_n, e_b, weight = u_t * over, u_n * over, u_b * over, local * over
+            p_n, p_b = sheath_pull(t, n, b, e_t, e_n, e_b)
+            nn, nb, bb = sheath_inverse(t, n, b, p_n, p_b, soft * weight)
+            g_t, g_n, g_b, g_s = tendon_gradient(
+                e_t, e_n, e_b, slope, x, y, dx[tendon, i], dy[tendon, i]
+            )
+            m_t, m_n, m_b, m_s, c_t, c_n, c_b, c_s = sheath_mixed(
+                t, n, b, slope, x, y, dx[tendon, i], dy[tendon, i], e_t, e_n, e_b, p_n, p_b,
+                g_t, g_n, g_b, g_s, local, weight,
+            )  # fmt: skip
+            off_n, off_b = soft * (nn * p_n + nb * p_b), soft * (nb * p_n + bb * p_b)
+            force[number, 0, i] += m_t * off_n + c_t * off_b
+            force[number, 1, i] += m_n * off_n + c_n * off_b
+            force[number, 2, i] += m_b * off_n + c_b * off_b
+            force[number, 3, i] += m_s * off_n + c_s * off_b
+
+
+def unscale(twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
+    """From the ``force`` (pulled, 4, points) by scaled strain to that by the ``twist``."""
+    for number in range(force.shape[0]):
+        for i in range(twist.shape[1]):
+            f_t, f_n, f_b, f_s = unscaled_gradient(
+                twist[0, i], twist[1, i], twist[2, i], strain[4, i], strain[5, i],
+                force[number, 0, i], force[number, 1, i], force[number, 2, i],
+                force[number, 3, i],
+            )  # fmt: skip
+            force[number, 0, i] = f_t
+            force[number, 1, i] = f_n
+            force[number, 2, i] = f_b
+            force[number, 3, i] = f_s
+
+
+def substitute(factors: FloatArray, right: FloatArray) -> None:
+    """Solve for ``right`` (pulled, 4, points) in place, with what `eliminate` has left."""
+    for number in range(right.shape[0]):
+        for i in range(right.shape[2]):
+            t = right[number, 0, i]
+            n = right[number, 1, i] - factors[NT, i] * t
+            b = right[number, 2, i] - factors[BT, i] * t - factors[BN, i] * n
+            s = right[number, 3, i] - factors[ST, i] * t - factors[SN, i] * n - factors[SB, i] * b
+            right[number, 1, i] = n
+            right[number, 2, i] = b
+            right[number, 3, i] = s
+        for i in range(right.shape[2]):
+            s = right[number, 3, i] * factors[SS, i]
+            b = right[number, 2, i] * factors[BB, i] - factors[SB, i] * s
+            n = right[number, 1, i] * factors[NN, i] - factors[BN, i] * b - factors[SN, i] * s
+            right[number, 0, i] = (
+                right[number, 0, i] * factors[TT, i] - factors[NT, i] * n - factors[BT, i] * b
+                - factors[ST, i] * s
+            )  # fmt: skip
+            right[number, 1, i] = n
+            right[number, 2, i] = b
+            right[number, 3, i] = s
+
+
+def follow_tensions(by_pull: FloatArray, change: FloatArray, twist: FloatArray) -> None:
+    """Move the ``twist`` (4, points) of sections in balance by the ``change`` of tensions."""
+    for number in range(by_pull.shape[0]):
+        for k in range(4):
+            for i in range(twist.shape[1]):
+                twist[k, i] += by_pull[number, k, i] * change[number, i]
+
+
+def set_couplings(
+    coefficient: FloatArray, pulled: IntArray, along: FloatArray, quadrature: FloatArray,
+    slip: FloatArray, across: FloatArray, by_pull: FloatArray, added: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in by how much more each tendon turns at a point if each has turned more there.
+
+    That is ``added`` (pulled, pulled, points).
+    """
+    for k in range(pulled.size):
+        tendon = pulled[k]
+        mu = coefficient[tendon]
+        for j in range(pulled.size):
+            for i in range(quadrature.size):
+                added[j, k, i] = slip[k, i] * mu * along[tendon, i] * quadrature[i] * (
+                    across[0, j, i] * by_pull[k, 0, i] + across[1, j, i] * by_pull[k, 1, i]
+                    + across[2, j, i] * by_pull[k, 2, i]
                 )  # fmt: skip
 
 
-def follow_tensions(
-    tables: FrictionTables, turning: TurningState, twist: FloatArray, turns: bool
-) -> None:
-    """Move the ``twist`` (4, points) of sections in balance by the ``change`` of tensions.
-
-    And if ``turns``, how far tendons have turned.
-    """
-    several, count = turning.angle.shape
-    for k in range(several):
-        change = turning.change[k]
-        for m in range(4):
-            by_pull, out = turning.by_pull[k, m], twist[m]
-            for i in range(count):
-                out[i] += by_pull[i] * change[i]
-    if turns:
-        rate, turned = np.zeros((several, count)), turning.turned
-        for j in range(several):
-            for k in range(several):
-                coupled, change = turning.coupling[j, k], turning.change[k]
-                for i in range(count):
-                    rate[j, i] += coupled[i] * change[i]
-        integrate(tables, rate, turned)
-        turned += turning.angle
-
-
-def improve(tables: FrictionTables, pulled: IntArray, turning: TurningState) -> float:
-    """Bring the angles nearer, as `next_angle` does, but in one sweep from point to point.
-
-    With half of what a point adds to the integrals counted there, which is exact enough.
+def sweep(
+    coefficient: FloatArray, pulled: IntArray, turned: FloatArray, added: FloatArray,
+    few: FloatArray, angle: FloatArray,
+) -> float:  # fmt: skip
+    """Bring the angles nearer, from point to point; ``few`` (2, pulled) are to work in.
 
     Returns:
         The largest part by which tensions change; NaN where it is none.
     """
-    several, count = turning.angle.shape
-    by_angle, moved = np.empty((several, count)), np.empty((several, count))
+    several, largest, sum_of_all = pulled.size, 0.0, 0.0
     for k in range(several):
-        mu, along = tables.coefficient[pulled[k]], tables.sections.transmission[pulled[k]]
-        for i in range(count):
-            by_angle[k, i] = turning.slip[k, i] * mu * along[i]
-            moved[k, i] = turning.turned[k, i] - turning.angle[k, i]
-    total, pull = np.zeros(several), np.empty(several)
-    for i in range(count):
-        half = 0.5 * tables.quadrature[i]
+        few[1, k] = 0.0
+    for i in range(angle.shape[1]):
         for k in range(several):
-            moved[k, i] += total[k]
-            pull[k] = by_angle[k, i] * moved[k, i]
+            few[0, k] = turned[k, i] - angle[k, i] + few[1, k]
         for j in range(several):
-            rate = 0.0
+            more = 0.0
             for k in range(several):
-                rate += turning.coupling[j, k, i] * pull[k]
-            moved[j, i] += half * rate
-            total[j] += 2.0 * half * rate
-    largest, sum_of_all = 0.0, 0.0
+                more += added[j, k, i] * few[0, k]
+            few[1, j] += more
+            old = angle[j, i]
+            new = max(old + few[0, j] + 0.5 * more, 0.0)
+            angle[j, i] = new
+            largest = max(largest, coefficient[pulled[j]] * abs(new - old))
     for k in range(several):
-        mu = tables.coefficient[pulled[k]]
-        for i in range(count):
-            old = turning.angle[k, i]
-            new = turning.angle[k, i] = max(old + moved[k, i], 0.0)
-            largest = max(largest, mu * abs(new - old))
-            sum_of_all += moved[k, i]
+        sum_of_all += few[1, k]
+    # What is not a number at one point is none in the sum.
     return largest if np.isfinite(sum_of_all) else np.nan

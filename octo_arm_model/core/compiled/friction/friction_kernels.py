@@ -1,6 +1,7 @@
 """Friction along tendons: what `numba_build` compiles, as `sliding.friction` has it.
 
-Of the tendons under tension alone, ``pulled``.
+And how tendons turn together, as `sliding.sliding_balance`; of those under tension alone,
+``pulled``.
 """
 
 from __future__ import annotations
@@ -9,169 +10,181 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.compiled.friction.coupling_kernels import (
+    HESSIAN,
+    add_yielding,
+    eliminate,
+    set_couplings,
+    set_forces,
+    substitute,
+    sweep,
+    unscale,
+)
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.friction.placing_kernels import (
     no_offsets,
-    place_of,
-    place_tendons,
+    set_places,
+)
+from octo_arm_model.core.compiled.friction.turning_kernels import (
+    STRAIN,
+    add_kinks,
+    add_up,
+    change_rates,
+    set_rates,
+    set_strain,
+    set_units,
 )
 from octo_arm_model.core.compiled.loaded.resolution_kernels import largest_tail
-from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
-from octo_arm_model.core.loaded.sliding.friction import SAME
-from octo_arm_model.core.section.elastic_laws import incompressible_widening
-from octo_arm_model.core.section.formulas import tendon_direction
-from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_angle
 
 
 class TurningState(NamedTuple):
-    """How the tendons that are pulled turn; all (pulled, points) but for the last five.
+    """How the tendons that are pulled turn; all (pulled, points) but for those of other axes.
+
+    One tuple of all there is, as the compiler counts references of every array that is passed.
 
     Attributes:
         angle: by which each has turned since the base, nearly [rad].
+        kept: what friction leaves of its tension after that angle.
+        by_pull: change of the twist with each tension at the same place, (pulled, 4, points).
+        across: change of ``rate`` with the angular twist, (3, pulled, points).
         turned: by which it turns in the shape that follows from that angle [rad].
         rate: derivative of ``turned`` [rad/m], without kinks.
         slip: -1 where it is drawn in, 1 where it is let out and 0 where it sticks.
         change: of its tension, when that was found last [N].
         unit: its unit tangent in the axes of the cross sections, (3, pulled, points).
-        curvature: derivative of this, likewise [1/m].
-        by_pull: change of the twist with each tension at the same place, (pulled, 4, points).
-        coupling: likewise of each ``rate``, see `couplings`, (pulled, pulled, points).
+        slope: derivative of this along an element over its length, likewise.
+        place: where it stands in the section along n and b [m], (2, pulled, points).
+        added: see `set_couplings`, (pulled, pulled, points).
+        strain: of the sections, see `STRAIN`.
+        hessian: of their energy, see `HESSIAN`.
+        few: to work in, (2, pulled).
         offset: of the tendons in their sheaths [m], see `placing_kernels`.
+        pulled: their numbers.
+        dx: as of `SectionTables`, of all tendons.
+        dy: likewise.
+        compliance: likewise, of their sheaths.
+        along: their tensions at the points [N].
+        coefficient: as of `FrictionTables`, and so are the others.
+        widens: as of `SectionTables`.
     """
 
     angle: FloatArray
+    kept: FloatArray
+    by_pull: FloatArray
+    across: FloatArray
     turned: FloatArray
     rate: FloatArray
     slip: FloatArray
     change: FloatArray
     unit: FloatArray
-    curvature: FloatArray
-    by_pull: FloatArray
-    coupling: FloatArray
+    slope: FloatArray
+    place: FloatArray
+    added: FloatArray
+    strain: FloatArray
+    hessian: FloatArray
+    few: FloatArray
     offset: FloatArray
+    pulled: IntArray
+    dx: FloatArray
+    dy: FloatArray
+    compliance: FloatArray
+    along: FloatArray
+    coefficient: FloatArray
+    step: FloatArray
+    lengths: FloatArray
+    quadrature: FloatArray
+    from_start_columns: FloatArray
+    differentiate_columns: FloatArray
+    end_columns: FloatArray
+    widens: bool
 
 
-def empty_turning(sections: SectionTables, pulled: int) -> TurningState:
-    """Room for ``pulled`` tendons that are drawn in and do not turn."""
-    points = sections.axial.size
+def remembered(pulled: int) -> int:
+    """How many numbers at every point foretell another balance, see `state_in`."""
+    return 4 + 9 * pulled
+
+
+def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> TurningState:
+    """How ``pulled`` tendons turn, of which their paths alone are known.
+
+    What foretells another balance lies in ``memory`` (`remembered`, points) after the twist.
+    """
+    sections, points, p = tables.sections, memory.shape[1], pulled.size
+    room, along = np.empty((4, p, points)), np.empty((2, 3, p, points))
+    place, offset = np.empty((2, p, points)), no_offsets(sections, p)
+    set_places(sections.blocks, sections.x, sections.y, pulled, offset, place)
     return TurningState(
-        np.zeros((pulled, points)), np.empty((pulled, points)), np.empty((pulled, points)),
-        np.full((pulled, points), -1.0), np.zeros((pulled, points)),
-        np.empty((3, pulled, points)), np.empty((3, pulled, points)),
-        np.empty((pulled, 4, points)), np.empty((pulled, pulled, points)),
-        no_offsets(sections, pulled),
+        memory[4 : 4 + p], memory[4 + p : 4 + 2 * p],
+        memory[4 + 2 * p : 4 + 6 * p].reshape(p, 4, points),
+        memory[4 + 6 * p :].reshape(3, p, points), room[0], room[1], room[2], room[3], along[0],
+        along[1], place, np.empty((p, p, points)), np.empty((STRAIN, points)),
+        np.empty((HESSIAN, points)), np.empty((2, p)), offset, pulled, sections.dx, sections.dy,
+        sections.sheath_compliance, sections.transmission, tables.coefficient, tables.step,
+        tables.lengths, tables.quadrature, tables.from_start_columns,
+        tables.differentiate_columns, tables.end_columns, sections.widens,
     )  # fmt: skip
 
 
-def find_tensions(
-    tables: FrictionTables, tensions: FloatArray, before: FloatArray, pulled: IntArray,
-    turning: TurningState,
-) -> bool:  # fmt: skip
-    """Fill in tensions at the points, their ``change`` and ``slip``, for the ``angle``.
+def find_turnings(turning: TurningState, twist: FloatArray) -> None:
+    """Fill in how the tendons turn in their places under ``twist`` (4, points): see `Turning`."""
+    unit, slope, s = turning.unit, turning.slope, len(turning.end_columns)
+    set_strain(turning.widens, twist, turning.strain)
+    set_units(turning.pulled, turning.place, turning.dx, turning.dy, turning.strain, unit)
+    each = unit.size // s, s
+    np.dot(unit.reshape(each), turning.differentiate_columns, slope.reshape(each))
+    set_rates(twist, turning.lengths, unit, slope, turning.rate, turning.across)
+    integrate(turning)
+    add_kinks(turning.end_columns, unit, turning.turned)
 
-    ``before`` (tendons, points) are those before, or (0, 0) for slack ones.
+
+def integrate(turning: TurningState) -> None:
+    """Fill in what tendons have ``turned`` by from their ``rate``, without kinks."""
+    s, rate, turned = len(turning.end_columns), turning.rate, turning.turned
+    each = rate.size // s, s
+    np.dot(rate.reshape(each), turning.from_start_columns, turned.reshape(each))
+    add_up(turning.step, turning.quadrature, rate, turned)
+
+
+def foretell(turning: TurningState, moved: FloatArray) -> None:
+    """Fill in what tendons have ``turned`` by where the twist has ``moved`` (4, points)."""
+    change_rates(turning.across, moved, turning.rate)
+    integrate(turning)
+    turning.turned[:] += turning.angle
+
+
+def find_responses(turning: TurningState, twist: FloatArray) -> None:
+    """Fill in ``by_pull`` under ``twist`` (4, points), of which `find_turnings` has been found.
+
+    With the ``hessian``, which is lost.
+    """
+    pulled, place, strain, by_pull = (
+        turning.pulled, turning.place, turning.strain, turning.by_pull
+    )  # fmt: skip
+    dx, dy, compliance = turning.dx, turning.dy, turning.compliance
+    set_forces(pulled, place, dx, dy, strain, turning.unit, by_pull)
+    if compliance.size:
+        add_yielding(pulled, place, dx, dy, turning.along, compliance, strain, by_pull)
+    unscale(twist, strain, by_pull)
+    eliminate(turning.hessian)
+    substitute(turning.hessian, by_pull)
+
+
+def improve(turning: TurningState) -> float:
+    """Bring the angles nearer, as `next_angle` does, but in one sweep from point to point.
+
+    With half of what a point adds to the integrals counted there, which is exact enough.
 
     Returns:
-        Whether any tendon sticks.
+        The largest part by which tensions change; NaN where it is none.
     """
-    sticks, has_history = False, before.size > 0
-    for number in range(pulled.size):
-        tendon = pulled[number]
-        rate, pull, part = (
-            tables.coefficient[tendon],
-            tensions[tendon],
-            tables.transmission[tendon],
-        )
-        angle, slip, change = turning.angle[number], turning.slip[number], turning.change[number]
-        along = tables.sections.transmission[tendon]
-        for i in range(angle.size):
-            given, kept = part[i] * pull, np.exp(-rate * angle[i])
-            tension, slip[i] = given * kept, -1.0
-            if has_history:
-                held = before[tendon, i]
-                if held > tension * (1.0 + SAME):
-                    high = given / kept
-                    slip[i] = 1.0 if held >= high * (1.0 - SAME) else 0.0
-                    sticks = sticks or slip[i] == 0.0
-                    tension = min(held, high)
-            change[i], along[i] = tension - along[i], tension
-    return sticks
-
-
-def find_turnings(
-    tables: FrictionTables, twist: FloatArray, pulled: IntArray, turning: TurningState
-) -> None:
-    """Fill in how the tendons turn under ``twist`` (4, points): see `Turning`.
-
-    Where sheaths give way tendons stand as the tensions at the points have it.
-    """
-    sections, several, count = tables.sections, pulled.size, twist.shape[1]
-    elements, s = tables.step.size, len(tables.end_columns)
-    unit, slope, rate, turned = turning.unit, turning.curvature, turning.rate, turning.turned
-    strain = np.empty((5, count))
-    find_strain(sections, twist, strain)
-    t, n, b, stretch, width = strain[0], strain[1], strain[2], strain[3], strain[4]
-    if turning.offset.size:
-        place_tendons(sections, strain, pulled, turning.offset)
-    for number in range(several):
-        tendon = pulled[number]
-        x, y = place_of(sections, tendon, number, turning.offset)
-        dx, dy = sections.dx[tendon], sections.dy[tendon]
-        e_t, e_n, e_b = unit[0, number], unit[1, number], unit[2, number]
-        for i in range(count):
-            u_t, u_n, u_b, length = tendon_direction(
-                t[i], n[i], b[i], stretch[i], width[i], x[i], y[i], dx[i], dy[i]
-            )
-            over = 1.0 / length
-            e_t[i], e_n[i], e_b[i] = over * u_t, over * u_n, over * u_b
-    each = 3 * several * elements, s
-    np.dot(unit.reshape(each), tables.differentiate_columns, slope.reshape(each))
-    ends = np.dot(unit.reshape(each), tables.end_columns).reshape(3, several, elements, 2)
-    t, n, b, over = twist[0], twist[1], twist[2], 1.0 / tables.lengths
-    for number in range(several):
-        e_t, e_n, e_b = unit[0, number], unit[1, number], unit[2, number]
-        c_t, c_n, c_b = slope[0, number], slope[1, number], slope[2, number]
-        turns = rate[number]
-        for i in range(count):
-            d_t, d_n, d_b = over[i] * c_t[i], over[i] * c_n[i], over[i] * c_b[i]
-            d_t, d_n, d_b = curvature(t[i], n[i], b[i], e_t[i], e_n[i], e_b[i], d_t, d_n, d_b)
-            c_t[i], c_n[i], c_b[i] = d_t, d_n, d_b
-            turns[i] = np.sqrt(d_t * d_t + d_n * d_n + d_b * d_b)
-    integrate(tables, rate, turned)
-    for number in range(several):
-        jumps, out = 0.0, turned[number].reshape(elements, s)
-        for element in range(1, elements):
-            before, after = ends[:, number, element - 1, 1], ends[:, number, element, 0]
-            jumps += kink_angle(after[0] - before[0], after[1] - before[1], after[2] - before[2])
-            out[element] += jumps
-
-
-def find_strain(sections: SectionTables, twist: FloatArray, strain: FloatArray) -> None:
-    """Fill in the scaled ``strain`` (5, points) under ``twist`` (4, points), and the widening."""
-    strain[:4], strain[4] = twist, 1.0
-    if sections.widens:
-        for i in range(twist.shape[1]):
-            width = strain[4, i] = incompressible_widening(twist[3, i])[0]
-            for k in range(3):
-                strain[k, i] *= width
-
-
-def integrate(tables: FrictionTables, rate: FloatArray, total: FloatArray) -> None:
-    """Fill in the integrals from the base (n, points) of each ``rate`` (n, points)."""
-    s, several, elements = len(tables.end_columns), len(rate), tables.step.size
-    carried = rate * tables.lengths
-    each = several * elements, s
-    np.dot(carried.reshape(each), tables.from_start_columns, total.reshape(each))
-    for number in range(several):
-        start = 0.0
-        for element in range(elements):
-            first, whole = element * s, 0.0
-            for i in range(first, first + s):
-                total[number, i] += start
-                whole += tables.quadrature[i] * rate[number, i]
-            start += whole
+    coefficient, pulled, added = turning.coefficient, turning.pulled, turning.added
+    set_couplings(
+        coefficient, pulled, turning.along, turning.quadrature, turning.slip, turning.across,
+        turning.by_pull, added,
+    )  # fmt: skip
+    return sweep(coefficient, pulled, turning.turned, added, turning.few, turning.angle)
 
 
 def resolves_tensions(tables: FrictionTables, pulled: IntArray) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.friction.turning_kernels import STRAIN, set_strain
 from octo_arm_model.core.compiled.section.section_rows import FREE, WIDTH, T
 from octo_arm_model.core.compiled.section.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.section.sheath_kernels import (
@@ -17,14 +18,6 @@ from octo_arm_model.core.compiled.section.sheath_kernels import (
     step_offset,
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.section.formulas import (
-    sheath_inverse,
-    sheath_mixed,
-    sheath_pull,
-    tendon_direction,
-    tendon_gradient,
-    unscaled_gradient,
-)
 
 
 def no_offsets(sections: SectionTables, pulled: int) -> FloatArray:
@@ -34,10 +27,18 @@ def no_offsets(sections: SectionTables, pulled: int) -> FloatArray:
 
 
 def place_tendons(
-    sections: SectionTables, strain: FloatArray, pulled: IntArray, offsets: FloatArray
-) -> None:
-    """Move tendons to balance in their sheaths under scaled ``strain`` (5, points)."""
-    rows = np.zeros(FREE + LANES)
+    sections: SectionTables, twist: FloatArray, pulled: IntArray, offsets: FloatArray,
+    place: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in the ``place`` (2, pulled, points) of tendons along n and b [m].
+
+    In balance in their sheaths under ``twist`` (4, points), if these give way.
+    """
+    if not offsets.size:
+        return
+    strain = np.empty((STRAIN, twist.shape[1]))
+    set_strain(sections.widens, twist, strain)
+    rows = np.zeros(FREE)
     for block in range(len(sections.blocks)):
         first, count = sections.blocks[block]
         last = first + count
@@ -56,56 +57,21 @@ def place_tendons(
                     sections.lever_max[first:last], rows, offsets[block, number],
                 ) > OFFSET_TOLERANCE:  # fmt: skip
                     break
+    set_places(sections.blocks, sections.x, sections.y, pulled, offsets, place)
 
 
-def place_of(
-    sections: SectionTables, tendon: int, number: int, offsets: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Where a ``tendon`` stands, along n and b (points,) [m]; it is this ``number`` of offsets."""
-    x, y = sections.x[tendon], sections.y[tendon]
-    if offsets.size:
-        x, y = x.copy(), y.copy()
-        for block in range(len(sections.blocks)):
-            first, count = sections.blocks[block]
-            offset = offsets[block, number]
-            for i in range(count):
-                x[first + i] += offset[i]
-                y[first + i] += offset[LANES + i]
-    return x, y
-
-
-def add_yielding(
-    sections: SectionTables, tendon: int, x: FloatArray, y: FloatArray, twist: FloatArray,
-    width: FloatArray, slope: FloatArray, force: FloatArray,
+def set_places(
+    blocks: IntArray, x: FloatArray, y: FloatArray, pulled: IntArray, offsets: FloatArray,
+    place: FloatArray,
 ) -> None:  # fmt: skip
-    """Add to the ``force`` (4, points) per tension of a ``tendon`` what its sheath takes from it.
-
-    It stands at ``x`` and ``y``, in balance under the ``twist`` (4, points), by which sections
-    widen by ``width`` with that ``slope`` (points,), and moves in its sheath with its tension.
-    """
-    dx, dy = sections.dx[tendon], sections.dy[tendon]
-    compliance, along = sections.sheath_compliance[tendon], sections.transmission[tendon]
-    t, n, b = width * twist[0], width * twist[1], width * twist[2]
-    for i in range(x.size):
-        u_t, u_n, u_b, length = tendon_direction(
-            t[i], n[i], b[i], twist[3, i], width[i], x[i], y[i], dx[i], dy[i]
-        )
-        over, local, soft = 1.0 / length, along[i], compliance[i]
-        e_t, e_n, e_b, weight = u_t * over, u_n * over, u_b * over, local * over
-        p_n, p_b = sheath_pull(t[i], n[i], b[i], e_t, e_n, e_b)
-        nn, nb, bb = sheath_inverse(t[i], n[i], b[i], p_n, p_b, soft * weight)
-        g_t, g_n, g_b, g_s = tendon_gradient(e_t, e_n, e_b, slope[i], x[i], y[i], dx[i], dy[i])
-        m_t, m_n, m_b, m_s, c_t, c_n, c_b, c_s = sheath_mixed(
-            t[i], n[i], b[i], slope[i], x[i], y[i], dx[i], dy[i], e_t, e_n, e_b, p_n, p_b,
-            g_t, g_n, g_b, g_s, local, weight,
-        )  # fmt: skip
-        off_n, off_b = soft * (nn * p_n + nb * p_b), soft * (nb * p_n + bb * p_b)
-        taken = unscaled_gradient(
-            twist[0, i], twist[1, i], twist[2, i], width[i], slope[i],
-            m_t * off_n + c_t * off_b, m_n * off_n + c_n * off_b,
-            m_b * off_n + c_b * off_b, m_s * off_n + c_s * off_b,
-        )  # fmt: skip
-        force[0, i] += taken[0]
-        force[1, i] += taken[1]
-        force[2, i] += taken[2]
-        force[3, i] += taken[3]
+    """Fill in the ``place`` (2, pulled, points) of tendons ``offsets`` off their paths."""
+    for number in range(pulled.size):
+        tendon = pulled[number]
+        for i in range(place.shape[2]):
+            place[0, number, i], place[1, number, i] = x[tendon, i], y[tendon, i]
+        if offsets.size:
+            for block in range(len(blocks)):
+                first, count = blocks[block, 0], blocks[block, 1]
+                for i in range(count):
+                    place[0, number, first + i] += offsets[block, number, i]
+                    place[1, number, first + i] += offsets[block, number, LANES + i]

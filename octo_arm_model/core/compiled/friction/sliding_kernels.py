@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.coupling_kernels import (
-    find_couplings,
-    follow_tensions,
-    improve,
-)
+from octo_arm_model.core.compiled.friction.coupling_kernels import HESSIAN, follow_tensions
 from octo_arm_model.core.compiled.friction.friction_kernels import (
-    TurningState,
-    empty_turning,
-    find_tensions,
+    find_responses,
     find_turnings,
+    foretell,
+    improve,
+    remembered,
     resolves_tensions,
+    state_in,
 )
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.friction.placing_kernels import place_tendons
+from octo_arm_model.core.compiled.friction.turning_kernels import set_kept, set_tensions
 from octo_arm_model.core.compiled.loaded.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
@@ -32,8 +32,8 @@ from octo_arm_model.core.compiled.section.minimum_kernels import (
     is_least,
     set_twist,
 )
-from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections, set_scales
-from octo_arm_model.core.compiled.section.section_rows import OFFSET_LEFT, WIDTH, T, set_strain
+from octo_arm_model.core.compiled.section.section_kernels import set_scales, unscale
+from octo_arm_model.core.compiled.section.section_rows import OFFSET_LEFT, TT, T, set_strain
 from octo_arm_model.core.compiled.section.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.section.sheath_kernels import OFFSET_TOLERANCE, are_inside
 from octo_arm_model.core.compiled.section.start_kernels import set_start
@@ -68,34 +68,36 @@ def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatA
 
 
 def find_sections(
-    tables: FrictionTables, ones: FloatArray, pulled: IntArray, is_guess: bool,
-    twist: FloatArray, offsets: FloatArray, rows: FloatArray,
+    sections: SectionTables, is_exact: bool, ones: FloatArray, pulled: IntArray, is_guess: bool,
+    is_kept: bool, twist: FloatArray, offsets: FloatArray, hessian: FloatArray, rows: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
     """Bring the ``twist`` (4, points) nearer to balance with the tensions that are at the points.
 
-    By a step of Newton's method, or as `set_start` has it; with the ``offsets`` of tendons in
-    their sheaths, see `placing_kernels`. ``rows`` are to work in.
+    By a step of Newton's method, or as `set_start` has it, with the offsets of tendons in their
+    sheaths. Fills in ``by_pull`` of ``turning`` besides, at the twist before the step, if it
+    ``responds``. ``rows`` are to work in.
 
     Returns:
         What was left of the balance before, relative, NaN where there is none, and whether no
         fibre is compressed to nothing, no tendon pressed out of the body and the energy least.
     """
-    sections, residual, is_possible = tables.sections, 0.0, True
-    if not tables.is_exact:
+    residual, is_possible = 0.0, True
+    if not is_exact:
         for i in range(twist.shape[1]):
             closed_form(sections, i, pulled, twist)
-        return residual, True
     for block in range(len(sections.blocks)):
         first, count = sections.blocks[block]
         own = twist[:, first : first + count]
-        if is_guess:
+        if is_guess and is_exact:
             set_start(sections, block, ones, pulled, rows)
-        else:
-            set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
-            set_scales(sections, block, ones, pulled, rows)
-            find_next(sections, block, ones, pulled, rows, offsets[block])
-            for i in range(4 * LANES):
-                rows[T + i] += rows[NEXT_T + i]
+            is_possible = set_twist(sections, block, rows, own) and is_possible
+            continue
+        if not (is_exact or is_kept):
+            continue
+        set_strain(sections.widens, own[0], own[1], own[2], own[3], rows)
+        set_scales(sections, block, ones, pulled, rows)
+        find_next(sections, block, ones, pulled, rows, offsets[block])
+        if is_exact:
             for i in range(count):
                 left = rows[LEFT + i]
                 residual = max(residual, left) if np.isfinite(left) else np.nan
@@ -108,69 +110,83 @@ def find_sections(
                     and are_inside(sections, block, pulled, offsets[block])
                     and is_possible
                 )
-        is_possible = set_twist(sections, block, rows, own) and is_possible
+        if is_kept:
+            unscale(count, own[0], own[1], own[2], rows)
+            for k in range(HESSIAN):
+                for i in range(count):
+                    hessian[k, first + i] = rows[TT + k * LANES + i]
+        if is_exact:
+            for i in range(4 * LANES):
+                rows[T + i] += rows[NEXT_T + i]
+            is_possible = set_twist(sections, block, rows, own) and is_possible
     return residual, is_possible
 
 
 def slide(
-    tables: FrictionTables, tensions: FloatArray, before: FloatArray, twist: FloatArray,
-    known: FloatArray, memory: FloatArray,
+    tables: FrictionTables, tensions: FloatArray, before: FloatArray, known: FloatArray,
+    memory: FloatArray,
 ) -> tuple[float, int, bool]:  # fmt: skip
-    """Fill in the ``twist`` (4, points) and the tensions at the points, as `balance` does.
+    """Fill in the tensions at the points, and their twist as `memory[:4]`, as `balance` does.
 
-    ``memory`` is filled in by `remember` if it has any size, ``known`` that of the balance with
-    the tensions ``before`` if it has; then it is near.
+    Every sweep is a step of Newton's method for cross sections and tensions along tendons
+    together. What ``memory`` (`remembered`, points) ends as foretells another balance from the
+    tensions that are found; if ``known`` has any size it is that of the tensions ``before``, which
+    is near.
 
     Returns:
         What is left of the balance, relative, number of sweeps, -1 where there is no balance,
         and whether any tendon sticks.
     """
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
-    along, is_known = tables.sections.transmission, known.size > 0
-    turning = empty_turning(tables.sections, pulled.size)
-    rows = np.zeros(ROWS)
-    rows[WIDTH : WIDTH + LANES] = 1.0
+    sections, twist, is_known = tables.sections, memory[:4], known.size > 0
+    turning, rows = state_in(tables, pulled, memory), np.zeros(ROWS)
+    part, along, coefficient = tables.transmission, turning.along, turning.coefficient
+    angle, kept, slip, change = turning.angle, turning.kept, turning.slip, turning.change
     last, left, is_found = 0.0, 0.0, False
     if is_known:
-        recall(known, twist, turning)
-        along[:] = before
-        find_tensions(tables, tensions, before, pulled, turning)
-        follow_tensions(tables, turning, twist, True)
-        left = improve(tables, pulled, turning)
+        memory[:], along[:] = known, before
+        set_tensions(tensions, before, pulled, part, kept, along, slip, change)
+        moved = np.zeros((4, twist.shape[1]))
+        follow_tensions(turning.by_pull, change, moved)
+        twist += moved
+        foretell(turning, moved)
+        left = improve(turning)
     else:
-        along[:] = 0.0
-    for sweep in range(MOST):
-        sticks = find_tensions(tables, tensions, before, pulled, turning)
-        if is_known or sweep > 1:
-            follow_tensions(tables, turning, twist, False)
-        elif sweep == 0:
-            find_sections(tables, ones, pulled, True, twist, turning.offset, rows)
+        along[:], angle[:] = 0.0, 0.0
+    for number in range(MOST):
+        set_kept(coefficient, pulled, angle, kept)
+        sticks = set_tensions(tensions, before, pulled, part, kept, along, slip, change)
+        if is_known or number:
+            follow_tensions(turning.by_pull, change, twist)
+        else:
+            find_sections(
+                sections, tables.is_exact, ones, pulled, True, False, twist, turning.offset,
+                turning.hessian, rows,
+            )  # fmt: skip
+        responds = number == 0 or (number == 1 and not is_known)
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
             residual, is_possible = find_sections(
-                tables, ones, pulled, False, twist, turning.offset, rows
-            )
+                sections, tables.is_exact, ones, pulled, False, responds, twist, turning.offset,
+                turning.hessian, rows,
+            )  # fmt: skip
             if residual <= (TOLERANCE if is_found else ROUGH):
                 break
         if is_found and residual <= TOLERANCE:
-            if memory.size:
-                remember(turning, twist, memory)
-            return residual, sweep if is_possible else -1, sticks
+            return residual, number if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
-        find_turnings(tables, twist, pulled, turning)
-        if sweep == 0 and not is_known:
-            for number in range(pulled.size):
-                mu = max(tables.coefficient[pulled[number]], NO_FRICTION)
-                turning.angle[number] = np.log1p(mu * turning.turned[number]) / mu
+        place_tendons(sections, twist, pulled, turning.offset, turning.place)
+        find_turnings(turning, twist)
+        if responds:
+            find_responses(turning, twist)
+        if number == 0 and not is_known:
+            for k in range(pulled.size):
+                mu = max(coefficient[pulled[k]], NO_FRICTION)
+                for i in range(angle.shape[1]):
+                    angle[k, i] = np.log1p(mu * turning.turned[k, i]) / mu
             continue
-        if sweep == (2 if is_known else 1):
-            hessian = np.empty((4, *twist.shape))
-            evaluate_sections(
-                tables.sections, ones, twist, np.empty(twist.shape), hessian, np.empty(twist.shape)
-            )
-            find_couplings(tables, twist, hessian, pulled, turning)
-        last, left = left, improve(tables, pulled, turning)
+        last, left = left, improve(turning)
         if np.isnan(left):
             break
         is_found = has_converged(left, last)
@@ -186,34 +202,6 @@ def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled:
         if not abs(tensions[tendon] - at_base) <= CHANGED * at_base:
             return False
     return True
-
-
-def remembered(pulled: int) -> int:
-    """How many numbers at every point `remember` keeps."""
-    return 4 + pulled * (5 + pulled)
-
-
-def parts_of(
-    memory: FloatArray, pulled: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Twist, ``angle``, ``by_pull`` and ``coupling`` in ``memory`` (`remembered`, points)."""
-    rest = memory[4:].reshape(pulled, 5 + pulled, memory.shape[1])
-    return memory[:4], rest[:, 0], rest[:, 1:5], rest[:, 5:]
-
-
-def remember(turning: TurningState, twist: FloatArray, memory: FloatArray) -> None:
-    """Keep the ``twist`` and what is known of ``turning`` in ``memory``, see `parts_of`."""
-    kept, angle, by_pull, coupling = parts_of(memory, len(turning.angle))
-    kept[:], angle[:], by_pull[:], coupling[:] = (
-        twist, turning.angle, turning.by_pull, turning.coupling
-    )  # fmt: skip
-
-
-def recall(memory: FloatArray, twist: FloatArray, turning: TurningState) -> None:
-    """Take them from it."""
-    kept, angle, by_pull, coupling = parts_of(memory, len(turning.angle))
-    twist[:], turning.angle[:] = kept, angle
-    turning.by_pull[:], turning.coupling[:] = by_pull, coupling
 
 
 def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
@@ -234,16 +222,17 @@ def find_sliding_shapes(
     of `slide`. Where finer elements ``may_refine`` what these do not resolve ``iterations`` are
     `UNRESOLVED`.
     """
-    without = 0
-    at_points = np.empty((4, tables.transmission.shape[1]))
+    without, count = 0, tables.transmission.shape[1]
     s, nothing = len(tables.end_columns), np.zeros((0, 0))
     for arm in range(len(tensions)):
         own, sweeps, sticks = tensions[arm], -1, False
         pulled = np.flatnonzero(own)
+        found = memory if memory.size else np.empty((remembered(pulled.size), count))
+        at_points = found[:4]
         if is_near(known, before, own, pulled):
-            residual[arm], sweeps, sticks = slide(tables, own, before, at_points, known, memory)
+            residual[arm], sweeps, sticks = slide(tables, own, before, known, found)
         if sweeps < 0:
-            residual[arm], sweeps, sticks = slide(tables, own, before, at_points, nothing, memory)
+            residual[arm], sweeps, sticks = slide(tables, own, before, nothing, found)
         iterations[arm] = sweeps
         if iterations[arm] < 0:
             without += 1

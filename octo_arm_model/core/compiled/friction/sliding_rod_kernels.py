@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.coupling_kernels import (
-    find_couplings,
-    follow_tensions,
-    improve,
-)
+from octo_arm_model.core.compiled.friction.coupling_kernels import follow_tensions
 from octo_arm_model.core.compiled.friction.friction_kernels import (
-    empty_turning,
-    find_tensions,
+    find_responses,
     find_turnings,
+    improve,
+    remembered,
     resolves_tensions,
+    state_in,
 )
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
+from octo_arm_model.core.compiled.friction.placing_kernels import place_tendons
+from octo_arm_model.core.compiled.friction.turning_kernels import set_kept, set_tensions
 from octo_arm_model.core.compiled.loaded.orientation_kernels import (
     DEFECTS,
     find_turn,
@@ -114,7 +114,10 @@ def find_sliding_balance(
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
     turned, sign = 0.0, 0
     pulled = np.flatnonzero(tensions)
-    turning = empty_turning(friction.sections, pulled.size)
+    memory = np.zeros((remembered(pulled.size), count))
+    turning = state_in(friction, pulled, memory)
+    sections, part, coefficient = friction.sections, friction.transmission, friction.coefficient
+    angle, kept, slips, change = turning.angle, turning.kept, turning.slip, turning.change
     new, current = empty_state(count), known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
@@ -123,12 +126,20 @@ def find_sliding_balance(
     along[:] = 0.0
     if turning.offset.size:
         # Tendons stand as tensions have it, nearly those without turning.
-        find_tensions(friction, tensions, before, pulled, turning)
-    find_turnings(friction, state.twist, pulled, turning)
-    turning.angle[:] = turning.turned
-    sticks = find_tensions(friction, tensions, before, pulled, turning)
+        kept[:] = 1.0
+        set_tensions(tensions, before, pulled, part, kept, along, slips, change)
+        place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
+    find_turnings(turning, state.twist)
+    angle[:] = turning.turned
+    set_kept(coefficient, pulled, angle, kept)
+    sticks = set_tensions(tensions, before, pulled, part, kept, along, slips, change)
     residual = find_state(tables, held, tip_wrench, factor, state)
-    find_couplings(friction, state.twist, state.hessian, pulled, turning)
+    row = 0
+    for k in range(4):
+        for m in range(k + 1):
+            turning.hessian[row] = state.hessian[k, m]
+            row += 1
+    find_responses(turning, state.twist)
     is_slow = not is_known
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= TOLERANCE:
@@ -149,10 +160,12 @@ def find_sliding_balance(
                 break
         find_step(tables, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
-        find_turnings(friction, new.twist, pulled, turning)
-        changed = improve(friction, pulled, turning)
-        sticks = find_tensions(friction, tensions, before, pulled, turning)
-        follow_tensions(friction, turning, new.twist, False)
+        place_tendons(sections, new.twist, pulled, turning.offset, turning.place)
+        find_turnings(turning, new.twist)
+        changed = improve(turning)
+        set_kept(coefficient, pulled, angle, kept)
+        sticks = set_tensions(tensions, before, pulled, part, kept, along, slips, change)
+        follow_tensions(turning.by_pull, change, new.twist)
         turn_by(turn, state.turn, new.turn)
         find_turn(tables, new.twist, DEFECTS, new.turn)
         found = find_state(tables, held, tip_wrench, factor, new)
@@ -160,9 +173,9 @@ def find_sliding_balance(
             break
         # A new system is asked for in the end anyway, to see whether the balance is stable.
         is_slow, residual = found > SLOW * residual or (is_known and number == 0), found
-        angle = turn_of(tables, new.twist - state.twist)
+        moved = turn_of(tables, new.twist - state.twist)
         copy_state(new, state)
-        turned += angle
+        turned += moved
         if number:
-            corrected += angle
+            corrected += moved
     return residual, -1, 0, corrected, False, False

@@ -24,6 +24,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
+from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.loaded.read_out import read_out
@@ -58,6 +59,19 @@ def test_a_movement_does_not_depend_on_what_is_kept_of_the_balance_before(
         expected = Solver(arm, model, compiled=compiled).follow(part * PULL, backbone)
         backbone = solver.follow(part * PULL, backbone)
         assert_same(backbone, expected, arm.length)
+        assert backbone.residual <= 1e-11
+
+
+@pytest.mark.parametrize('sheath', [0.0, 7.0])
+def test_a_small_movement_takes_one_step_for_sections_and_tensions_together(sheath: float) -> None:
+    arm = find_config('renda2012_prototype').arm
+    stiffness = (sheath * arm.material.shear_modulus,) if sheath else ()
+    rough = dataclasses.replace(arm, friction=(0.1,), sheath_stiffness=stiffness)
+    solver, pull = Solver(rough, 'exact', compiled=True), np.array([[2.0, 0.5, 0.0, 0.0]])
+    backbone = solver.solve(pull)
+    for part in (1.002, 1.004, 1.006):
+        backbone = solver.follow(part * pull, backbone)
+        assert backbone.iterations == 1
         assert backbone.residual <= 1e-11
 
 

@@ -1,0 +1,153 @@
+"""How tendons with friction turn: what `numba_build` compiles, of whole arms.
+
+Functions of arrays alone, which neither allocate nor cut them: what the compiler counts
+references of takes longer than these loops. Of the tendons under tension alone, ``pulled``;
+strains and Hessians are rows over points, see `STRAIN`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.loaded.sliding.friction import SAME
+from octo_arm_model.core.section.elastic_laws import incompressible_widening
+from octo_arm_model.core.section.formulas import tendon_direction
+from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_angle
+
+STRAIN = 6  # rows: scaled strain, widening and its slope
+
+
+def set_kept(
+    coefficient: FloatArray, pulled: IntArray, angle: FloatArray, kept: FloatArray
+) -> None:
+    """Fill in what friction leaves of tensions after these angles, (pulled, points)."""
+    for number in range(pulled.size):
+        rate = coefficient[pulled[number]]
+        for i in range(angle.shape[1]):
+            kept[number, i] = np.exp(-rate * angle[number, i])
+
+
+def set_tensions(
+    tensions: FloatArray, before: FloatArray, pulled: IntArray, part: FloatArray,
+    kept: FloatArray, along: FloatArray, slip: FloatArray, change: FloatArray,
+) -> bool:  # fmt: skip
+    """Fill in tensions ``along`` tendons, their ``change`` and ``slip``, of what is ``kept``.
+
+    ``part`` (tendons, points) of that at the base is there without friction; ``before`` (tendons,
+    points) are those before, or (0, 0) for slack ones.
+
+    Returns:
+        Whether any tendon sticks.
+    """
+    stuck, has_history = 0, before.size > 0
+    for number in range(pulled.size):
+        tendon = pulled[number]
+        pull = tensions[tendon]
+        for i in range(kept.shape[1]):
+            given = part[tendon, i] * pull
+            tension, way = given * kept[number, i], -1.0
+            if has_history:
+                held = before[tendon, i]
+                if held > tension * (1.0 + SAME):
+                    high = given / kept[number, i]
+                    way = 1.0 if held >= high * (1.0 - SAME) else 0.0
+                    stuck += way == 0.0
+                    tension = min(held, high)
+            slip[number, i], change[number, i] = way, tension - along[tendon, i]
+            along[tendon, i] = tension
+    return stuck > 0
+
+
+def set_strain(widens: bool, twist: FloatArray, strain: FloatArray) -> None:
+    """Fill in the ``strain`` (`STRAIN`, points) under ``twist`` (4, points)."""
+    if widens:
+        for i in range(twist.shape[1]):
+            strain[4, i], strain[5, i], _ = incompressible_widening(twist[3, i])
+    else:
+        for i in range(twist.shape[1]):
+            strain[4, i], strain[5, i] = 1.0, 0.0
+    for i in range(twist.shape[1]):
+        width = strain[4, i]
+        strain[0, i], strain[1, i] = width * twist[0, i], width * twist[1, i]
+        strain[2, i], strain[3, i] = width * twist[2, i], twist[3, i]
+
+
+def set_units(
+    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, strain: FloatArray,
+    unit: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in the unit tangents of tendons that stand at ``place`` (2, pulled, points)."""
+    for number in range(pulled.size):
+        tendon = pulled[number]
+        for i in range(strain.shape[1]):
+            u_t, u_n, u_b, length = tendon_direction(
+                strain[0, i], strain[1, i], strain[2, i], strain[3, i], strain[4, i],
+                place[0, number, i], place[1, number, i], dx[tendon, i], dy[tendon, i],
+            )  # fmt: skip
+            over = 1.0 / length
+            unit[0, number, i] = over * u_t
+            unit[1, number, i] = over * u_n
+            unit[2, number, i] = over * u_b
+
+
+def set_rates(
+    twist: FloatArray, lengths: FloatArray, unit: FloatArray, slope: FloatArray,
+    rate: FloatArray, across: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in the ``rate`` and ``across`` of `TurningState`."""
+    for number in range(rate.shape[0]):
+        for i in range(rate.shape[1]):
+            over = 1.0 / lengths[i]
+            e_t, e_n, e_b = unit[0, number, i], unit[1, number, i], unit[2, number, i]
+            c_t, c_n, c_b = curvature(
+                twist[0, i], twist[1, i], twist[2, i], e_t, e_n, e_b,
+                over * slope[0, number, i], over * slope[1, number, i], over * slope[2, number, i],
+            )  # fmt: skip
+            turns = np.sqrt(c_t * c_t + c_n * c_n + c_b * c_b)
+            rate[number, i] = turns
+            # |kappa x e| changes by this times a change of kappa.
+            over = 1.0 / turns if turns > 0.0 else 0.0
+            across[0, number, i] = over * (e_n * c_b - e_b * c_n)
+            across[1, number, i] = over * (e_b * c_t - e_t * c_b)
+            across[2, number, i] = over * (e_t * c_n - e_n * c_t)
+
+
+def change_rates(across: FloatArray, moved: FloatArray, rate: FloatArray) -> None:
+    """Fill in how rates change where the twist has ``moved`` (4, points)."""
+    for number in range(rate.shape[0]):
+        for i in range(rate.shape[1]):
+            rate[number, i] = (
+                across[0, number, i] * moved[0, i] + across[1, number, i] * moved[1, i]
+                + across[2, number, i] * moved[2, i]
+            )  # fmt: skip
+
+
+def add_up(step: FloatArray, quadrature: FloatArray, rate: FloatArray, total: FloatArray) -> None:
+    """From integrals within elements of length one, ``total``, to those from the base."""
+    s = rate.shape[1] // step.size
+    for number in range(rate.shape[0]):
+        start = 0.0
+        for element in range(step.size):
+            first, length, whole = element * s, step[element], 0.0
+            for i in range(first, first + s):
+                total[number, i] = start + length * total[number, i]
+                whole += quadrature[i] * rate[number, i]
+            start += whole
+
+
+def add_kinks(ends: FloatArray, unit: FloatArray, turned: FloatArray) -> None:
+    """Add to how far tendons have ``turned`` the jumps of unit tangents between elements."""
+    s = ends.shape[0]
+    for number in range(turned.shape[0]):
+        jumps = 0.0
+        for first in range(s, turned.shape[1], s):
+            t, n, b = 0.0, 0.0, 0.0
+            for i in range(s):
+                start, stop, after, before = ends[i, 0], ends[i, 1], first + i, first + i - s
+                t += start * unit[0, number, after] - stop * unit[0, number, before]
+                n += start * unit[1, number, after] - stop * unit[1, number, before]
+                b += start * unit[2, number, after] - stop * unit[2, number, before]
+            jumps += kink_angle(t, n, b)
+            for i in range(first, first + s):
+                turned[number, i] += jumps
