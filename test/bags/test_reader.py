@@ -280,3 +280,43 @@ def test_of_many_topics_an_error_names_some(tmp_path: Path) -> None:
             reader.connections(['/nothing'])
     assert '/note_019 (std_msgs/msg/String) and 80 more' in str(refusal.value)
     assert '/note_020' not in str(refusal.value)
+
+
+def split_bag(path: Path, parts: list[list[Sample]], storage: str) -> Path:
+    """A bag of as many files as there are ``parts``."""
+    path.mkdir()
+    names, whole = [], {}
+    for number, part in enumerate(parts):
+        one = write_bag(path.with_name(f'{path.name}_{number}'), part, storage)
+        (file,) = (inside for inside in one.iterdir() if inside.name != 'metadata.yaml')
+        whole = yaml.safe_load((one / 'metadata.yaml').read_text())
+        names.append(file.rename(path / file.name).name)
+    about = whole['rosbag2_bagfile_information']
+    count = sum(map(len, parts))
+    about |= {'relative_file_paths': names, 'message_count': count}
+    about['topics_with_message_count'][0]['message_count'] = count
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(whole))
+    return path
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_messages_of_several_files_come_in_the_order_of_receipt(
+    tmp_path: Path, storage: str
+) -> None:
+    content = samples(ARM, random_tensions(ARM, 24))
+    chained = [[content[k] for k in (i, i + 2) if k < 24] for i in range(24) if i % 4 < 2]
+    for name, parts in {
+        'as_recorded': [content[:8], content[8:16], content[16:]],
+        'listed_backwards': [content[16:], content[8:16], content[:8]],
+        'of_one_time': [content[::3], content[1::3], content[2::3]],
+        'within': [content[:4] + content[20:], content[4:12], content[12:20]],
+        # As where several topics are recorded, whose messages are written from a cache.
+        'chained': chained,
+    }.items():
+        with BagReader(split_bag(tmp_path / name, parts, storage)) as reader:
+            found = [one.received_ns for one in reader.messages()]
+        assert found == [one.received_ns for one in content], name
+    many = [content[number::12] for number in range(12)]
+    with BagReader(split_bag(tmp_path / 'many', many, storage)) as reader:
+        with pytest.raises(BagError, match='more than 8 files hold messages of the same time'):
+            list(reader.messages())

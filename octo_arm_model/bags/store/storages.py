@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import copy
+import heapq
 import itertools
 import struct
 import urllib.parse
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import apsw
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader
@@ -25,6 +28,7 @@ _CHUNK, _CHUNK_HEAD = 6, struct.Struct('<QQQ')  # first and last time, size when
 _ATTACHMENT = 9
 _FOOTER, _FOOTER_FIELDS = 2, struct.Struct('<QQI')  # summary, its offsets, its checksum
 _PART = 2**20  # bytes read at once
+_MOST_TOGETHER = 8  # files of a bag that are read at once
 _STEPS = 100_000  # instructions of SQLite between checks for a signal
 
 
@@ -176,10 +180,42 @@ def _bound(data: apsw.Connection) -> None:
 
 
 class _Folder(DirectoryReader):
+    """That of rosbags, whose messages come in the order of receipt from several files too."""
+
     STORAGE_PLUGINS: Mapping[str, Any] = {
         'mcap': BoundedMcapReader,
         'sqlite3': CheckedSqlite3Reader,
     }
+
+    def messages(
+        self,
+        connections: Collection[Connection],
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        waiting = sorted(self.storages, key=lambda file: file.metadata.start_time)[::-1]
+        # Of each file that is open the next message, by its time and the number of the file.
+        heads: list[tuple[int, int, Any, Generator[Any, None, None]]] = []
+        number = 0
+        while waiting or heads:
+            while waiting and (not heads or waiting[-1].metadata.start_time <= heads[0][0]):
+                alone, number = copy.copy(self), number + 1
+                alone.storages = [waiting.pop()]
+                found = DirectoryReader.messages(alone, connections, start, stop)
+                for message in itertools.islice(found, 1):
+                    heapq.heappush(heads, (message[1], number, message, found))
+                if len(heads) > _MOST_TOGETHER:
+                    raise ValueError(
+                        f'more than {_MOST_TOGETHER} files hold messages of the same time'
+                    )
+            if not heads:
+                return
+            _, own, message, found = heads[0]
+            yield message
+            if (following := next(found, None)) is None:
+                heapq.heappop(heads)
+            else:
+                heapq.heapreplace(heads, (following[1], own, following, found))
 
 
 class BoundedReader(Reader):

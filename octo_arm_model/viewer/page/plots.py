@@ -29,7 +29,8 @@ class StrainPlots:
         end = {'pad': 0.1, 'mode': 1}
         self._plots = [
             gui.add_uplot(
-                (self._s, 0.0 * s, 0.0 * s),
+                # No curve before there is a shape: that of zeros is of a straight arm.
+                3 * (self._s[:0],),
                 series=(
                     uplot.Series(label='s [mm]'),
                     uplot.Series(label='other', stroke=_OTHER, width=2),
