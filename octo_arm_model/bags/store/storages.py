@@ -9,7 +9,7 @@ import itertools
 import struct
 import urllib.parse
 import zlib
-from collections.abc import Collection, Generator, Iterator, Mapping
+from collections.abc import Collection, Generator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 

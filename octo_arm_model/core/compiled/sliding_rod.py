@@ -98,11 +98,12 @@ class SlidingRod(CompiledRod):
         tensions = np.ascontiguousarray(condition.tensions)
         tip_wrench = np.ascontiguousarray(condition.tip_wrench)
         orientation = np.empty((2, self._rod.points), complex)
-        room = empty_state(self._rod.points)[1:] if wanted == BALANCE else self._room
+        is_used = wanted == BALANCE
+        fields = empty_state(self._rod.points)[1:] if is_used else self._unused_fields
         near, nothing = self.known_about(shape), self._nothing_known
         system = self._room_for_system()
         for known in (nothing,) if near is None else (near, nothing):
-            state = RodState(np.array(shape.twist), *room)
+            state = RodState(np.array(shape.twist), *fields)
             a, b = shape.orientation
             state.turn[0], state.turn[1], state.turn[2], state.turn[3] = (
                 a.real, a.imag, b.real, b.imag
