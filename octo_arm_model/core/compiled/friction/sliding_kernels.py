@@ -71,15 +71,16 @@ def find_sections(
     sections: SectionTables, is_exact: bool, ones: FloatArray, pulled: IntArray, is_guess: bool,
     is_kept: bool, twist: FloatArray, offsets: FloatArray, hessian: FloatArray, rows: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Bring the ``twist`` (4, points) nearer to balance with the tensions that are at the points.
+    """Take one step of Newton's method for the ``twist`` (4, points) under local tensions.
 
-    By a step of Newton's method, or as `set_start` has it, with the offsets of tendons in their
-    sheaths. Fills in ``by_pull`` of ``turning`` besides, at the twist before the step, if it
-    ``responds``. ``rows`` are to work in.
+    If ``is_guess`` the start of `set_start` takes its place; the closed form is evaluated where
+    the model is not exact. ``offsets`` of tendons in their sheaths are updated. If ``is_kept`` the
+    ``hessian`` (`HESSIAN`, points) at the twist before the step is filled in; ``rows`` is scratch
+    space.
 
     Returns:
-        What was left of the balance before, relative, NaN where there is none, and whether no
-        fibre is compressed to nothing, no tendon pressed out of the body and the energy least.
+        Relative residual before the step, NaN where a state is impossible, and whether no fibre is
+        compressed to nothing, no tendon pressed out of the body and the energy a minimum.
     """
     residual, is_possible = 0.0, True
     if not is_exact:
