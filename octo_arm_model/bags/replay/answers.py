@@ -75,7 +75,9 @@ class Answers:
             config.loads.any or config.arm.friction or config.uncertainty.is_any
             or lengths or displacements
         )  # fmt: skip
-        self.is_quick = is_plain and self._is_alike()
+        # By NumPy the cross sections of a batch take as many steps as the slowest of them needs.
+        is_alone = config.model == 'exact' and not self._solver.is_compiled
+        self.is_quick = is_plain and not is_alone and self._is_alike()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
