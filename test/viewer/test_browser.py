@@ -110,6 +110,21 @@ def test_the_picture_is_the_arm_and_moves_with_it(setup, browser):
     browser.until(has_moved, 'another picture')
 
 
+def test_the_strains_are_drawn(setup, browser):
+    def curves():
+        """Pixels of the node's curve in each of the plots."""
+        return browser.driver.execute_script("""
+            return [...document.querySelectorAll('.uplot canvas')].map(canvas => {
+              const size = [canvas.width, canvas.height];
+              const pixels = canvas.getContext('2d').getImageData(0, 0, ...size).data;
+              const is_node = i => pixels[i] === 0xc8 && pixels[i + 1] === 0x55;
+              return [...pixels.keys()].filter(i => i % 4 === 0 && is_node(i)).length;
+            });
+        """)
+
+    browser.until(lambda: len(curves()) == 4 and min(curves()) > 50, 'four curves')
+
+
 def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser):
     slacken(setup, browser)
     browser.sliders()[3].send_keys(Keys.ARROW_RIGHT)

@@ -29,8 +29,7 @@ class StrainPlots:
         end = {'pad': 0.1, 'mode': 1}
         self._plots = [
             gui.add_uplot(
-                # No curve before there is a shape: that of zeros is of a straight arm.
-                3 * (self._s[:0],),
+                (self._s, 0.0 * s, 0.0 * s),
                 series=(
                     uplot.Series(label='s [mm]'),
                     uplot.Series(label='other', stroke=_OTHER, width=2),
@@ -57,6 +56,8 @@ class StrainPlots:
                 title=label,
                 legend=uplot.Legend(show=False),
                 height=112,
+                # Until there is a shape: zeros are the strains of a straight arm.
+                visible=False,
             )
             for label, _, _ in _LABELS
         ]
@@ -67,3 +68,5 @@ class StrainPlots:
             # Without another model its curve coincides with that of the node, which hides it.
             below = other or node
             plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))
+            if not plot.visible:
+                plot.visible = True

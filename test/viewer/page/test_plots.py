@@ -17,9 +17,10 @@ def test_there_is_no_curve_before_there_is_a_shape():
     server = viser.ViserServer('127.0.0.1', 0, verbose=False)
     try:
         plots = StrainPlots(server.gui, solver.grid.s)
-        assert not any(np.size(curve) for plot in plots._plots for curve in plot.data)
+        assert not any(plot.visible for plot in plots._plots)
         backbone = solver.solve([[1.0, 0.0, 0.0, 0.0]])
         plots.show(backbone, None)
+        assert all(plot.visible for plot in plots._plots)
         _, _, curvature, _ = plots._plots
         for curve in curvature.data[1:]:
             np.testing.assert_array_equal(curve, backbone.k)
