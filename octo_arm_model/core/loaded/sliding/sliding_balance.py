@@ -31,7 +31,7 @@ from octo_arm_model.core.section.strain_measures import (
     unscale_gradient,
 )
 
-TOLERANCE = 1e-8  # parts of the tensions along tendons
+TOLERANCE = 1e-9  # parts of the tensions along tendons
 MOST = 100  # steps
 # A change of the angles is found to this part of it, in so many iterations at most.
 EXACT, MOST_INNER = 1e-2, 20
