@@ -10,6 +10,7 @@ shape, and the least change of tensions is taken; those that do not agree are me
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,8 +100,9 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
 
 
 def _times(change: Change, tension: FloatArray) -> Change:
-    parts = vars(change).values()
-    return Change(*(None if part is None else part @ tension for part in parts))
+    fields = vars(change).values()
+    parts: list[Any] = [None if part is None else part @ tension for part in fields]
+    return Change(*parts)
 
 
 def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
