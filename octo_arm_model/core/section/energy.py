@@ -35,7 +35,7 @@ from octo_arm_model.core.section.tendons.tendon_tables import TendonTables, by_s
 if TYPE_CHECKING:
     from octo_arm_model.core.section.condensed import Condensed
 
-# That of the sections and its two derivatives; numbers where there is none.
+# Widening of the sections and its two derivatives by the stretch; numbers where there is none.
 Widening: TypeAlias = tuple[Number, Number, Number]
 
 MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
@@ -51,20 +51,20 @@ class SectionEnergy:
         s: arc coordinate of each node [m].
         strains: how many strains a cross section has: 4, or 6 with shear.
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
-        stiffness: of the undeformed cross sections, (1, nodes) as all that follows: operations
-            on arrays of one shape take NumPy a third of the time.
-        radius: reference radius at each node [m].
-        squared_radius: its square [m^2], likewise.
-        lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
+        stiffness: of the undeformed cross sections, (1, nodes) each. The axis of length one, here
+            and below, saves NumPy two thirds of the time that broadcasting takes.
+        radius: reference radius R [m], (1, nodes).
+        squared_radius: R^2 [m^2], (1, nodes).
+        lever_max: larger of R and the offset of the outermost tendon [m], (1, nodes).
         active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
-        transmission: local tension over that at the base of each tendon, likewise.
-        x: offset of each tendon along n where it acts, else zero [m], likewise.
-        y: along b.
-        dx: slope of ``x`` [-].
-        dy: slope of ``y`` [-].
-        squared_slope: sum of their squares.
+        transmission: local tension of each tendon over that at its base [-], (tendons, 1, nodes).
+        x: offset of each tendon along n where it acts, else zero [m], (tendons, 1, nodes).
+        y: offset along b, of the same shape.
+        dx: slope of ``x`` [-], of the same shape.
+        dy: slope of ``y`` [-], of the same shape.
+        squared_slope: sum of the squares of both slopes, of the same shape.
         twice: 2 E A R^2 [N m^2], (1, nodes).
-        fourth: 2 R^2 times that, (1, nodes).
+        fourth: 4 E A R^4 [N m^4], (1, nodes).
         shear_stiffness: G A [N], (1, nodes).
         poisson: Poisson's ratio [-], (1, nodes).
     """
@@ -167,7 +167,7 @@ class SectionEnergy:
         return u_t, u_n, u_b, length
 
     def widening(self, stretch: FloatArray) -> Widening:
-        """See `Widening`, for a ``stretch`` (batch, nodes)."""
+        """Widening and its two derivatives at ``stretch`` (batch, nodes), see `Widening`."""
         return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
 
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
@@ -220,7 +220,7 @@ class SectionEnergy:
     def tendon_gradient(
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
-        """Gradient (n, batch, nodes) of sum T |u|, as `gradient`."""
+        """Gradient (n, batch, nodes) of sum T |u|, with arguments of `gradient`."""
         tables = self._tables()
         u, length = tables.directions(strain, width)
         pull = (local_tensions / length) * u
@@ -255,18 +255,18 @@ class SectionEnergy:
         return gradient, hessian
 
     def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `derivatives`, of the elastic energy."""
+        """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of the elastic energy."""
         gradient, hessian = np.zeros_like(strain), np.zeros((len(strain), *strain.shape))
         self._add_material(strain, gradient, hessian)
         return gradient, hessian
 
     def _bend(self, bending: FloatArray) -> FloatArray:
-        """What elastic laws call z, of two curvatures (2, batch, nodes)."""
+        """The z = (c R)^2 of elastic laws, from two curvatures (2, batch, nodes)."""
         bend: FloatArray = np.add.reduce(bending * bending) * self.squared_radius
         return bend
 
     def _add_material(self, strain: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
-        """Add those of the elastic energy."""
+        """Add gradient and Hessian of the elastic energy."""
         bending = strain[1:3]
         f = self.law.density(strain[3], self._bend(bending))
         once, both, second = bending_factors(
