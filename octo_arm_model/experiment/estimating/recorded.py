@@ -168,9 +168,7 @@ def _pose_of(alignment: Alignment | None) -> PoseOf | None:
     """Pose of every frame that is not base_frame."""
     if alignment is None:
         return None
-    x, y, z = alignment.shift.tolist()
-    a, b, c, d = alignment.quaternion.tolist()
-    pose = Pose((x, y, z), (a, b, c, d))
+    pose = Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
     return lambda frame, stamp_ns: pose
 
 
