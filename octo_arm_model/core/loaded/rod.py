@@ -51,6 +51,9 @@ MOST_TURN = 4.0
 # `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
 RESOLVED_TENSIONS = 1e-6
 
+# Elements that the panels of a rod are cut into, the next where strains are not resolved.
+CUTS: tuple[int, ...] = (1, 2, 4, 8)
+
 _KEPT = 256  # loads whose resultants are, and rods
 
 # From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
@@ -93,6 +96,7 @@ class LoadedRod:
         settle: both in one call of machine code, if there is.
         base: pose of the base.
         points: how many points there are.
+        is_finest: whether there are no finer elements, for what these do not resolve.
         station_node: node of each station.
         dead_resultants: of dead loads, force and moment without its levers, (3, points) in
             base_frame, of the tip's wrench too; kept for those asked for last.
@@ -116,6 +120,7 @@ class LoadedRod:
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
         self.points, self.station_node = own.s.size, grid.station_node
+        self.is_finest = cuts == CUTS[-1]
         energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
@@ -236,7 +241,7 @@ class LoadedRod:
 
     def resolves_twist(self, twist: FloatArray, sliding: Sliding | None) -> bool:
         """Whether they are for ``twist`` (n, batch, points), and tendons ``sliding``."""
-        if sliding is not None:
+        if sliding is not None and not self.is_finest:
             if sliding.sticks:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
@@ -247,7 +252,12 @@ class LoadedRod:
         return bool(self.are_resolved(twist).all())
 
     def are_resolved(self, twist: FloatArray) -> NDArray[np.bool_]:
-        """Whether elements are fine enough for each ``twist`` (n, batch, points), (batch,)."""
+        """Whether elements are fine enough for each ``twist`` (n, batch, points), (batch,).
+
+        The finest are.
+        """
+        if self.is_finest:
+            return np.ones(twist.shape[1], np.bool_)
         size = np.abs(twist).max(axis=-1)
         size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
         turn = np.sqrt(np.add.reduce(twist[:3] ** 2)) * self._own.steps
