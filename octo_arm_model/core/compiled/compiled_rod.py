@@ -10,7 +10,13 @@ import numpy as np
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.orientation_kernels import DEFECTS
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
-from octo_arm_model.core.compiled.loaded.rod_kernels import BALANCE, READ_ONLY, READINGS, Outcome
+from octo_arm_model.core.compiled.loaded.rod_kernels import (
+    ANY_READINGS,
+    BALANCE,
+    READ_ONLY,
+    READINGS,
+    Outcome,
+)
 from octo_arm_model.core.compiled.loaded.rod_tables import (
     ParameterTables,
     RodTables,
@@ -129,8 +135,9 @@ class CompiledRod:
             SolveError: if a tendon is pressed out of its sheath and the body.
         """
         readings = empty_readings(self._nodes, self._stations)
+        kind = ANY_READINGS if self._rod.is_finest else READINGS
         outcome, _, found = self._balance(
-            wanted, shape, TOLERANCE, READINGS, readings, *self._not_asked
+            wanted, shape, TOLERANCE, kind, readings, *self._not_asked
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:

@@ -15,7 +15,6 @@ from octo_arm_model.core.compiled.numba_build import find_sliding_shapes
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.models.exact import Exact
-from octo_arm_model.core.models.sliding import CUTS
 from octo_arm_model.core.models.sliding_closed_form import SlidingClosedForm
 from octo_arm_model.core.rod.assembly import Results
 
@@ -63,9 +62,8 @@ class CompiledSliding:
                 pulled = int(np.count_nonzero(tensions))
                 memory = np.empty((remembered(pulled), points[0].size))
             without = self._find_shapes(
-                tables, self._grid, tensions, held, level + 1 < len(CUTS), results.twist,
-                strains, position, quaternion, residual, iterations, points, stations, known,
-                memory,
+                tables, self._grid, tensions, held, results.twist, strains,
+                position, quaternion, residual, iterations, points, stations, known, memory,
             )  # fmt: skip
             if not without or not (iterations == UNRESOLVED).any():
                 break

@@ -70,7 +70,7 @@ _SHAPES = (
 find_shapes = _made(paper_kernels.find_shapes, no_arm(), no_grid(), _TABLE, *_SHAPES)
 find_exact_shapes = _made(exact_kernels.find_exact_shapes, no_exact(), no_grid(), _TABLE, *_SHAPES)
 find_sliding_shapes = _made(
-    sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, False, *_SHAPES,
+    sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, *_SHAPES,
     _TABLE, np.zeros((0, 0, 0)), _TABLE, _TABLE,
 )  # fmt: skip
 slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _TABLE, _FOUR)

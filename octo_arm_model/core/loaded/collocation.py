@@ -18,9 +18,11 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.core.rod.grid import StationGrid
 
-# Points in each element; where tendons have friction, whose tensions are less smooth; and in each
-# of more elements than `_MANY`, as of an arm of many sections.
+# Points in each element; where tendons have friction and there are few elements, and so long ones,
+# in which kinks of the tensions lie that no points resolve; and in each of more elements than
+# `_MANY`, as of an arm of many sections.
 _POINTS, _WITH_FRICTION, _FEWEST = 8, 10, 6
+_FEW = 6
 _MANY = 24
 _LONGEST = 0.27  # of the length of the arm
 # Ratio of the radii at the ends of an element: compliances go with the fourth power of the radius,
@@ -69,10 +71,9 @@ class Collocation:
                 section += [panel.section] * (parts.size * cuts)
         self.start, self.step = np.array(ends[:-1]), np.diff(ends)
         # Finer elements have as many points each as those they are cut from.
-        points = _WITH_FRICTION if arm.friction else _POINTS
-        if len(section) // cuts > _MANY:
-            points = _FEWEST
-        points = min(points, most_points)
+        count = len(section) // cuts
+        points = _WITH_FRICTION if arm.friction and count <= _FEW else _POINTS
+        points = min(points if count <= _MANY else _FEWEST, most_points)
         self.rule: GaussRule = gauss_rule(points)
         places = self.start[:, np.newaxis] + self.step[:, np.newaxis] * self.rule.points
         self.s = places.ravel()

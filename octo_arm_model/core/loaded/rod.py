@@ -53,6 +53,10 @@ MOST_TURN = 4.0
 # As `RESOLVED` for the tensions of tendons with friction, whose derivatives are far less exact.
 RESOLVED_TENSIONS = 1e-6
 
+# Elements that panels of rods of successive levels are cut into; the next where strains are not
+# resolved.
+CUTS: tuple[int, ...] = (1, 2, 4, 8)
+
 _KEPT = 256  # entries of each cache: of resultants by loads, and of interpolations by rods
 
 # From a state: its twist (n, nodes), positions (stations, 3) [m] and quaternions (stations, 4).
@@ -98,6 +102,7 @@ class LoadedRod:
             such method.
         base: pose of the base.
         points: number of collocation points.
+        is_finest: whether there are no finer elements, for what these do not resolve.
         station_node: node of each station.
         dead_resultants: for dead loads, forces [N] and free moments [N m] on every cross section,
             (3, points) each, in base_frame, with the wrench on the tip; cached by the loads.
@@ -121,6 +126,7 @@ class LoadedRod:
         self._arm, self._grid, self.base = arm, grid, base
         self._own = own = Collocation(arm, grid, (*arm.knots, *loads.knots), cuts, most_points)
         self.points, self.station_node = own.s.size, grid.station_node
+        self.is_finest = cuts == CUTS[-1]
         energy = sections_of(arm, own.s, own.section, law, shear)
         with np.errstate(over='ignore', invalid='ignore'):
             table = LoadTable(arm, own, base.rotation, loads)
@@ -245,7 +251,7 @@ class LoadedRod:
 
     def resolves_twist(self, twist: FloatArray, sliding: Sliding | None) -> bool:
         """Whether elements resolve ``twist`` (n, batch, points) and tensions of ``sliding``."""
-        if sliding is not None:
+        if sliding is not None and not self.is_finest:
             if sliding.sticks:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
                 return True
@@ -256,7 +262,12 @@ class LoadedRod:
         return bool(self.are_resolved(twist).all())
 
     def are_resolved(self, twist: FloatArray) -> NDArray[np.bool_]:
-        """Whether elements resolve ``twist`` (n, batch, points), for each arm, (batch,)."""
+        """Whether elements resolve ``twist`` (n, batch, points), for each arm, (batch,).
+
+        The finest count as fine enough.
+        """
+        if self.is_finest:
+            return np.ones(twist.shape[1], np.bool_)
         size = np.abs(twist).max(axis=-1)
         size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
         turn = np.sqrt(np.add.reduce(twist[:3] ** 2)) * self._own.steps

@@ -15,12 +15,12 @@ import numpy as np
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.loaded_exact import LoadedExact
-from octo_arm_model.core.models.sliding import CUTS, Rods
+from octo_arm_model.core.models.sliding import Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded_exact import UnloadedExact
 from octo_arm_model.core.rod.backbone import Backbone
@@ -156,7 +156,7 @@ class Exact:
             shape = self._rod(level).under(backbone.point_tensions)
         elif shape is None:
             shape = self._rod(0).unloaded(tensions)
-            while not self._rod(level).resolves(shape) and level + 1 < len(CUTS):
+            while not self._rod(level).resolves(shape):
                 level += 1
                 shape = self._rod(level).unloaded(tensions)
         else:

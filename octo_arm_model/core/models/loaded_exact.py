@@ -14,7 +14,7 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition
-from octo_arm_model.core.models.sliding import CUTS, Rods
+from octo_arm_model.core.models.sliding import Rods
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
@@ -86,7 +86,7 @@ class LoadedExact:
         else:
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
-        while not rod.resolves(state.shape, state.sliding) and level + 1 < len(CUTS):
+        while not rod.resolves(state.shape, state.sliding):
             level, coarser = level + 1, rod
             rod = self._rod(level)
             shape = rod.from_coarser(coarser, state.shape)

@@ -9,15 +9,12 @@ import numpy as np
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
-from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import to_scaled
-
-# Elements per panel of the rods of successive levels; the next where strains are not resolved.
-CUTS: tuple[int, ...] = (1, 2, 4, 8)
 
 
 class Rods:
@@ -96,7 +93,7 @@ class Rods:
                 if known is None:
                     raise
                 slid = balance(friction, answer, pull, held)
-            if level + 1 == len(CUTS) or rod.resolves_twist(slid.twist, slid.sliding):
+            if rod.resolves_twist(slid.twist, slid.sliding):
                 break
             level += 1
         energy, local_tensions = friction.energy, slid.sliding.tensions

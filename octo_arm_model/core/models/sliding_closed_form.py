@@ -9,12 +9,12 @@ import numpy as np
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.rod import LoadedRod
+from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.sliding.sliding_response import tension_changes
 from octo_arm_model.core.models.closed_form import ClosedForm
-from octo_arm_model.core.models.sliding import CUTS, Rods
+from octo_arm_model.core.models.sliding import Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone

@@ -11,11 +11,14 @@ from differences import jacobian
 from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Pose, Section, Solver
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
+from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.gauss import gauss_rule
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.kinematics import Frame
+from octo_arm_model.core.section.elastic_laws import LAWS
 
 ARM = Arm(
     Material(1.1e5, 0.45, 1080.0),
@@ -109,3 +112,12 @@ def test_newtons_step_is_the_inverse_of_what_a_change_of_twist_does(law: str, sh
 
     slope = jacobian(imbalance, np.zeros(1), 1e-4)[..., 0]
     np.testing.assert_allclose(slope, -state.imbalance, atol=1e-5 * np.abs(state.imbalance).max())
+
+
+def test_the_finest_elements_are_fine_enough_as_there_are_no_others() -> None:
+    base = Frame(np.zeros(3), Quaternions.from_xyzw((0.0, 0.0, 0.0, 1.0)))
+    for cuts in CUTS:
+        rod = LoadedRod(ARM, GRID, base, LAWS['linear'], False, LOADS, cuts)
+        twist = np.random.default_rng(1).normal(size=(4, 2, rod.points))
+        assert rod.is_finest == (cuts == max(CUTS))
+        assert rod.are_resolved(twist).tolist() == [rod.is_finest] * 2

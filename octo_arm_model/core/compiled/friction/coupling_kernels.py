@@ -1,6 +1,6 @@
 """How tendons with friction and cross sections answer each other: what `numba_build` compiles.
 
-Of whole arms, as in `turning_kernels`; as `sliding.sliding_balance` has it.
+As in `turning_kernels`, and as `sliding.sliding_balance` has it.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ def eliminate(hessian: FloatArray) -> None:
 
 
 def set_forces(
-    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, strain: FloatArray,
-    unit: FloatArray, force: FloatArray,
+    pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
+    strain: FloatArray, unit: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the ``force`` (pulled, 4, points) per tension: less the gradient of |u|."""
     for number in range(pulled.size):
         tendon = pulled[number]
-        for i in range(strain.shape[1]):
+        for i in range(reach[number]):
             g_t, g_n, g_b, g_s = tendon_gradient(
                 -unit[0, number, i], -unit[1, number, i], -unit[2, number, i], strain[5, i],
                 place[0, number, i], place[1, number, i], dx[tendon, i], dy[tendon, i],
@@ -60,8 +60,8 @@ def set_forces(
 
 
 def add_yielding(
-    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, along: FloatArray,
-    compliance: FloatArray, strain: FloatArray, force: FloatArray,
+    pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
+    along: FloatArray, compliance: FloatArray, strain: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
     """Add to the ``force`` (pulled, 4, points) of tendons what their sheaths take from it.
 
@@ -69,7 +69,7 @@ def add_yielding(
     """
     for number in range(pulled.size):
         tendon = pulled[number]
-        for i in range(strain.shape[1]):
+        for i in range(reach[number]):
             t, n, b, slope = strain[0, i], strain[1, i], strain[2, i], strain[5, i]
             x, y = place[0, number, i], place[1, number, i]
             soft, local = compliance[tendon, i], along[tendon, i]
@@ -94,10 +94,10 @@ def add_yielding(
             force[number, 3, i] += m_s * off_n + c_s * off_b
 
 
-def unscale(twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
+def unscale(reach: IntArray, twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
     """From the ``force`` (pulled, 4, points) by scaled strain to that by the ``twist``."""
     for number in range(force.shape[0]):
-        for i in range(twist.shape[1]):
+        for i in range(reach[number]):
             f_t, f_n, f_b, f_s = unscaled_gradient(
                 twist[0, i], twist[1, i], twist[2, i], strain[4, i], strain[5, i],
                 force[number, 0, i], force[number, 1, i], force[number, 2, i],
@@ -109,10 +109,10 @@ def unscale(twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
             force[number, 3, i] = f_s
 
 
-def substitute(factors: FloatArray, right: FloatArray) -> None:
+def substitute(reach: IntArray, factors: FloatArray, right: FloatArray) -> None:
     """Solve for ``right`` (pulled, 4, points) in place, with what `eliminate` has left."""
     for number in range(right.shape[0]):
-        for i in range(right.shape[2]):
+        for i in range(reach[number]):
             t = right[number, 0, i]
             n = right[number, 1, i] - factors[NT, i] * t
             b = right[number, 2, i] - factors[BT, i] * t - factors[BN, i] * n
@@ -120,7 +120,7 @@ def substitute(factors: FloatArray, right: FloatArray) -> None:
             right[number, 1, i] = n
             right[number, 2, i] = b
             right[number, 3, i] = s
-        for i in range(right.shape[2]):
+        for i in range(reach[number]):
             s = right[number, 3, i] * factors[SS, i]
             b = right[number, 2, i] * factors[BB, i] - factors[SB, i] * s
             n = right[number, 1, i] * factors[NN, i] - factors[BN, i] * b - factors[SN, i] * s
@@ -133,38 +133,25 @@ def substitute(factors: FloatArray, right: FloatArray) -> None:
             right[number, 3, i] = s
 
 
-def follow_tensions(by_pull: FloatArray, change: FloatArray, twist: FloatArray) -> None:
+def follow_tensions(
+    reach: IntArray, by_pull: FloatArray, change: FloatArray, twist: FloatArray
+) -> None:
     """Move the ``twist`` (4, points) of sections in balance by the ``change`` of tensions."""
     for number in range(by_pull.shape[0]):
         for k in range(4):
-            for i in range(twist.shape[1]):
+            for i in range(reach[number]):
                 twist[k, i] += by_pull[number, k, i] * change[number, i]
 
 
-def set_couplings(
-    coefficient: FloatArray, pulled: IntArray, along: FloatArray, quadrature: FloatArray,
-    slip: FloatArray, across: FloatArray, by_pull: FloatArray, added: FloatArray,
-) -> None:  # fmt: skip
-    """Fill in by how much more each tendon turns at a point if each has turned more there.
-
-    That is ``added`` (pulled, pulled, points).
-    """
-    for k in range(pulled.size):
-        tendon = pulled[k]
-        mu = coefficient[tendon]
-        for j in range(pulled.size):
-            for i in range(quadrature.size):
-                added[j, k, i] = slip[k, i] * mu * along[tendon, i] * quadrature[i] * (
-                    across[0, j, i] * by_pull[k, 0, i] + across[1, j, i] * by_pull[k, 1, i]
-                    + across[2, j, i] * by_pull[k, 2, i]
-                )  # fmt: skip
-
-
-def sweep(
-    coefficient: FloatArray, pulled: IntArray, turned: FloatArray, added: FloatArray,
-    few: FloatArray, angle: FloatArray,
+def improve(
+    coefficient: FloatArray, pulled: IntArray, reach: IntArray, along: FloatArray,
+    quadrature: FloatArray, slip: FloatArray, across: FloatArray, by_pull: FloatArray,
+    turned: FloatArray, few: FloatArray, angle: FloatArray,
 ) -> float:  # fmt: skip
-    """Bring the angles nearer, from point to point; ``few`` (2, pulled) are to work in.
+    """Bring the angles nearer, as `next_angle` does, but in one sweep from point to point.
+
+    With half of what a point adds to the integrals counted there, which is exact enough; ``few``
+    (2, pulled) are to work in.
 
     Returns:
         The largest part by which tensions change; NaN where it is none.
@@ -173,17 +160,25 @@ def sweep(
     for k in range(several):
         few[1, k] = 0.0
     for i in range(angle.shape[1]):
+        # How tensions there change with the angles, and the curvatures with these.
+        t, n, b, weight = 0.0, 0.0, 0.0, quadrature[i]
         for k in range(several):
-            few[0, k] = turned[k, i] - angle[k, i] + few[1, k]
-        for j in range(several):
-            more = 0.0
-            for k in range(several):
-                more += added[j, k, i] * few[0, k]
-            few[1, j] += more
-            old = angle[j, i]
-            new = max(old + few[0, j] + 0.5 * more, 0.0)
-            angle[j, i] = new
-            largest = max(largest, coefficient[pulled[j]] * abs(new - old))
+            if i < reach[k]:
+                tendon = pulled[k]
+                left = turned[k, i] - angle[k, i] + few[1, k]
+                pull = slip[k, i] * coefficient[tendon] * along[tendon, i] * weight * left
+                t += by_pull[k, 0, i] * pull
+                n += by_pull[k, 1, i] * pull
+                b += by_pull[k, 2, i] * pull
+                few[0, k] = left
+        for k in range(several):
+            if i < reach[k]:
+                more = across[0, k, i] * t + across[1, k, i] * n + across[2, k, i] * b
+                few[1, k] += more
+                old = angle[k, i]
+                new = max(old + few[0, k] + 0.5 * more, 0.0)
+                angle[k, i] = new
+                largest = max(largest, coefficient[pulled[k]] * abs(new - old))
     for k in range(several):
         sum_of_all += few[1, k]
     # What is not a number at one point is none in the sum.

@@ -14,10 +14,8 @@ from octo_arm_model.core.compiled.friction.coupling_kernels import (
     HESSIAN,
     add_yielding,
     eliminate,
-    set_couplings,
     set_forces,
     substitute,
-    sweep,
     unscale,
 )
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
@@ -29,7 +27,6 @@ from octo_arm_model.core.compiled.friction.turning_kernels import (
     STRAIN,
     add_kinks,
     add_up,
-    change_rates,
     set_rates,
     set_strain,
     set_units,
@@ -56,12 +53,12 @@ class TurningState(NamedTuple):
         unit: its unit tangent in the axes of the cross sections, (3, pulled, points).
         slope: derivative of this along an element over its length, likewise.
         place: where it stands in the section along n and b [m], (2, pulled, points).
-        added: see `set_couplings`, (pulled, pulled, points).
         strain: of the sections, see `STRAIN`.
         hessian: of their energy, see `HESSIAN`.
         few: to work in, (2, pulled).
         offset: of the tendons in their sheaths [m], see `placing_kernels`.
         pulled: their numbers.
+        reach: how many points each acts at, (pulled,).
         dx: as of `SectionTables`, of all tendons.
         dy: likewise.
         compliance: likewise, of their sheaths.
@@ -81,12 +78,12 @@ class TurningState(NamedTuple):
     unit: FloatArray
     slope: FloatArray
     place: FloatArray
-    added: FloatArray
     strain: FloatArray
     hessian: FloatArray
     few: FloatArray
     offset: FloatArray
     pulled: IntArray
+    reach: IntArray
     dx: FloatArray
     dy: FloatArray
     compliance: FloatArray
@@ -119,8 +116,8 @@ def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> Tu
         memory[4 : 4 + p], memory[4 + p : 4 + 2 * p],
         memory[4 + 2 * p : 4 + 6 * p].reshape(p, 4, points),
         memory[4 + 6 * p :].reshape(3, p, points), room[0], room[1], room[2], room[3], along[0],
-        along[1], place, np.empty((p, p, points)), np.empty((STRAIN, points)),
-        np.empty((HESSIAN, points)), np.empty((2, p)), offset, pulled, sections.dx, sections.dy,
+        along[1], place, np.empty((STRAIN, points)), np.empty((HESSIAN, points)),
+        np.empty((2, p)), offset, pulled, tables.reach[pulled], sections.dx, sections.dy,
         sections.sheath_compliance, sections.transmission, tables.coefficient, tables.step,
         tables.lengths, tables.quadrature, tables.from_start_columns,
         tables.differentiate_columns, tables.end_columns, sections.widens,
@@ -129,29 +126,22 @@ def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> Tu
 
 def find_turnings(turning: TurningState, twist: FloatArray) -> None:
     """Fill in how the tendons turn in their places under ``twist`` (4, points): see `Turning`."""
-    unit, slope, s = turning.unit, turning.slope, len(turning.end_columns)
+    unit, slope, reach, rate = turning.unit, turning.slope, turning.reach, turning.rate
+    ends, turned = turning.end_columns, turning.turned
     set_strain(turning.widens, twist, turning.strain)
-    set_units(turning.pulled, turning.place, turning.dx, turning.dy, turning.strain, unit)
-    each = unit.size // s, s
-    np.dot(unit.reshape(each), turning.differentiate_columns, slope.reshape(each))
-    set_rates(twist, turning.lengths, unit, slope, turning.rate, turning.across)
-    integrate(turning)
-    add_kinks(turning.end_columns, unit, turning.turned)
+    set_units(turning.pulled, reach, turning.place, turning.dx, turning.dy, turning.strain, unit)
+    multiply_rows(unit, turning.differentiate_columns, slope)
+    set_rates(reach, twist, turning.lengths, unit, slope, rate, turning.across)
+    multiply_rows(rate, turning.from_start_columns, turned)
+    add_up(reach, turning.step, turning.quadrature, rate, turned)
+    add_kinks(reach, ends, unit, turned)
 
 
-def integrate(turning: TurningState) -> None:
-    """Fill in what tendons have ``turned`` by from their ``rate``, without kinks."""
-    s, rate, turned = len(turning.end_columns), turning.rate, turning.turned
-    each = rate.size // s, s
-    np.dot(rate.reshape(each), turning.from_start_columns, turned.reshape(each))
-    add_up(turning.step, turning.quadrature, rate, turned)
-
-
-def foretell(turning: TurningState, moved: FloatArray) -> None:
-    """Fill in what tendons have ``turned`` by where the twist has ``moved`` (4, points)."""
-    change_rates(turning.across, moved, turning.rate)
-    integrate(turning)
-    turning.turned[:] += turning.angle
+def multiply_rows(rows: FloatArray, columns: FloatArray, out: FloatArray) -> None:
+    """Fill in the products of all elements of ``rows`` (..., points) with ``columns``."""
+    s = len(columns)
+    each = rows.size // s, s
+    np.dot(rows.reshape(each), columns, out.reshape(each))
 
 
 def find_responses(turning: TurningState, twist: FloatArray) -> None:
@@ -159,32 +149,16 @@ def find_responses(turning: TurningState, twist: FloatArray) -> None:
 
     With the ``hessian``, which is lost.
     """
-    pulled, place, strain, by_pull = (
-        turning.pulled, turning.place, turning.strain, turning.by_pull
+    pulled, reach, place, strain, by_pull = (
+        turning.pulled, turning.reach, turning.place, turning.strain, turning.by_pull
     )  # fmt: skip
     dx, dy, compliance = turning.dx, turning.dy, turning.compliance
-    set_forces(pulled, place, dx, dy, strain, turning.unit, by_pull)
+    set_forces(pulled, reach, place, dx, dy, strain, turning.unit, by_pull)
     if compliance.size:
-        add_yielding(pulled, place, dx, dy, turning.along, compliance, strain, by_pull)
-    unscale(twist, strain, by_pull)
+        add_yielding(pulled, reach, place, dx, dy, turning.along, compliance, strain, by_pull)
+    unscale(reach, twist, strain, by_pull)
     eliminate(turning.hessian)
-    substitute(turning.hessian, by_pull)
-
-
-def improve(turning: TurningState) -> float:
-    """Bring the angles nearer, as `next_angle` does, but in one sweep from point to point.
-
-    With half of what a point adds to the integrals counted there, which is exact enough.
-
-    Returns:
-        The largest part by which tensions change; NaN where it is none.
-    """
-    coefficient, pulled, added = turning.coefficient, turning.pulled, turning.added
-    set_couplings(
-        coefficient, pulled, turning.along, turning.quadrature, turning.slip, turning.across,
-        turning.by_pull, added,
-    )  # fmt: skip
-    return sweep(coefficient, pulled, turning.turned, added, turning.few, turning.angle)
+    substitute(reach, turning.hessian, by_pull)
 
 
 def resolves_tensions(tables: FrictionTables, pulled: IntArray) -> bool:

@@ -32,10 +32,8 @@ def place_tendons(
 ) -> None:  # fmt: skip
     """Fill in the ``place`` (2, pulled, points) of tendons along n and b [m].
 
-    In balance in their sheaths under ``twist`` (4, points), if these give way.
+    In balance in their sheaths, which give way, under ``twist`` (4, points).
     """
-    if not offsets.size:
-        return
     strain = np.empty((STRAIN, twist.shape[1]))
     set_strain(sections.widens, twist, strain)
     rows = np.zeros(FREE)

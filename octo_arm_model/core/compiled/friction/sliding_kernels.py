@@ -7,19 +7,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.coupling_kernels import HESSIAN, follow_tensions
+from octo_arm_model.core.compiled.friction.coupling_kernels import (
+    HESSIAN,
+    follow_tensions,
+    improve,
+)
 from octo_arm_model.core.compiled.friction.friction_kernels import (
     find_responses,
     find_turnings,
-    foretell,
-    improve,
+    multiply_rows,
     remembered,
     resolves_tensions,
     state_in,
 )
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.friction.placing_kernels import place_tendons
-from octo_arm_model.core.compiled.friction.turning_kernels import set_kept, set_tensions
+from octo_arm_model.core.compiled.friction.turning_kernels import (
+    add_up,
+    change_rates,
+    set_kept,
+    set_tensions,
+)
 from octo_arm_model.core.compiled.loaded.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
@@ -47,24 +55,31 @@ SECTION_STEPS = 2  # of Newton's method for cross sections, before tendons are t
 # What is left of the balance, relative, before the last of these.
 ROUGH = 1e-4
 NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
+SLOW = 2  # sweeps from a known balance after which its responses are found anew
 UNRESOLVED = -2  # instead of a number of iterations
 
 
-def closed_form(sections: SectionTables, i: int, pulled: IntArray, twist: FloatArray) -> None:
-    """Fill in the ``twist`` (4, sections) of section ``i``, as `ClosedForm` has it."""
-    pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for tendon in pulled:
-        tension = sections.transmission[tendon, i]
-        x, y = sections.x[tendon, i], sections.y[tendon, i]
-        pull, n, b = pull + tension, n + tension * x, b + tension * y
-        nn, bb, mixed = nn + tension * x * x, bb + tension * y * y, mixed + tension * x * y
-        routing += tension * (x * sections.dy[tendon, i] - y * sections.dx[tendon, i])
-    bending = 0.25 * sections.axial[i] * sections.squared[i]
-    xi, k = mixed_curvatures(n, b, nn, bb, mixed, bending)
-    tau = routed_torsion(routing, nn, bb, sections.torsion[i])
-    stretched = stretch(xi, k, pull, n, b, sections.axial[i])
-    twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k
-    twist[3, i] = stretched
+def find_closed_form(
+    along: FloatArray, path_x: FloatArray, path_y: FloatArray, slope_x: FloatArray,
+    slope_y: FloatArray, axial: FloatArray, squared: FloatArray, torsion: FloatArray,
+    pulled: IntArray, twist: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in the ``twist`` (4, sections) under tensions ``along``, as `ClosedForm` has it.
+
+    The others are as of `SectionTables`.
+    """
+    for i in range(twist.shape[1]):
+        pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for tendon in pulled:
+            tension, x, y = along[tendon, i], path_x[tendon, i], path_y[tendon, i]
+            pull, n, b = pull + tension, n + tension * x, b + tension * y
+            nn, bb, mixed = nn + tension * x * x, bb + tension * y * y, mixed + tension * x * y
+            routing += tension * (x * slope_y[tendon, i] - y * slope_x[tendon, i])
+        xi, k = mixed_curvatures(n, b, nn, bb, mixed, 0.25 * axial[i] * squared[i])
+        tau = routed_torsion(routing, nn, bb, torsion[i])
+        stretched = stretch(xi, k, pull, n, b, axial[i])
+        twist[0, i], twist[1, i], twist[2, i] = stretched * tau, stretched * xi, stretched * k
+        twist[3, i] = stretched
 
 
 def find_sections(
@@ -84,8 +99,10 @@ def find_sections(
     """
     residual, is_possible = 0.0, True
     if not is_exact:
-        for i in range(twist.shape[1]):
-            closed_form(sections, i, pulled, twist)
+        find_closed_form(
+            sections.transmission, sections.x, sections.y, sections.dx, sections.dy,
+            sections.axial, sections.squared, sections.torsion, pulled, twist,
+        )  # fmt: skip
     for block in range(len(sections.blocks)):
         first, count = sections.blocks[block]
         own = twist[:, first : first + count]
@@ -143,28 +160,37 @@ def slide(
     turning, rows = state_in(tables, pulled, memory), np.zeros(ROWS)
     part, along, coefficient = tables.transmission, turning.along, turning.coefficient
     angle, kept, slip, change = turning.angle, turning.kept, turning.slip, turning.change
+    reach, across, by_pull, turned = turning.reach, turning.across, turning.by_pull, turning.turned
+    few, quadrature = turning.few, turning.quadrature
     last, left, is_found = 0.0, 0.0, False
     if is_known:
         memory[:], along[:] = known, before
-        set_tensions(tensions, before, pulled, part, kept, along, slip, change)
+        set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
         moved = np.zeros((4, twist.shape[1]))
-        follow_tensions(turning.by_pull, change, moved)
+        follow_tensions(reach, by_pull, change, moved)
         twist += moved
-        foretell(turning, moved)
-        left = improve(turning)
+        change_rates(reach, across, moved, turning.rate)
+        multiply_rows(turning.rate, tables.from_start_columns, turned)
+        add_up(reach, tables.step, quadrature, turning.rate, turned)
+        turned += angle
+        left = improve(
+            coefficient, pulled, reach, along, quadrature, slip, across, by_pull, turned, few,
+            angle,
+        )  # fmt: skip
     else:
         along[:], angle[:] = 0.0, 0.0
     for number in range(MOST):
-        set_kept(coefficient, pulled, angle, kept)
-        sticks = set_tensions(tensions, before, pulled, part, kept, along, slip, change)
+        set_kept(coefficient, pulled, reach, angle, kept)
+        sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
         if is_known or number:
-            follow_tensions(turning.by_pull, change, twist)
+            follow_tensions(reach, by_pull, change, twist)
         else:
             find_sections(
                 sections, tables.is_exact, ones, pulled, True, False, twist, turning.offset,
                 turning.hessian, rows,
             )  # fmt: skip
-        responds = number == 0 or (number == 1 and not is_known)
+        # What is known hardly changes.
+        responds = number == SLOW if is_known else number <= 1
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
             residual, is_possible = find_sections(
@@ -177,17 +203,22 @@ def slide(
             return residual, number if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
-        place_tendons(sections, twist, pulled, turning.offset, turning.place)
+        if turning.offset.size:
+            place_tendons(sections, twist, pulled, turning.offset, turning.place)
         find_turnings(turning, twist)
         if responds:
             find_responses(turning, twist)
         if number == 0 and not is_known:
             for k in range(pulled.size):
                 mu = max(coefficient[pulled[k]], NO_FRICTION)
-                for i in range(angle.shape[1]):
-                    angle[k, i] = np.log1p(mu * turning.turned[k, i]) / mu
+                for i in range(reach[k]):
+                    angle[k, i] = np.log1p(mu * turned[k, i]) / mu
             continue
-        last, left = left, improve(turning)
+        last = left
+        left = improve(
+            coefficient, pulled, reach, along, quadrature, slip, across, by_pull, turned, few,
+            angle,
+        )  # fmt: skip
         if np.isnan(left):
             break
         is_found = has_converged(left, last)
@@ -212,15 +243,15 @@ def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> boo
 
 def find_sliding_shapes(
     tables: FrictionTables, grid: GridTables, tensions: FloatArray, before: FloatArray,
-    may_refine: bool, twist: FloatArray, strains: FloatArray, position: FloatArray,
-    quaternion: FloatArray, residual: FloatArray, iterations: IntArray, points: FloatArray,
-    stations: FloatArray, known: FloatArray, memory: FloatArray,
+    twist: FloatArray, strains: FloatArray, position: FloatArray, quaternion: FloatArray,
+    residual: FloatArray, iterations: IntArray, points: FloatArray, stations: FloatArray,
+    known: FloatArray, memory: FloatArray,
 ) -> int:  # fmt: skip
     """As `paper_kernels.find_shapes`, of tendons with friction.
 
     Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
     the ``stations`` (batch, stations, tendons), zero at first; ``known`` and ``memory`` are those
-    of `slide`. Where finer elements ``may_refine`` what these do not resolve ``iterations`` are
+    of `slide`. Where there are finer elements for what these do not resolve ``iterations`` are
     `UNRESOLVED`.
     """
     without, count = 0, tables.transmission.shape[1]
@@ -238,7 +269,7 @@ def find_sliding_shapes(
         if iterations[arm] < 0:
             without += 1
             continue
-        if may_refine and not sticks and not resolves(tables, pulled, at_points):
+        if not (tables.is_finest or sticks or resolves(tables, pulled, at_points)):
             iterations[arm] = UNRESOLVED
             without += 1
             continue
@@ -252,10 +283,13 @@ def find_sliding_shapes(
             twist[:] = 0.0
             add_runs(tables.runs, tables.to_nodes, s, at_points, twist)
         else:
-            tables.at_nodes.transmission[:] = 0.0
-            add_runs(tables.runs, tables.to_nodes, s, points, tables.at_nodes.transmission)
-            for i in range(twist.shape[1]):
-                closed_form(tables.at_nodes, i, pulled, twist)
+            paths, stiffness = tables.node_paths, tables.node_stiffness
+            at_nodes = np.zeros(paths[0].shape)
+            add_runs(tables.runs, tables.to_nodes, s, points, at_nodes)
+            find_closed_form(
+                at_nodes, paths[0], paths[1], paths[2], paths[3], stiffness[0], stiffness[1],
+                stiffness[2], pulled, twist,
+            )  # fmt: skip
         if not read_out(grid, twist, strains[:, arm], position[arm], quaternion[arm]):
             iterations[arm] = -1
             without += 1

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction.coupling_kernels import follow_tensions
+from octo_arm_model.core.compiled.friction.coupling_kernels import follow_tensions, improve
 from octo_arm_model.core.compiled.friction.friction_kernels import (
     find_responses,
     find_turnings,
-    improve,
     remembered,
     resolves_tensions,
     state_in,
@@ -83,7 +82,9 @@ def slide_rod(
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
-    is_read = found.is_read and corrected <= MOST_CORRECTED and (sticks or is_resolved)
+    is_read = (
+        found.is_read and corrected <= MOST_CORRECTED and (kind == ANY_READINGS or is_resolved)
+    )
     # Of a system that the tensions were found by it is not known how far.
     turned = np.inf if sign else found.turned
     return (
@@ -118,6 +119,7 @@ def find_sliding_balance(
     turning = state_in(friction, pulled, memory)
     sections, part, coefficient = friction.sections, friction.transmission, friction.coefficient
     angle, kept, slips, change = turning.angle, turning.kept, turning.slip, turning.change
+    reach = turning.reach
     new, current = empty_state(count), known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
@@ -127,12 +129,12 @@ def find_sliding_balance(
     if turning.offset.size:
         # Tendons stand as tensions have it, nearly those without turning.
         kept[:] = 1.0
-        set_tensions(tensions, before, pulled, part, kept, along, slips, change)
+        set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
         place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
     find_turnings(turning, state.twist)
     angle[:] = turning.turned
-    set_kept(coefficient, pulled, angle, kept)
-    sticks = set_tensions(tensions, before, pulled, part, kept, along, slips, change)
+    set_kept(coefficient, pulled, reach, angle, kept)
+    sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
     residual = find_state(tables, held, tip_wrench, factor, state)
     row = 0
     for k in range(4):
@@ -145,7 +147,7 @@ def find_sliding_balance(
         if residual <= tolerance and changed <= TOLERANCE:
             slip[:] = -1.0
             for place in range(pulled.size):
-                slip[pulled[place]] = turning.slip[place]
+                slip[pulled[place], : reach[place]] = slips[place, : reach[place]]
             at_stations = tables.station_sections.transmission
             at_stations[:] = 0.0
             each = tables.weights.size
@@ -160,12 +162,16 @@ def find_sliding_balance(
                 break
         find_step(tables, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
-        place_tendons(sections, new.twist, pulled, turning.offset, turning.place)
+        if turning.offset.size:
+            place_tendons(sections, new.twist, pulled, turning.offset, turning.place)
         find_turnings(turning, new.twist)
-        changed = improve(turning)
-        set_kept(coefficient, pulled, angle, kept)
-        sticks = set_tensions(tensions, before, pulled, part, kept, along, slips, change)
-        follow_tensions(turning.by_pull, change, new.twist)
+        changed = improve(
+            coefficient, pulled, reach, along, turning.quadrature, slips, turning.across,
+            turning.by_pull, turning.turned, turning.few, angle,
+        )  # fmt: skip
+        set_kept(coefficient, pulled, reach, angle, kept)
+        sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
+        follow_tensions(reach, turning.by_pull, change, new.twist)
         turn_by(turn, state.turn, new.turn)
         find_turn(tables, new.twist, DEFECTS, new.turn)
         found = find_state(tables, held, tip_wrench, factor, new)

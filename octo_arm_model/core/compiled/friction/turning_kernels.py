@@ -1,8 +1,9 @@
 """How tendons with friction turn: what `numba_build` compiles, of whole arms.
 
 Functions of arrays alone, which neither allocate nor cut them: what the compiler counts
-references of takes longer than these loops. Of the tendons under tension alone, ``pulled``;
-strains and Hessians are rows over points, see `STRAIN`.
+references of takes longer than these loops. Of the tendons under tension alone, ``pulled``, each
+at the points up to its anchorage, ``reach`` (pulled,); strains and Hessians are rows over points,
+see `STRAIN`.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ STRAIN = 6  # rows: scaled strain, widening and its slope
 
 
 def set_kept(
-    coefficient: FloatArray, pulled: IntArray, angle: FloatArray, kept: FloatArray
+    coefficient: FloatArray, pulled: IntArray, reach: IntArray, angle: FloatArray, kept: FloatArray
 ) -> None:
     """Fill in what friction leaves of tensions after these angles, (pulled, points)."""
     for number in range(pulled.size):
         rate = coefficient[pulled[number]]
-        for i in range(angle.shape[1]):
+        for i in range(reach[number]):
             kept[number, i] = np.exp(-rate * angle[number, i])
 
 
 def set_tensions(
-    tensions: FloatArray, before: FloatArray, pulled: IntArray, part: FloatArray,
+    tensions: FloatArray, before: FloatArray, pulled: IntArray, reach: IntArray, part: FloatArray,
     kept: FloatArray, along: FloatArray, slip: FloatArray, change: FloatArray,
 ) -> bool:  # fmt: skip
     """Fill in tensions ``along`` tendons, their ``change`` and ``slip``, of what is ``kept``.
@@ -44,7 +45,7 @@ def set_tensions(
     for number in range(pulled.size):
         tendon = pulled[number]
         pull = tensions[tendon]
-        for i in range(kept.shape[1]):
+        for i in range(reach[number]):
             given = part[tendon, i] * pull
             tension, way = given * kept[number, i], -1.0
             if has_history:
@@ -74,13 +75,13 @@ def set_strain(widens: bool, twist: FloatArray, strain: FloatArray) -> None:
 
 
 def set_units(
-    pulled: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray, strain: FloatArray,
-    unit: FloatArray,
+    pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
+    strain: FloatArray, unit: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the unit tangents of tendons that stand at ``place`` (2, pulled, points)."""
     for number in range(pulled.size):
         tendon = pulled[number]
-        for i in range(strain.shape[1]):
+        for i in range(reach[number]):
             u_t, u_n, u_b, length = tendon_direction(
                 strain[0, i], strain[1, i], strain[2, i], strain[3, i], strain[4, i],
                 place[0, number, i], place[1, number, i], dx[tendon, i], dy[tendon, i],
@@ -92,12 +93,12 @@ def set_units(
 
 
 def set_rates(
-    twist: FloatArray, lengths: FloatArray, unit: FloatArray, slope: FloatArray,
+    reach: IntArray, twist: FloatArray, lengths: FloatArray, unit: FloatArray, slope: FloatArray,
     rate: FloatArray, across: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the ``rate`` and ``across`` of `TurningState`."""
     for number in range(rate.shape[0]):
-        for i in range(rate.shape[1]):
+        for i in range(reach[number]):
             over = 1.0 / lengths[i]
             e_t, e_n, e_b = unit[0, number, i], unit[1, number, i], unit[2, number, i]
             c_t, c_n, c_b = curvature(
@@ -113,22 +114,25 @@ def set_rates(
             across[2, number, i] = over * (e_t * c_n - e_n * c_t)
 
 
-def change_rates(across: FloatArray, moved: FloatArray, rate: FloatArray) -> None:
+def change_rates(reach: IntArray, across: FloatArray, moved: FloatArray, rate: FloatArray) -> None:
     """Fill in how rates change where the twist has ``moved`` (4, points)."""
     for number in range(rate.shape[0]):
-        for i in range(rate.shape[1]):
+        for i in range(reach[number]):
             rate[number, i] = (
                 across[0, number, i] * moved[0, i] + across[1, number, i] * moved[1, i]
                 + across[2, number, i] * moved[2, i]
             )  # fmt: skip
 
 
-def add_up(step: FloatArray, quadrature: FloatArray, rate: FloatArray, total: FloatArray) -> None:
+def add_up(
+    reach: IntArray, step: FloatArray, quadrature: FloatArray, rate: FloatArray,
+    total: FloatArray,
+) -> None:  # fmt: skip
     """From integrals within elements of length one, ``total``, to those from the base."""
     s = rate.shape[1] // step.size
     for number in range(rate.shape[0]):
         start = 0.0
-        for element in range(step.size):
+        for element in range(reach[number] // s):
             first, length, whole = element * s, step[element], 0.0
             for i in range(first, first + s):
                 total[number, i] = start + length * total[number, i]
@@ -136,12 +140,12 @@ def add_up(step: FloatArray, quadrature: FloatArray, rate: FloatArray, total: Fl
             start += whole
 
 
-def add_kinks(ends: FloatArray, unit: FloatArray, turned: FloatArray) -> None:
+def add_kinks(reach: IntArray, ends: FloatArray, unit: FloatArray, turned: FloatArray) -> None:
     """Add to how far tendons have ``turned`` the jumps of unit tangents between elements."""
     s = ends.shape[0]
     for number in range(turned.shape[0]):
         jumps = 0.0
-        for first in range(s, turned.shape[1], s):
+        for first in range(s, reach[number], s):
             t, n, b = 0.0, 0.0, 0.0
             for i in range(s):
                 start, stop, after, before = ends[i, 0], ends[i, 1], first + i, first + i - s

@@ -35,12 +35,42 @@ def add_runs(
     points to these places, one after another.
     """
     done = 0
-    for element, first, count in runs:
-        matrix = matrices[done : done + each * count].reshape(each, count)
-        for k in range(len(rows)):
-            row = rows[k, element * each : element * each + each]
-            add_products(row, matrix, out[k, first : first + count])
+    for run in range(len(runs)):
+        element, first, count = runs[run, 0], runs[run, 1], runs[run, 2]
+        add_run(matrices, done, each, count, rows, element * each, out, first)
         done += each * count
+
+
+def add_run(
+    matrices: FloatArray, done: int, each: int, count: int, rows: FloatArray, start: int,
+    out: FloatArray, first: int,
+) -> None:  # fmt: skip
+    """`add_runs` of one run: of ``rows`` from ``start`` on, to ``out`` from ``first`` on.
+
+    Without cutting arrays, references of which are counted for every row.
+    """
+    # Of unsigned numbers the compiler knows that they do not count from the end.
+    size, target = np.uint64(count), np.uint64(first)
+    for k in range(len(rows)):
+        place, point, i = np.uint64(done), np.uint64(start), 0
+        # In groups of four, as in `add_products`.
+        while i + 4 <= each:
+            one, two, three = place + size, place + size + size, place + size + size + size
+            a, b = rows[k, point], rows[k, point + np.uint64(1)]
+            c, d = rows[k, point + np.uint64(2)], rows[k, point + np.uint64(3)]
+            for j in range(count):
+                column = np.uint64(j)
+                out[k, target + column] += (
+                    a * matrices[place + column] + b * matrices[one + column]
+                    + (c * matrices[two + column] + d * matrices[three + column])
+                )  # fmt: skip
+            place, point, i = three + size, point + np.uint64(4), i + 4
+        while i < each:
+            a = rows[k, point]
+            for j in range(count):
+                column = np.uint64(j)
+                out[k, target + column] += a * matrices[place + column]
+            place, point, i = place + size, point + np.uint64(1), i + 1
 
 
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
