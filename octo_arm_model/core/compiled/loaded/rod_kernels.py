@@ -13,6 +13,7 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.orientation_kernels import (
     DEFECTS,
     MOST_DEFECTS,
+    find_rotation,
     find_turn,
     normalise,
     turn_by,
@@ -49,13 +50,16 @@ from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 # What is wanted: a balance; one that is read out if it is stable and resolved, or whether resolved
 # or not; what is given read out.
 BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
+# A step with the same system leaves about as small a part of residual and turn as the one before;
+# by how many times more is allowed for where the residual is not evaluated.
+SAFETY = 10.0
 
 
 class Outcome(NamedTuple):
     """What became of a search for balance.
 
     Attributes:
-        residual: of the state it ended in.
+        residual: of the state it ended in, or a bound of it.
         iterations: made.
         corrected: how far all but the first have turned the arm [rad].
         turned: how far it has turned since the state that the system is linearised about [rad].
@@ -86,8 +90,8 @@ def turn_of(tables: RodTables, change: FloatArray) -> float:
 
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
-    tolerance: float, is_known: bool, known: System, is_exact: bool, residual: float, sign: int,
-    state: RodState, system: System,
+    tolerance: float, is_known: bool, known: System, is_exact: bool, may_bound: bool,
+    residual: float, sign: int, state: RodState, system: System,
 ) -> tuple[float, int, float, float, int]:  # fmt: skip
     """Newton's method from a ``state`` of this ``residual``, as `loaded.newton`.
 
@@ -95,7 +99,9 @@ def iterate(
     nearly the same, unless its ``sign`` says that it is that already. If ``is_known``, the
     ``known`` system of a balance nearby makes the first step, as long as that leaves a small part
     of the residual. If ``is_exact`` it makes the next as well where three more will do, as then
-    ``system`` is that of the balance itself, which its derivatives need.
+    ``system`` is that of the balance itself, which its derivatives need. If ``may_bound``, the
+    residual after the last step may be a bound by how the steps before have converged; then forces
+    and stiffnesses of the ``state`` are those before that step.
 
     Returns:
         Residual, number of iterations, how far all but the first have turned the arm [rad], how
@@ -105,6 +111,7 @@ def iterate(
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
+    angle, convergence = np.inf, np.inf
     while residual > tolerance and iterations < MOST:
         if is_known:
             find_step(tables, known, state.imbalance, step, turn)
@@ -116,9 +123,16 @@ def iterate(
         if not is_known:
             find_step(tables, system, state.imbalance, step, turn)
         iterations += 1
+        before, angle = angle, turn_of(tables, step)
+        if may_bound and is_near and not is_known:
+            left = SAFETY * residual * max(convergence, angle / before)
+            if left <= tolerance:
+                state.twist[:] = state.twist + step
+                turn_by(turn, state.turn, state.turn)
+                find_rotation(state.turn, state.rotation)
+                return left, iterations, corrected + angle, turned + angle, sign
         new.twist[:] = state.twist + step
         turn_by(turn, state.turn, new.turn)
-        angle = turn_of(tables, step)
         # A step leaves about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
         left = find_turn(tables, new.twist, settled, new.turn)
@@ -134,7 +148,7 @@ def iterate(
         if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
             return residual, iterations, corrected, 0.0, 0
         is_near = found <= NEAR and found <= QUICK * residual
-        residual = found
+        convergence, residual = found / residual, found
         copy_state(new, state)
         turned += angle
         if not is_first:
@@ -200,8 +214,8 @@ def search(
         read_rod(tables, tensions, tip_wrench, state, readings)
         return Outcome(residual, 0, 0.0, 0.0, 0, False, False, True)
     residual, iterations, corrected, turned, sign = iterate(
-        tables, tensions, tip_wrench, factor, tolerance, is_known, known, is_exact, residual, sign,
-        state, system,
+        tables, tensions, tip_wrench, factor, tolerance, is_known, known, is_exact,
+        wanted != BALANCE, residual, sign, state, system,
     )  # fmt: skip
     if sign == 0:
         return Outcome(residual, iterations, corrected, turned, 0, False, False, False)
