@@ -123,6 +123,13 @@ def tensions_message(topic, tensions, names=NAMES):
     return message
 
 
+def spin_until(executor, condition):
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end, f'it did not happen in {DEADLINE} s'
+        executor.spin_once(timeout_sec=0.1)
+
+
 class RosClient:
     """A ROS node in the domain of a process, with what tests need of it."""
 

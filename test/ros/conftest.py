@@ -30,6 +30,25 @@ def context():
     rclpy.shutdown(context=context)
 
 
+@pytest.fixture
+def make_node(context):
+    """Makes nodes of the context, in an executor to be spun by the test; they end with it."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor, nodes = SingleThreadedExecutor(context=context), []
+
+    def make(name, **options):
+        nodes.append(rclpy.create_node(name, context=context, **options))
+        executor.add_node(nodes[-1])
+        return nodes[-1]
+
+    yield make
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+
+
 @pytest.fixture(scope='module')
 def client():
     """Client of a node with the arm of table 4 and the model renda2012."""

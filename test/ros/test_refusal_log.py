@@ -4,18 +4,17 @@ import types
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 
 from octo_arm_model.core.errors import MessageError
 from octo_arm_model.ros import refusal_log
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD, RefusalLog
 
 
-def test_each_topic_is_warned_of_once_a_period_as_refused_and_else(context, monkeypatch, capfd):
+def test_each_topic_is_warned_of_once_a_period_as_refused_and_else(make_node, monkeypatch, capfd):
     clock = types.SimpleNamespace(now=100.0)
     monkeypatch.setattr(refusal_log, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
-    node = rclpy.create_node('warner', context=context)
-    log = RefusalLog(node)
+    log = RefusalLog(make_node('warner'))
     for _ in range(2):
         for _ in range(3):
             for topic in ('/a', '/b'):
@@ -25,4 +24,3 @@ def test_each_topic_is_warned_of_once_a_period_as_refused_and_else(context, monk
     said = [line.split('[warner]: ')[1] for line in capfd.readouterr().err.splitlines()]
     expected = '/a refused: too short', '/a: stamps run back', '/b refused: too short'
     assert said == 2 * [*expected, '/b: stamps run back']
-    node.destroy_node()

@@ -1,20 +1,12 @@
 """The viewer in a real browser: what is pulled there, and what is seen."""
 
 import contextlib
-import io
 import signal
 import socket
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-pytest.importorskip('viser', reason='needs viser')
-pytest.importorskip('selenium', reason='needs selenium')
-image = pytest.importorskip('PIL.Image', reason='needs pillow')
-
-from browser import CHROMEDRIVER, CHROMIUM, Browser
+from browser_or_skip import Browser, colours
 from live_nodes import CONFIG, CONFIG_FILE, DEADLINE
 from selenium.webdriver.common.keys import Keys
 from viewer_setup import Setup
@@ -24,9 +16,6 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.viewer.commander import as_shell_line
 
 pytestmark = pytest.mark.slow
-
-if not (CHROMIUM and CHROMEDRIVER):
-    pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 
 REST = [450.0, 0.0, 0.0]
 SOLVER = CONFIG.solver()
@@ -55,11 +44,6 @@ def slacken(setup, browser):
 def shows_what_is_published(setup, browser):
     tensions = setup.tensions().reshape(SOLVER.arm.tension_shape)
     return np.allclose(browser.tip(), 1e3 * SOLVER.solve(tensions).tip, atol=0.006)
-
-
-def colours(png):
-    """Pixels (pixels, 3) of a picture."""
-    return np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float).reshape(-1, 3)
 
 
 def body_pixels(png):

@@ -1,31 +1,20 @@
 """An estimated arm in a real browser: how well it is known, and what pushes it."""
 
-import io
 import re
 import time
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-pytest.importorskip('viser', reason='needs viser')
-pytest.importorskip('selenium', reason='needs selenium')
-image = pytest.importorskip('PIL.Image', reason='needs pillow')
-
-from browser import CHROMEDRIVER, CHROMIUM, Browser
+from browser_or_skip import Browser, colours
 from estimator_nodes import estimating
 from live_nodes import new_domain, start, stop
 
 pytestmark = pytest.mark.slow
 
-if not (CHROMIUM and CHROMEDRIVER):
-    pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
-
 
 def green(png):
     """How many pixels have the colour of a force."""
-    pixels = np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float).reshape(-1, 3)
+    pixels = colours(png)
     return int(((pixels[:, 1] - pixels[:, [0, 2]].max(axis=1)) > 25.0).sum())
 
 

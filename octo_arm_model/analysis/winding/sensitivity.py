@@ -10,6 +10,7 @@ shape, and the least change of tensions is taken; those that do not agree are me
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,26 +100,14 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
 
 
 def _times(change: Change, tension: FloatArray) -> Change:
-    slid = change.tendon_tension
-    return Change(
-        change.pose @ tension,
-        change.strain @ tension,
-        change.tendon_length @ tension,
-        None if slid is None else slid @ tension,
-    )
+    fields = vars(change).values()
+    parts: list[Any] = [None if part is None else part @ tension for part in fields]
+    return Change(*parts)
 
 
 def _plus(change: Change, by_tension: Change, tension: FloatArray) -> Change:
-    more = _times(by_tension, tension)
-    slid = change.tendon_tension
-    if slid is not None and more.tendon_tension is not None:
-        slid = slid + more.tendon_tension
-    return Change(
-        change.pose + more.pose,
-        change.strain + more.strain,
-        change.tendon_length + more.tendon_length,
-        slid,
-    )
+    pairs = zip(vars(change).values(), vars(_times(by_tension, tension)).values(), strict=True)
+    return Change(*(one if one is None or more is None else one + more for one, more in pairs))
 
 
 def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:

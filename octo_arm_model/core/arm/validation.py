@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from octo_arm_model.core.errors import ArmDefinitionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 
-_DEEPEST = 32  # axes that an array can have in every supported NumPy
 # Bounds of all magnitudes: powers of larger and smaller ones leave the range of floats.
 LARGEST, SMALLEST = 1e30, 1e-30
-_NUMBERS, _LISTS = {float, int}, {list, tuple}
+_NUMBERS = {float, int}
 
 
 def finite(
@@ -145,35 +143,17 @@ def real_numbers(value: object) -> FloatArray | None:
         return None
     if array.dtype.kind not in 'fiu':
         return None
-    if isinstance(value, (list, tuple)) and _holds_bool(value, array.ndim):
+    if isinstance(value, (list, tuple)) and _holds_bool(value):
         return None
     return array.astype(np.float64, copy=False)
 
 
-def _holds_bool(value: list[Any] | tuple[Any, ...], axes: int) -> bool:
-    """Whether nested lists, which NumPy converts to an array of ``axes``, contain a boolean."""
-    level: Iterable[Any] = value
-    for _ in range(axes - 1):
-        level = itertools.chain.from_iterable(level)
-    try:
-        if _NUMBERS.issuperset(map(type, level)):
-            return False  # The usual case: plain numbers.
-    except TypeError:  # an array-like element that cannot be iterated over
-        pass
-    level = value
-    for _ in range(_DEEPEST):
-        kinds = set(map(type, level))
-        if kinds <= _NUMBERS:
-            return False
-        if not kinds <= _LISTS:
-            for element in level:
-                if isinstance(element, (bool, np.bool_)) or (
-                    isinstance(element, np.ndarray) and element.dtype.kind == 'b'
-                ):
-                    return True
-            level = [element for element in level if isinstance(element, (list, tuple))]
-        level = list(itertools.chain.from_iterable(level))
-    return False
+def _holds_bool(value: list[Any] | tuple[Any, ...]) -> bool:
+    """Whether nested lists, which NumPy converts to an array of numbers, contain a boolean."""
+    elements = np.array(value, dtype=object).ravel().tolist()
+    if _NUMBERS.issuperset(map(type, elements)):
+        return False  # The usual case, for which the check of each element takes too long.
+    return any(np.asarray(element).dtype.kind == 'b' for element in elements)
 
 
 def is_text(value: object) -> bool:

@@ -39,12 +39,15 @@ class Spending:
     """
 
     def __init__(self, budget: Budget) -> None:
-        """Begin to solve."""
+        """Start the clock of a solve that may take ``budget``."""
         self._budget, self._begin = budget, time.monotonic()
         self.iterations = 0
 
     def add(self, iterations: int, part: float, residual: float, iterate: object) -> None:
-        """Count ``iterations``, made at ``part`` of the way.
+        """Count ``iterations`` of Newton's method.
+
+        For the error: ``part`` is the fraction of the path followed so far [-], ``residual`` and
+        ``iterate`` are those of the last iterate.
 
         Raises:
             ContinuationError: if the budget is spent.

@@ -40,12 +40,14 @@ class Collocation:
         section: section of each point, (points,).
         steps: length of the element of each point [m], (points,).
         weights: of the integral along the arm, (points,).
-        before: likewise of those from the base to the starts of elements, (points, elements).
-        twice: from values at the points of an element to the matrix of the integrals to its end,
-            of the values times the integral of others from its start, (each, each x each).
-        at_end: from what is collocated at the points of an element to what it is at the end, both
-            less what it is at the start, (each,).
-        at_start: from the matrix at the start to that at the end besides, (2, 2).
+        before: weights of the integrals from the base to the start of each element, (points,
+            elements).
+        twice: double integrals within an element: contracted with values f at its points it is the
+            matrix from values g at its points to the integrals, from each point to the end, of
+            f(s) times the integral of g from the start to s, (each, each x each).
+        at_end: weights w by which a collocated function y at the end of an element follows from
+            its values at the points: y(end) - y(start) = sum w_i (y_i - y(start)), (each,).
+        at_start: (1 - sum w) times the identity, the factor of y(start) in y(end), (2, 2).
         length: of the arm [m].
     """
 
@@ -53,9 +55,10 @@ class Collocation:
         self, arm: Arm, grid: StationGrid, knots: tuple[float, ...], cuts: int,
         most_points: int = sys.maxsize,
     ) -> None:  # fmt: skip
-        """Cut panels of ``grid`` at ``knots`` and where they are long, then all in ``cuts``.
+        """Cut the panels of ``grid`` into elements.
 
-        With at most ``most_points`` in each element.
+        They are cut at ``knots`` and where they are long or taper, then each part into ``cuts``
+        elements of at most ``most_points`` points.
         """
         ends, section = [0.0], []
         for panel in grid.panels:
@@ -104,9 +107,10 @@ class Collocation:
         return total.reshape(values.shape)
 
     def readout(self, s: FloatArray, stop: FloatArray) -> Readout:
-        """What values at the points are elsewhere, at ``s`` (n,).
+        """Interpolation and integration from values at the points to the places ``s`` (n,) [m].
 
-        ``stop`` (n,) is the end of the panel that each lies in, which decides at a border.
+        ``stop`` (n,) [m] is the end of the panel that each place belongs to: a place at the border
+        of two elements is read from the one in that panel.
         """
         element = np.searchsorted(self.start, s, side='right') - 1
         at_border = np.abs(self.start[element] - s) <= _ROUNDING * self.length
@@ -135,9 +139,10 @@ class Readout:
     """Values and integrals at any places, from values at the points of a `Collocation`.
 
     Attributes:
-        element: of each place, (n,).
-        values: matrix from values at the points of that element, (n, points of each).
-        within: likewise to the integral from its start.
+        element: number of the element that each place lies in, (n,).
+        values: weights that interpolate the points of that element, (n, points of each).
+        within: weights of the integral from the start of that element to the place [m], (n,
+            points of each).
     """
 
     def __init__(self, collocation: Collocation, s: FloatArray, element: IntArray) -> None:
@@ -161,20 +166,25 @@ class Readout:
         return self._apply(self._by_element[0], values)
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
-        """Integrals (..., n) from the base, of values at the points (..., points)."""
+        """Integrals (..., n) from the base to each place, of ``values`` (..., points)."""
         own = self._collocation
         found = self._apply(self._by_element[1], values)
         found += (values @ own.before).take(self.element, axis=-1)
         return found
 
     def _spread(self, matrix: FloatArray) -> FloatArray:
-        """The rows of a ``matrix`` (n, points of each), (elements, points of each, columns)."""
+        """The rows of a ``matrix`` (n, points of each), sorted by the elements of the places.
+
+        Returns:
+            (elements, points of each, places in the fullest element), padded with zeros.
+        """
         elements = self._collocation.step.size
         spread = np.zeros((elements * self._most, matrix.shape[1]))
         spread[self._columns] = matrix
         return spread.reshape(elements, self._most, -1).transpose(0, 2, 1).copy()
 
     def _apply(self, by_element: FloatArray, values: FloatArray) -> FloatArray:
+        """Product (..., n) of a matrix of `_spread` with ``values`` (..., points)."""
         own = self._collocation.by_element(values.reshape(-1, values.shape[-1]))
         found = np.empty((len(own), len(by_element), self._most))
         np.matmul(own.swapaxes(0, 1), by_element, out=found.swapaxes(0, 1))

@@ -40,15 +40,19 @@ def follow(
     tolerance: float = TOLERANCE,
     step: float = 1.0,
 ) -> State:
-    """From the balanced ``shape`` in ``known`` to balance in ``wanted``, within ``tolerance``.
+    """Follow the equilibrium from the ``shape`` under ``known`` to the condition ``wanted``.
 
-    In one load step where that converges, in several where it does not; the first is ``step``.
-    Where the branch ends at a limit point, or becomes unstable (the arm buckles), the potential
-    energy is minimised from there. Returns the balanced, stable state.
+    The load is changed in one step of continuation where Newton's method then converges, else in
+    several, of which the first is the fraction ``step`` of the path. Where the branch ends at a
+    limit point, or becomes unstable (the arm buckles), the potential energy is minimised from
+    there on.
+
+    Returns:
+        A stable state under ``wanted`` whose residual is at most ``tolerance``.
 
     Raises:
-        ConvergenceError: if no balance was found; it carries the last iterate.
-        ContinuationError: if it would take more than there is to spend.
+        ConvergenceError: if no equilibrium was found; it carries the last iterate.
+        ContinuationError: if it would take more than the budget of ``spending``.
     """
     done = 0.0
     last: tuple[Shape, float] | None = None
@@ -97,9 +101,10 @@ def follow(
 
 
 def _growth(corrected: float) -> float:
-    """How many times as long a step should be after one that was ``corrected`` so far [rad].
+    """Factor by which to change the load step after one with the angle ``corrected`` [rad].
 
-    That correction grows with the square of the step.
+    ``corrected`` is by how much the iterations after the first turned the arm. It grows with the
+    square of the step, which gives the step whose correction is `_USUAL_CORRECTION`.
     """
     return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), _LONGER)
 
@@ -113,14 +118,18 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
 def _levenberg_marquardt(
     problem: Equilibrium, condition: Condition, shape: Shape, spending: Spending, part: float
 ) -> State:
-    """Minimise the potential energy, to a stable balance (Levenberg and Marquardt).
+    """Minimise the potential energy by the method of Levenberg and Marquardt.
 
-    Newton's steps for cross sections stiffened by a damping, as large as it takes for a step to
-    lower the energy without going far past its minimum along the step.
+    Each step is a Newton step with cross sections that are stiffened by a damping. The damping is
+    raised until a step lowers the energy without going far past its minimum along the step.
+    ``part`` is the fraction of the path followed so far, for the error.
+
+    Returns:
+        A stable state whose residual is at most `TOLERANCE`.
 
     Raises:
-        ConvergenceError: if there is none.
-        ContinuationError: if it would take more than there is to spend.
+        ConvergenceError: if none is found.
+        ContinuationError: if it would take more than the budget of ``spending``.
     """
     state = problem.state(condition, shape)
     damping = _FIRST_DAMPING

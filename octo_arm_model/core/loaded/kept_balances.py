@@ -1,4 +1,4 @@
-"""What is known of the balances that arms are followed from, such as systems linearised there."""
+"""A cache of what belongs to recent equilibria, such as the systems linearised about them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,14 @@ _K = TypeVar('_K')
 
 
 class KeptBalances(Generic[_K]):
-    """Those found or followed from last, each by a very array of it: its twist, or tensions."""
+    """Data of the `_MOST` equilibria used last, by the identity of one of their arrays.
+
+    The array is the twist of an equilibrium, or its tensions: whoever continues from the
+    equilibrium passes the same object.
+    """
 
     def __init__(self) -> None:
-        """Keep none yet."""
+        """Begin empty."""
         # By the identity of the array, which is held so that it stays the only one of that.
         self._kept: dict[int, tuple[FloatArray, _K]] = {}
 
@@ -24,7 +28,7 @@ class KeptBalances(Generic[_K]):
         return (known for _, known in self._kept.values())
 
     def about(self, array: FloatArray) -> _K | None:
-        """What is known of the balance of this ``array``, if it is kept: now the one used last."""
+        """Data of the equilibrium of this ``array``, which becomes the one used last; or None."""
         kept = self._kept.pop(id(array), None)
         if kept is None:
             return None
@@ -32,12 +36,12 @@ class KeptBalances(Generic[_K]):
         return kept[1]
 
     def keep(self, array: FloatArray, known: _K) -> None:
-        """Keep what is ``known`` of the balance of this ``array``."""
+        """Keep the data ``known`` of the equilibrium of this ``array``."""
         self.take_oldest()
         self._kept[id(array)] = array, known
 
     def take_oldest(self) -> _K | None:
-        """What was used longest ago, no longer kept, if there is no room for another."""
+        """If the cache is full, remove what was used longest ago and return it."""
         if len(self._kept) < _MOST:
             return None
         return self._kept.pop(next(iter(self._kept)))[1]

@@ -29,15 +29,16 @@ _RATES = np.array([
 
 
 def matrix_of(orientation: Quaternions) -> ComplexArray:
-    """M of one ``orientation``, (2, 2)."""
+    """The matrix M, see the module, of a single ``orientation``, (2, 2)."""
     a, b = orientation
     return np.array([[a, b], [-np.conj(b), np.conj(a)]]).reshape(2, 2)
 
 
 def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) -> Quaternions:
-    """Orientations (..., points) at the points under the ``angular`` twist (3, ..., points).
+    """Orientations (..., points) at the points of ``collocation``.
 
-    ``base`` is `matrix_of` that of the base.
+    ``angular`` is the angular twist there [1/m], (3, ..., points), and ``base`` the `matrix_of`
+    the orientation of the base, (2, 2).
     """
     _, *lead, _ = angular.shape
     elements, points = collocation.step.size, collocation.rule.points.size
@@ -69,7 +70,12 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
 
 @functools.cache
 def _tables(points: int) -> tuple[ComplexArray, ComplexArray]:
-    """Integrals from an element's start, (points, 1, points), and M there, (1, 2 points, 2)."""
+    """Constants of the collocation equations of an element with so many ``points``.
+
+    Returns:
+        Matrix of the integrals from its start to each point, (points, 1, points), and the right
+        side for M = 1 at its start, (1, 2 points, 2).
+    """
     from_start = gauss_rule(points).from_start[:, np.newaxis].astype(np.complex128)
     start = np.repeat(np.eye(2, dtype=np.complex128), points, axis=0)
     return from_start, start[np.newaxis]

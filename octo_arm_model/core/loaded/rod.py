@@ -43,40 +43,44 @@ from octo_arm_model.core.section.strain_measures import (
 # part of the length at most, and of far less at the tip, where the error of Gauss points is of
 # twice the order.
 RESOLVED = 1e-4
-# Or of those of an arm that turns by this angle [rad]: less than that can be what balance leaves.
+# Of an arm that turns by less than this angle [rad] its angular twist counts as one that turns by
+# it: smaller twists can be what the tolerance of the equilibrium leaves.
 STRAIGHT = 1e-3
-# And where none turns by more than this [rad], however even its twist: what is interpolated and
-# integrated within is the direction of the midline: to 4e-7 of the length, by four such elements.
+# An element that turns by more than this angle [rad] is too coarse however even its twist is, as
+# the direction of the midline is interpolated within it. Four elements that turn by it leave an
+# error of the position of 4e-7 of the length.
 MOST_TURN = 4.0
-# `RESOLVED` of the tensions of tendons with friction, whose rate of change is far less exact.
+# As `RESOLVED` for the tensions of tendons with friction, whose derivatives are far less exact.
 RESOLVED_TENSIONS = 1e-6
 
-_KEPT = 256  # loads whose resultants are, and rods
+_KEPT = 256  # entries of each cache: of resultants by loads, and of interpolations by rods
 
-# From a state to its twist (n, nodes), position (stations, 3) [m] and orientation (stations, 4).
+# From a state: its twist (n, nodes), positions (stations, 3) [m] and quaternions (stations, 4).
 ReadOut: TypeAlias = Callable[[State], tuple[FloatArray, FloatArray, FloatArray]]
 
-# From a condition and a shape nearby to the solution there, or to the shape of a stable balance
-# that elements do not resolve; None where Newton's method leads to neither. Iterations are spent.
+# From a condition and a shape nearby: the solution, or the shape of a stable equilibrium that the
+# elements do not resolve, or None where Newton's method leads to neither. Counts its iterations in
+# the `Spending`.
 Settle: TypeAlias = Callable[[Condition, Shape, Spending], Solution | Shape | None]
 
-# From tensions (tendons,) to the twist (n, points) of least energy; raises SolveError.
+# From tensions (tendons,) [N]: the twist (n, points) of least energy; raises SolveError.
 Minimum: TypeAlias = Callable[[FloatArray], FloatArray]
 
-# From tensions (tendons,) of tendons with friction, and those (tendons, points) along them before,
-# to the twist under them alone, (n, points); raises SolveError.
+# From tensions (tendons,) [N] of tendons with friction, and tensions (tendons, points) [N] that
+# they slide from: the twist (n, points) without other loads; raises SolveError.
 Slide: TypeAlias = Callable[[FloatArray, FloatArray | None], FloatArray]
 
-# From a balanced condition and shape, and resultants of dead loads per unit of each, force and
-# moment (loads, 3, points) in base_frame, to their changes of pose (stations, 6, columns), strain
-# (stations, 4, columns) and tendon length (tendons, columns). Without loads to those by the wrench
-# on the tip, tensions, E, nu and offsets. Raises ConvergenceError.
+# From a condition and the shape of its equilibrium: changes of pose (stations, 6, columns), strain
+# (stations, 4, columns) and tendon length (tendons, columns). Columns are dead loads whose
+# resultants per unit, force and moment (loads, 3, points) in base_frame, are given; without them
+# the wrench on the tip, tensions, E, nu and offsets. Raises ConvergenceError.
 Differentiate: TypeAlias = Callable[
     [Condition, Shape, tuple[FloatArray, FloatArray] | None],
     tuple[FloatArray, FloatArray, FloatArray],
 ]
 
-# Likewise to those of the tip alone, (6, columns), by tensions, E, nu and offsets, by reciprocity.
+# From the same: changes of the pose of the tip alone, (6, columns), whose columns are tensions, E,
+# nu and offsets, by reciprocity.
 DifferentiateTip: TypeAlias = Callable[[Condition, Shape], FloatArray]
 
 
@@ -86,28 +90,29 @@ class LoadedRod:
     Attributes:
         equilibrium: its equations.
         newton: Newton's method for these.
-        minimum: the twist under tensions alone.
-        near_minimum: nearly that, for little.
-        slide: the twist under tensions alone of tendons with friction.
-        read_out: what a state is at nodes and stations.
-        settle: both in one call of machine code, if there is.
+        minimum: the twist of least energy under tensions alone, see `Minimum`.
+        near_minimum: an approximation of it that costs little.
+        slide: the twist under tensions alone, of tendons with friction, see `Slide`.
+        read_out: values of a state at nodes and stations, see `ReadOut`.
+        settle: equilibrium and read-out from a shape nearby, see `Settle`; None where there is no
+            such method.
         base: pose of the base.
-        points: how many points there are.
+        points: number of collocation points.
         station_node: node of each station.
-        dead_resultants: of dead loads, force and moment without its levers, (3, points) in
-            base_frame, of the tip's wrench too; kept for those asked for last.
-        read_from: what values at the points of another rod are at the points of this one.
-        differentiate: derivatives in machine code, if there is.
-        differentiate_tip: likewise of the tip alone.
+        dead_resultants: for dead loads, forces [N] and free moments [N m] on every cross section,
+            (3, points) each, in base_frame, with the wrench on the tip; cached by the loads.
+        read_from: interpolation from the points of another rod to those of this one; cached.
+        differentiate: derivatives by compiled kernels, see `Differentiate`; None without.
+        differentiate_tip: derivatives of the tip alone by compiled kernels; None without.
     """
 
     def __init__(
         self, arm: Arm, grid: StationGrid, base: Frame, law: Law, shear: bool, loads: Loads,
         cuts: int, most_points: int = sys.maxsize,
     ) -> None:  # fmt: skip
-        """Cut every panel of ``grid``, and its part between knots, into ``cuts`` elements.
+        """Cut every panel of ``grid``, and its parts between knots, into ``cuts`` elements.
 
-        With at most ``most_points`` in each.
+        Each has at most ``most_points`` points.
 
         Raises:
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
@@ -138,13 +143,13 @@ class LoadedRod:
 
     @functools.cached_property
     def nodes(self) -> Readout:
-        """What values at the points are at the nodes of the grid."""
+        """Interpolation from the points to the nodes of the grid."""
         stops = np.array([panel.stop for panel in self._grid.panels])
         return self._own.readout(self._grid.nodes, stops[self._grid.node_panel])
 
     @functools.cached_property
     def stations(self) -> Readout:
-        """Likewise at the stations, which belong to the panel towards the base."""
+        """Interpolation from the points to the stations, from the panel towards the base."""
         return self._own.readout(self._grid.s, self._grid.s)
 
     @functools.cached_property
@@ -155,13 +160,13 @@ class LoadedRod:
 
     @functools.cached_property
     def parameters(self) -> ParameterDerivatives:
-        """What the balance at the points changes by with parameters of the arm."""
+        """Derivatives of the cross sections at the points by parameters of the arm."""
         return ParameterDerivatives(self.equilibrium.energy, self._arm)
 
     def unloaded(self, tensions: FloatArray, before: FloatArray | None = None) -> Shape:
-        """The shape under ``tensions`` (tendons,) [N] alone.
+        """The shape under ``tensions`` (tendons,) [N] alone, without other loads.
 
-        With friction, after tensions ``before`` (tendons, points) [N] along the tendons.
+        Tendons with friction slide from tensions ``before`` (tendons, points) [N], or from slack.
 
         Raises:
             SolveError: if there is none.
@@ -171,16 +176,16 @@ class LoadedRod:
         return self.equilibrium.shape(twist)
 
     def near_unloaded(self, tensions: FloatArray, before: FloatArray | None = None) -> Shape:
-        """Nearly the shape of `unloaded`, from where Newton's method leads as far.
+        """An approximation of `unloaded` from which Newton's method converges as well.
 
-        Without friction that of (..., tendons) too.
+        Without friction ``tensions`` may be (..., tendons). With friction it is `unloaded` itself.
         """
         if self.equilibrium.friction is not None:
             return self.unloaded(tensions, before)
         return self.equilibrium.shape(self.near_minimum(tensions))
 
     def under(self, local_tensions: FloatArray) -> Shape:
-        """The unloaded shape under tensions (tendons, points) [N] at the points.
+        """The shape under ``local_tensions`` (tendons, points) [N] at the points and nothing else.
 
         Raises:
             SolveError: if there is none.
@@ -206,7 +211,7 @@ class LoadedRod:
         return balance(some, ExactSections(some.energy), rows[:, some.pull], held).twist[:, 0]
 
     def _near_minimum(self, tensions: FloatArray) -> FloatArray:
-        """`Minimum`, but for how tendons turn; of (..., tendons)."""
+        """Approximate `Minimum`, as if tendons ran parallel to the midline; for (..., tendons)."""
         energy, local_tensions = self.equilibrium.energy.pulled(np.atleast_2d(tensions))
         strain = initial_strain(energy, local_tensions)
         twist = to_twist(energy.law, strain)
@@ -220,7 +225,11 @@ class LoadedRod:
         return other._own.readout(self._own.s, self._own.s)
 
     def mean_along_tendons(self, values: FloatArray) -> FloatArray:
-        """Averages of ``values`` (tendons, columns, points) over the tendons' unloaded lengths."""
+        """Means of ``values`` (tendons, columns, points) over the unloaded lengths of the tendons.
+
+        Returns:
+            (tendons, columns).
+        """
         lengths = self.parameters.rest_stretches * self._own.weights
         total: FloatArray = np.einsum('jn,jcn->jc', lengths, values)
         return total / lengths.sum(axis=1, keepdims=True)
@@ -231,11 +240,11 @@ class LoadedRod:
         return force, moment + np.array(loads.tip_moment)[:, np.newaxis]
 
     def resolves(self, shape: Shape, sliding: Sliding | None = None) -> bool:
-        """Whether elements are fine enough for ``shape``, and tendons ``sliding``."""
+        """Whether elements resolve the ``shape`` of one arm and its tendons' tensions."""
         return self.resolves_twist(shape.twist[:, np.newaxis], sliding)
 
     def resolves_twist(self, twist: FloatArray, sliding: Sliding | None) -> bool:
-        """Whether they are for ``twist`` (n, batch, points), and tendons ``sliding``."""
+        """Whether elements resolve ``twist`` (n, batch, points) and tensions of ``sliding``."""
         if sliding is not None:
             if sliding.sticks:
                 # Where a tendon begins to stick strains have a kink, which no cuts resolve.
@@ -247,7 +256,7 @@ class LoadedRod:
         return bool(self.are_resolved(twist).all())
 
     def are_resolved(self, twist: FloatArray) -> NDArray[np.bool_]:
-        """Whether elements are fine enough for each ``twist`` (n, batch, points), (batch,)."""
+        """Whether elements resolve ``twist`` (n, batch, points), for each arm, (batch,)."""
         size = np.abs(twist).max(axis=-1)
         size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
         turn = np.sqrt(np.add.reduce(twist[:3] ** 2)) * self._own.steps
@@ -255,6 +264,9 @@ class LoadedRod:
         return np.asarray(smooth & (turn <= MOST_TURN).all(axis=-1))
 
     def _tail(self, values: FloatArray) -> FloatArray:
-        """Largest of the last Legendre coefficients of ``values`` (n, arms, points), (n, arms)."""
+        """Largest of the last two Legendre coefficients of ``values`` (n, arms, points).
+
+        Over all elements, (n, arms).
+        """
         tail = self._own.by_element(values) @ self._own.rule.tail.T
         return np.asarray(np.abs(tail).max(axis=(-2, -1)))

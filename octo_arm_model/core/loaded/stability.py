@@ -1,4 +1,4 @@
-"""Whether balances of loaded rods are stable: of least energy, as far as loads have one."""
+"""Stability of equilibria of loaded rods: a local minimum of the energy, where loads have one."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _FREE = 1e6
 def stability_of(
     problem: Equilibrium, state: State, answer: System | TipAnswer | Stability | None = None
 ) -> Stability:
-    """Whether a balanced ``state`` of a ``problem`` is stable.
+    """Whether the equilibrium ``state`` of a ``problem`` is stable.
 
-    It is where the second variation of the energy is seen to be positive. Elsewhere the
-    compliance at the tip tells: that of a stable arm is positive definite, and the determinant
-    of its equations has the sign it has without loads: one unstable mode reverses the sign,
-    two at once leave it and show in the compliance alone. ``answer`` is that to wrenches on
-    the tip or a system linearised about nearly the same state, if there is, or the stability
-    where that is known already.
+    It is stable where `are_least` finds the second variation of the energy positive. Elsewhere the
+    compliance at the tip decides: that of a stable arm is positive definite, and the determinant
+    of its equations has the sign that it has without loads. One unstable mode reverses that sign;
+    two at once leave it and show in the compliance alone. ``answer`` saves work where it is known:
+    the system linearised about this state, or nearly, its response to wrenches on the tip, or the
+    stability itself.
 
     Raises:
         LoadError: if a load states no tangent stiffness.
@@ -65,7 +65,7 @@ def stability_of(
 
 
 def tip_answer(problem: Equilibrium, state: State, system: System) -> TipAnswer:
-    """Response of ``state`` to wrenches on its tip, by its linearised ``system``."""
+    """Response of ``state`` to unit wrenches on its tip, from its linearised ``system``."""
     count = len(state.imbalance)
     wrench = problem.tip_wrenches(state)[:count]
     wrench[:, 3:] *= problem.collocation.length
@@ -76,15 +76,19 @@ def tip_answer(problem: Equilibrium, state: State, system: System) -> TipAnswer:
 
 
 def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
-    """Whether the second variation of the energy of each arm is seen to be positive, (arms,).
+    """Whether the second variation of the energy of each arm is positive, a sufficient test.
 
-    From the ``system`` linearised about balances under loads that have an energy; ``weights`` are
-    of the integral over an element of length one, (each,).
+    ``system`` is linearised about equilibria under loads that have an energy; ``weights`` are
+    those of the integral over an element of length one, (each,).
 
-    The variation is a quadratic form of the bends k at all points. It is positive if that of each
-    element with its end free is, and what is left of it as the bends are eliminated with the
-    rotations of all ends held, a form of these rotations (inertia is additive, Haynsworth 1968).
-    False where an element with its end free is unstable: other ways have to tell.
+    The variation is a quadratic form of the bends k at all points. It is positive if two forms are
+    (inertia is additive, Haynsworth 1968): that of each element with its end free, and what
+    remains, a form of the rotations of the ends of all elements, after the bends are eliminated
+    with these rotations held.
+
+    Returns:
+        (arms,); False also where an element with its end free is unstable while the arm may be
+        stable.
     """
     ends, axial = system.ends, system.axial
     arms, elements = ends.shape[:2]
@@ -111,6 +115,6 @@ def are_least(system: Linearised, weights: FloatArray) -> NDArray[np.bool_]:
 
 
 def _diagonal(blocks: FloatArray) -> FloatArray:
-    """View of the blocks (..., n, 3, 3) on the diagonal of all, (..., n, 3, n, 3)."""
+    """View (arms, n, 3, 3) of the diagonal blocks of ``blocks`` (arms, n, 3, n, 3)."""
     view: FloatArray = np.einsum('aipiq->aipq', blocks)
     return view

@@ -17,9 +17,9 @@ class Condition(NamedTuple):
     Attributes:
         tensions: (tendons,), or (arms, tendons) of several arms [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) or (arms, 6) [N, N m].
-        factor: part of all other loads.
-        before: where tendons have friction, their tensions at the points before, (tendons,
-            points) [N]; None for slack ones.
+        factor: factor on all other loads [-], from 0 to 1.
+        before: tensions [N] at the points from which tendons with friction slide, (tendons,
+            points); None for slack ones.
     """
 
     tensions: FloatArray
@@ -38,20 +38,24 @@ class Condition(NamedTuple):
 
 
 class State(NamedTuple):
-    """A loaded arm, in balance or not, or several: (..., arms, points) where (..., points) stands.
+    """A loaded arm, in equilibrium or not.
+
+    Arrays have the shapes below for one arm, and an axis of arms before that of the points for
+    several.
 
     Attributes:
         condition: what acts on it.
         shape: twists and orientations.
-        rotation: orientation at the points as matrices, (3, 3, points).
+        rotation: orientation of the cross sections as matrices, (3, 3, points).
         tangent: u', the derivative of the position by s, (3, points) [-].
-        moment: of the loads from there to the tip, in base_frame, (3, points) [N m].
-        force: likewise [N].
-        imbalance: both less the gradient of the energy, in the axes of the cross section,
-            (n, points).
-        residual: largest imbalance over its scale, of each arm.
-        sliding: where tendons have friction, what is left of their tension.
-        hessian: of the energy by the twist, (n, n, points), where that is known already.
+        moment: moment that the loads beyond a point exert on the cross section there, in
+            base_frame, (3, points) [N m].
+        force: the force that they exert, in base_frame, (3, points) [N].
+        imbalance: moment and force in the axes of the cross section, less the gradient of its
+            energy by the twist, (n, points) [N m and N].
+        residual: largest imbalance over its scale [-], a number or (arms,).
+        sliding: tensions along tendons with friction; None without friction.
+        hessian: of the energy by the twist, (n, n, points), where it has been computed already.
     """
 
     condition: Condition
@@ -66,7 +70,7 @@ class State(NamedTuple):
     hessian: FloatArray | None = None
 
     def of(self, arms: IntArray) -> State:
-        """That of some ``arms`` of several without friction."""
+        """The states of those ``arms`` (indices) of several arms without friction."""
         condition, (a, b) = self.condition, self.shape.orientation
         return State(
             condition._replace(
@@ -83,12 +87,12 @@ class Stability(NamedTuple):
     """Stability of an equilibrium.
 
     Attributes:
-        is_stable: whether it returns after small perturbations; None under moments, where that is
-            not known.
-        sign: of the determinant of its equations, over that without loads, 1 or -1; where it
-            changes, one branch has been left for another.
-        softest_mode: of what is not stable, the change of least, or most negative, stiffness,
-            scaled to turn the arm by about one radian.
+        is_stable: whether the arm returns after small perturbations; None where loads with
+            moments have no energy to tell by.
+        sign: sign of the determinant of the linearised equations over that without loads, 1 or
+            -1. Where it changes, one branch of equilibria has been left for another.
+        softest_mode: for an unstable equilibrium, the change of shape of least, or most negative,
+            stiffness, scaled to turn the arm by about one radian; else None.
     """
 
     is_stable: bool | None

@@ -25,8 +25,8 @@ class ClosedForm:
     """Strains from tensions, node by node.
 
     Attributes:
-        weights: of the tensions at every node.
-        stiffness: there.
+        weights: from tensions to sums over the tendons at every node.
+        stiffness: of the cross section at every node.
     """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
@@ -35,7 +35,10 @@ class ClosedForm:
         self.stiffness = SectionStiffness.at(arm, nodes)
 
     def solve(self, tensions: FloatArray) -> Solution:
-        """Twist at every node under ``tensions`` (..., tendons) [N]; the residual is zero."""
+        """Twist at every node under ``tensions`` (..., tendons) [N].
+
+        Residual and iterations are zero: the equations are linear.
+        """
         return Solution(self._twist(self.weights.sums(tensions)), 0.0, 0)
 
     def local_twist(self, local_tensions: FloatArray) -> FloatArray:
@@ -43,6 +46,7 @@ class ClosedForm:
         return self._twist(self.weights.local_sums(local_tensions))
 
     def _twist(self, sums: TendonSums) -> FloatArray:
+        """Twist (4, ..., nodes) in equilibrium with the ``sums`` over the tendons."""
         _, torsion, bending = self.stiffness
         _, n, b, nn, bb, mixed, routing_torque = sums
         tau, xi, k = curvatures(0.0, 0.0, 0.0, n, b, nn, bb, torsion, bending)

@@ -37,12 +37,12 @@ class Exact:
     """Strains from tensions and loads.
 
     Attributes:
-        takes_loads: always.
-        law: elastic law.
+        takes_loads: True.
+        law: the elastic law of the cross sections.
         strains: 4, or 6 with shear.
         slides: whether tendons have friction.
-        rods: where it is solved under loads, or with friction.
-        unloaded: the arm without loads.
+        rods: at whose points the arm is solved under loads, or with friction.
+        unloaded: solves the arm without loads.
     """
 
     takes_loads = True
@@ -72,7 +72,7 @@ class Exact:
         self._loaded = LoadedExact(self._rod, self.rods, setup.budget)
 
     def use(self, compiled: Callable[[LoadedRod], None]) -> None:
-        """Have ``compiled`` change how every loaded rod evaluates sections and iterates."""
+        """Have ``compiled`` put its kernels into every loaded rod that is made from now on."""
         self._compiled = compiled
         self._rod.cache_clear()
         if self._is_loaded:
@@ -95,10 +95,10 @@ class Exact:
         start: Backbone | None,
         before: FloatArray | None = None,
     ) -> Solution:
-        """Twist at every node under ``tensions`` (..., tendons) [N] and ``tip_wrench`` (..., 6).
+        """Solve, see `Statics.solve`.
 
         A loaded arm is followed from ``start``, or from the unloaded shape. Tendons with friction
-        have tensions ``before`` (tendons, points) [N], or are slack.
+        slide from tensions ``before`` (tendons, points) [N], or from slack.
 
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
@@ -132,7 +132,7 @@ class Exact:
         return self.sections.local_tensions(backbone.tensions.reshape(1, -1))[:, 0]
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
-        """First derivatives of ``backbone``, by all there is."""
+        """First derivatives of ``backbone`` by all quantities of `Sensitivity`."""
         return derivatives(*self._balance_of(backbone))
 
     def tip_by(self, backbone: Backbone) -> TipBy:
@@ -147,7 +147,7 @@ class Exact:
         return by_loads(*self._balance_of(backbone), loads)
 
     def _balance_of(self, backbone: Backbone) -> tuple[LoadedRod, Condition, Shape]:
-        """The rod that a ``backbone`` is a solution of, what acts on it and its shape."""
+        """The rod at whose points ``backbone`` is an equilibrium, its condition and its shape."""
         tensions = backbone.tensions.ravel()
         condition = Condition(tensions, backbone.tip_wrench, 1.0, backbone.point_tensions)
         shape, level = backbone.shape, 0

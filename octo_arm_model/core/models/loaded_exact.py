@@ -27,19 +27,22 @@ class LoadedExact:
     """Balances of one arm under loads."""
 
     def __init__(self, rod: Callable[..., LoadedRod], rods: Rods, budget: Budget) -> None:
-        """Of what makes, or keeps, the ``rod`` of a level, perhaps of fewer points, and ``rods``.
+        """``rod`` returns the rod of a level, or one with fewer points in each element.
 
-        ``budget`` is what one solve may take.
+        ``rods`` are the same without fewer points, and ``budget`` is what one solve may take.
         """
         self._rod, self._rods, self._budget = rod, rods, budget
 
     def settle_all(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
     ) -> list[Solution | None]:
-        """`solve` of many arms, ``tensions`` (arms, tendons) [N] and ``tip_wrench`` (arms, 6).
+        """Solutions of many arms by Newton's method alone, all at once.
 
-        None for those that are to be solved one by one, as Newton's method alone does not lead
-        them to a stable balance, or takes more than the budget.
+        ``tensions`` are (arms, tendons) [N] and ``tip_wrench`` (arms, 6) [N, N m].
+
+        Returns:
+            None for arms that it does not lead to a stable equilibrium, or not within the budget:
+            `solve` has to follow them one by one.
         """
         rod = self._rod(self._level_of(start))
         nothing: list[Solution | None] = [None] * len(tensions)
@@ -51,7 +54,7 @@ class LoadedExact:
         return [one if one is not None and one.iterations <= most else None for one in found]
 
     def _level_of(self, start: Backbone | None) -> int:
-        """Level of the rod on which a ``start`` was found, or on which to begin."""
+        """Level of the rod on which ``start`` was solved; 0 without one."""
         shape = None if start is None else start.shape
         return 0 if shape is None else self._rods.level_of(shape.twist)
 
@@ -62,7 +65,7 @@ class LoadedExact:
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Solution:
-        """Balance under ``tensions`` (tendons,) [N] and ``tip_wrench`` (6,), as `Exact.solve`.
+        """Equilibrium of one arm, with arguments as of `Exact.solve`.
 
         Raises:
             SolveError: if there is no trustworthy answer.
@@ -105,13 +108,13 @@ class LoadedExact:
         )  # fmt: skip
 
     def _nearly(self, wanted: Condition, spending: Spending) -> tuple[Condition, Shape]:
-        """A condition and the shape of a balance in it, or nearly so, to follow the arm from.
+        """A condition, and a shape near its equilibrium, from which to follow the arm.
 
-        That is ``wanted`` itself where Newton's method or few points lead there, else that of the
-        unloaded shape.
+        The condition is ``wanted`` itself where Newton's method, or continuation with few points,
+        leads there; else it is that of the unloaded shape.
 
         Raises:
-            SolveError: if there is none.
+            SolveError: if there is no unloaded shape.
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         fine, coarse = self._rod(0), self._rod(0, _COARSE)
@@ -141,9 +144,11 @@ class LoadedExact:
 
 
 def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None) -> Shape:
-    """The shape of a ``start`` at the points of a ``rod``; tensions ``before`` are of the next.
+    """The shape of ``start`` at the points of ``rod``; the unloaded one where it has none.
+
+    ``before`` are the tensions that tendons with friction slide from, see `LoadedRod.unloaded`.
 
     Raises:
-        SolveError: if there is none.
+        SolveError: if there is no unloaded shape.
     """
     return start.shape or rod.unloaded(start.tensions.ravel(), before)

@@ -44,7 +44,14 @@ def slope_coefficients(
     first_n: Number, first_b: Number, second_n: Number, second_b: Number,
     torsion: Number, bending: Number,
 ) -> tuple[Number, ...]:  # fmt: skip
-    """All of p' but p: what `slope_along` takes, then `slope_aside` for p_n and p_b in turns."""
+    """Coefficients of p', which do not depend on p; see `renda2012`.
+
+    From first and second moments of the tendons, torsional and bending stiffness.
+
+    Returns:
+        xi_0, k_0 and the product for `slope_along`, then the linear coefficients for `slope_aside`
+        of p_n and of p_b, then its products for p_n and for p_b.
+    """
     polar = second_n + second_b
     c_t, c_n, c_b = 1.0 / (torsion + polar), 1.0 / (bending + second_b), 1.0 / (bending + second_n)
     xi_0, k_0 = -c_n * first_b, c_b * first_n
@@ -56,17 +63,17 @@ def slope_coefficients(
 
 
 def slope_along(p_n: Number, p_b: Number, xi_0: Number, k_0: Number, product: Number) -> Number:
-    """The slope of p_t."""
+    """p_t' [N], from p_n and p_b [N m]."""
     return (product * p_b + k_0) * p_n - xi_0 * p_b
 
 
 def slope_aside(p_t: Number, other: Number, linear: Number, product: Number) -> Number:
-    """The slope of p_n, with p_b as the ``other``, and that of p_b, with p_n."""
+    """p_n' [N], from p_t and, as the ``other``, p_b; or p_b' from p_t and p_n."""
     return (product * other + linear) * p_t
 
 
 class Sweeps:
-    """Solves for p, element by element."""
+    """Picard iteration for p in one element after another."""
 
     def __init__(self, sums: TendonSums, stiffness: SectionStiffness) -> None:
         """Prepare for ``sums`` (..., points) and ``stiffness`` (points,) at all points."""
@@ -84,10 +91,13 @@ class Sweeps:
     def sweep(
         self, element: Element, start: FloatArray
     ) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return p (3, ..., points) in ``element``, ``start`` (3, ...) at its tip end.
+        """Solve for p in an ``element``, from its value ``start`` (3, ...) at the end to the tip.
 
-        Also, for each arm, its last change over the largest moment in it and the number of its
-        sweeps. Each sweep takes the newest components (Gauss-Seidel), which halves their number.
+        Each sweep uses the newest components (Gauss-Seidel), which halves the number of sweeps.
+
+        Returns:
+            p (3, ..., points) [N m] and, for each arm, its last change over the largest moment in
+            the arm and the number of sweeps.
 
         Raises:
             ConvergenceError: if an arm does not converge.
@@ -100,7 +110,7 @@ class Sweeps:
         p = start.copy()
         (p_t, p_n, p_b), aside = p, p[1:]
         start_t, start_aside = start[0], start[1:]
-        # As `times` does, each product into its place; for one arm `dot` is quicker.
+        # Products as by `times`, but written into p; for one arm `dot` is quicker.
         product, row = (np.dot, ()) if p.ndim == 2 else (np.matmul, np.s_[..., np.newaxis, :])
         to_t, to_n, to_b = p[row]
         integrate = element.integrate

@@ -86,8 +86,8 @@ class Renda2012:
     """Strains from tensions, from the tip to the base.
 
     Attributes:
-        weights: of the tensions at every node.
-        stiffness: there.
+        weights: from tensions to sums over the tendons at every node.
+        stiffness: of the cross section at every node.
     """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
@@ -125,10 +125,15 @@ class Renda2012:
     def _imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """Fill in p (3, ..., nodes), zero at first, where it is not zero.
+        """Fill in the imbalance p (3, ..., nodes) [N m], which is passed as zeros.
+
+        Elements are refined, see `ELEMENTS`, where their sweeps do not converge.
 
         Returns:
-            Last relative change and number of sweeps, of the element that took most.
+            Last relative change and number of sweeps of each arm, the largest of its elements.
+
+        Raises:
+            ConvergenceError: if the finest elements do not converge either.
         """
         for elements in ELEMENTS[:-1]:
             try:
@@ -143,7 +148,7 @@ class Renda2012:
     def _one_by_one(
         self, tensions: FloatArray, imbalance: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """`_imbalance` of a batch, each arm by itself.
+        """Call `_imbalance` for each arm of a batch.
 
         Raises:
             ConvergenceError: if one cannot be integrated.
@@ -162,12 +167,13 @@ class Integration:
     """Integration of (10) from the tip to the base, element by element.
 
     Attributes:
-        elements: from the tip; the panel that begins at the first anchorage is none of them.
-        weights: of the tensions at all points.
-        stiffness: there.
-        at_anchorages: from tensions to first and second moments at every anchorage,
-            (tendons, 2 x 2 x sections).
-        bending: bending stiffness there [N m^2], (sections,).
+        elements: from tip to base, without the panel that begins at the first anchorage, where p
+            is zero.
+        weights: from tensions to sums over the tendons at the points of all elements.
+        stiffness: of the cross sections at these points.
+        at_anchorages: matrix from tensions to first and second moments, along n and b, at every
+            anchorage, of the tendons that end there, (tendons, 2 x 2 x sections).
+        bending: bending stiffness at every anchorage [N m^2], (sections,).
     """
 
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray, count: int) -> None:
@@ -215,17 +221,17 @@ class Integration:
     def imbalance(
         self, tensions: FloatArray, imbalance: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """Fill in p (3, ..., nodes) below the first anchorage.
+        """Fill in the imbalance p (3, ..., nodes) [N m] between the base and the first anchorage.
 
         Returns:
-            Last relative change and number of sweeps, of the element that took most.
+            Last relative change and number of sweeps of each arm, the largest of its elements.
 
         Raises:
             ConvergenceError: if the sweeps of an element do not converge.
         """
         sums = self.weights.sums(tensions)
         sweeps_of = Sweeps(sums, self.stiffness)
-        # What takes strains to p and back, point by point.
+        # Arguments of `curvatures` and `imbalance_of` at each point.
         _, torsion, bending = self.stiffness
         at_points = [values.T for values in (*sums[1:5], torsion, bending)]
         added = self._added_curvature(tensions)

@@ -1,4 +1,4 @@
-"""Arms without loads whose tendons have friction: one rod, cut as finely as its strains need."""
+"""Arms under tendons with friction and no loads, on rods cut as finely as their strains need."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-# Elements that the panels of a rod are cut into, the next where strains are not resolved.
+# Elements per panel of the rods of successive levels; the next where strains are not resolved.
 CUTS: tuple[int, ...] = (1, 2, 4, 8)
 
 
 class Rods:
-    """One arm, cut more and more finely: rods of the levels 0 to ``len(CUTS) - 1``.
+    """The rods of one arm, of levels 0 to ``len(CUTS) - 1``, each finer than the one before.
 
     Attributes:
-        rod: that of each level.
+        rod: returns the rod of a level.
     """
 
     def __init__(self, rod: Callable[[int], LoadedRod]) -> None:
-        """Of what makes, or keeps, the ``rod`` of a level."""
+        """``rod`` returns the rod of a level, always the same one."""
         self.rod = rod
         self._kept: KeptBalances[tuple[Friction, Slid]] = KeptBalances()
 
@@ -44,7 +44,10 @@ class Rods:
         raise ConfigError('the backbone was solved by another solver')
 
     def at_level(self, before: FloatArray | None, level: int) -> FloatArray | None:
-        """Tensions ``before`` (tendons, points) at the points of the rod of ``level``."""
+        """Interpolate tensions ``before`` (tendons, points) [N] to the points of a ``level``.
+
+        They may be at the points of any level; None stays None.
+        """
         if before is None or (given := self.level_of(before)) == level:
             return before
         return self.rod(level).read_from(self.rod(given)).interpolate(before)
@@ -68,8 +71,8 @@ class Rods:
     ) -> Solution:
         """Balance under ``tensions`` (batch, tendons) or (tendons,) [N] alone, with friction.
 
-        ``sections`` gives the twist of the cross sections of a rod under the tendons of some
-        friction; ``before`` is as in `Friction.slide`.
+        ``sections`` makes the `Sections` of a rod for those tendons that are under tension;
+        ``before`` is as in `Friction.slide`.
 
         Raises:
             SolveError: if there is none.

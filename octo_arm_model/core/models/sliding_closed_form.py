@@ -27,11 +27,15 @@ class SlidingClosedForm(UnloadedStatics):
     """The closed form along a rod whose tendons have friction.
 
     Attributes:
-        rods: the points that it is solved at.
+        rods: at whose points it is solved.
     """
 
     def __init__(self, setup: Setup) -> None:
-        """Tabulate the arm; raises as `UnloadedStatics`."""
+        """Tabulate the arm.
+
+        Raises:
+            ConfigError: if tendons dig into the body.
+        """
         super().__init__(setup)
         arm, grid, base, *_ = setup
         self._rod = functools.lru_cache(
@@ -108,10 +112,10 @@ class SlidingClosedForm(UnloadedStatics):
 
 
 def _by_tensions(closed_form: ClosedForm, local_tensions: FloatArray) -> FloatArray:
-    """Derivative of the twist with each tension at the same place, (4, tendons, points).
+    """Derivative of the twist by the local tension of each tendon, (4, tendons, points).
 
-    For ``local_tensions`` (tendons, 1, points) [N]; the closed form is analytic in them, see
-    `papers_twist_changes`.
+    At ``local_tensions`` (tendons, 1, points) [N]. By a complex step, as the closed form is
+    analytic in the tensions; see `papers_twist_changes`.
     """
     step = 1e-6 * max(float(local_tensions.max()), 1e-3 * float(closed_form.stiffness.axial.min()))
     moved = local_tensions + 1j * step * np.eye(len(local_tensions))[..., np.newaxis]
@@ -126,7 +130,7 @@ class _Sections:
         self.residual: FloatArray = np.zeros(1)
 
     def begin(self, twist: FloatArray) -> None:
-        """Nothing is begun with."""
+        """Do nothing: the closed form needs no start."""
 
     def __call__(self, local_tensions: FloatArray) -> FloatArray:
         """See `Sections`."""

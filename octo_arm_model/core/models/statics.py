@@ -77,7 +77,7 @@ class Statics(Protocol):
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether anything but the tendons loads an arm, with ``tip_wrench`` (..., 6) on its tip.
 
-        Compiled kernels also solve arms that are not.
+        Compiled kernels may solve arms that are not loaded instead of `solve`.
         """
 
     def solve(
@@ -104,7 +104,7 @@ class Statics(Protocol):
         """First derivatives of a single solution of this model."""
 
     def tip_by(self, backbone: Backbone) -> TipBy:
-        """Those of the tip alone, of which each costs little or is found when asked for."""
+        """First derivatives of the tip of a single solution; each may be found when asked for."""
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
-        """Change of a single solution of this model, which `takes_loads`, per unit of each."""
+        """Change of a single solution per unit of each of ``loads``, if the model takes loads."""

@@ -54,7 +54,7 @@ class UnloadedStatics(abc.ABC):
         return SectionEnergy(arm, grid.nodes, grid.node_section, self.law)
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
-        """It never is."""
+        """False: these models take no loads."""
         return False
 
     def solve(
@@ -64,7 +64,7 @@ class UnloadedStatics(abc.ABC):
         start: Backbone | None,
         before: FloatArray | None = None,
     ) -> Solution:
-        """As `Statics.solve`; ``tip_wrench`` and ``start`` are not used.
+        """Solve for ``tensions``, see `Statics.solve`; ``tip_wrench`` and ``start`` are not used.
 
         Raises:
             ConvergenceError: if the equations were not solved.
@@ -73,7 +73,7 @@ class UnloadedStatics(abc.ABC):
 
     @abc.abstractmethod
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
-        """Solve for ``tensions`` (..., tendons) [N], with ``before`` as of `solve`."""
+        """Solve for ``tensions`` (..., tendons) [N]; for ``before`` see `Statics.solve`."""
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon at every node, see `Statics`."""

@@ -1,9 +1,9 @@
 """Arms without loads by the model `exact`: the energy of every cross section by itself is least.
 
 Strains are smooth between anchorages, so they are found at Chebyshev points and interpolated to
-the nodes; in a panel where that does not resolve them they are then found at its nodes. Nor does
-it where the arm itself is other than what is interpolated from those points (a tabulated profile,
-say, which can change between two of them and leave no trace).
+the nodes. They are found at the nodes themselves in panels where their Chebyshev coefficients do
+not decay, or where the description of the arm (a tabulated profile, say) differs at the nodes from
+its interpolation from the points.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from octo_arm_model.core.section.newton import can_be, initial_strain, minimise
 from octo_arm_model.core.section.sheaths.sheath import sections_of
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 
-# Points in each panel; where sheaths give way, whose softening strains are less smooth.
+# Points in each panel, and in each where sheaths are compliant: strains are then less smooth.
 _POINTS, _IN_SHEATHS = 20, 24
 # Interpolation is trusted where the last Chebyshev coefficients are below this part of the values.
 RESOLVED = 1e-9
@@ -51,9 +51,11 @@ class UnloadedExact:
 
     Attributes:
         at_points: cross sections at the Chebyshev points of all panels in which tendons act.
-        panels: the nodes in each of these.
-        uneven: whether the arm at these is not what interpolates it at the points, (panels,).
-        tail: matrix to the last two Chebyshev coefficients, (points, 2).
+        panels: the nodes in each of these panels.
+        uneven: whether interpolation from its points misses the arm at its nodes, for each of
+            these panels, (panels,).
+        tail: matrix from values at the points of a panel to their last two Chebyshev coefficients,
+            (points, 2).
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -127,7 +129,13 @@ class UnloadedExact:
         self, panel: int, arms: IntArray, tensions: FloatArray, twist: FloatArray,
         residual: FloatArray, iterations: IntArray,
     ) -> None:  # fmt: skip
-        """From nearly right strains at the nodes of a ``panel`` of some ``arms`` to right ones."""
+        """Minimise at the nodes of a ``panel`` of the ``arms``, from the interpolated strains.
+
+        Updates ``twist``, ``residual`` and ``iterations`` of these arms.
+
+        Raises:
+            SolveError: as `solve`.
+        """
         setup, nodes = self._setup, self.panels[panel].numbers
         if panel not in self._at_nodes:
             self._at_nodes[panel] = self._sections_at(
@@ -154,7 +162,7 @@ class UnloadedExact:
 
 
 def _nodes_of(setup: Setup, panel: Panel, points: FloatArray) -> PanelNodes:
-    """The nodes in a ``panel``, and how values there follow from those at its ``points``."""
+    """The nodes in a ``panel``, and the interpolation to them from its ``points`` (0 to 1)."""
     nodes, section = setup.grid.nodes, setup.grid.node_section
     inside = (section == panel.section) & (nodes >= panel.start) & (nodes <= panel.stop)
     numbers = np.flatnonzero(inside)
@@ -163,7 +171,11 @@ def _nodes_of(setup: Setup, panel: Panel, points: FloatArray) -> PanelNodes:
 
 
 def _described(arm: Arm, s: FloatArray) -> FloatArray:
-    """What cross sections of ``arm`` at ``s`` (n,) follow from, over its size, (rows, n)."""
+    """Radius, moduli and tendon offsets of ``arm`` at ``s`` (n,), each over its largest value.
+
+    Returns:
+        (rows, n) [-].
+    """
     material, offsets = arm.material, np.concatenate(arm.tendon_offsets(s))
     radius, young, shear = (
         of(s) for of in (arm.body.radius, material.youngs_modulus_at, material.shear_modulus_at)
@@ -173,6 +185,9 @@ def _described(arm: Arm, s: FloatArray) -> FloatArray:
 
 
 def _misses(at_points: FloatArray, at_nodes: FloatArray, nodes: PanelNodes) -> bool:
-    """Whether interpolating what is described ``at_points`` (rows, n) misses what is at nodes."""
+    """Whether interpolation of `_described` values ``at_points`` misses those ``at_nodes``.
+
+    Of one panel with its ``nodes``; ``at_nodes`` are those of the whole grid.
+    """
     missed = at_points @ nodes.from_points - at_nodes[:, nodes.numbers]
     return bool((np.abs(missed) > RESOLVED).any())

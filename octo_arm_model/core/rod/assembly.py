@@ -53,7 +53,7 @@ class Results:
         self._station_tensions: FloatArray | None = None
 
     def make_room(self) -> None:
-        """Allocate the arrays; `add` does so where the solution does not bring its own."""
+        """Allocate the arrays, which `add` does where it needs them."""
         lead, grid, self._is_allocated = self._lead, self._grid, True
         if lead and lead[0] > 1:
             keep_freed_memory()
@@ -71,7 +71,7 @@ class Results:
 
     @property
     def batch(self) -> tuple[FloatArray, tuple[Any, ...]]:
-        """Strains and `arrays`, one arm as a batch of one."""
+        """Strains and `arrays`, with an axis of the batch also where there is one arm."""
         if not self.is_one:
             return self.strains, self.arrays
         return self.strains[:, None], tuple(array[None] for array in self.arrays)
@@ -119,15 +119,15 @@ class Results:
     def set_tendons(self, points: FloatArray, stations: FloatArray) -> None:
         """Store the tensions along tendons with friction [N].
 
-        At the ``points`` (tendons, points) of the last arm, and at the ``stations`` (arms,
-        stations, tendons) of all arms.
+        ``points`` (tendons, points) are those of the last arm at the points of its rod,
+        ``stations`` (arms, stations, tendons) those of all arms at the stations.
         """
         self._point_tensions = points
         self._station_tensions = stations[0] if self.is_one else stations
 
     def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
         """Store the tensions along the tendons of the arms ``part``."""
-        # As np.moveaxis, in less time.
+        # Does the same as np.moveaxis, in less time.
         at_stations = tendons.stations.transpose(*range(1, tendons.stations.ndim), 0)
         if self._station_tensions is None:
             self._station_tensions = np.empty((*self._lead, *at_stations.shape[-2:]))
@@ -145,7 +145,7 @@ class Results:
             self.strains[:, arm] = strains
 
     def _check(self, stretch: FloatArray) -> None:
-        # Also raises for NaN.
+        """Raise a SolveError unless all of ``stretch`` (..., nodes) are > 0, which NaN is not."""
         if not stretch.min(initial=1.0) > 0.0:
             lowest = np.atleast_2d(stretch).min(axis=-1)
             arm = int(np.argmin(lowest > 0.0))

@@ -32,13 +32,13 @@ class Backbone:
         iterations: iterations of the solver, (...).
         twist: motion of the frame per reference length at every node of the solver's grid,
             (4 or 6, nodes), see `solution.Solution`; None for a batch.
-        shape: of one loaded arm, from which `Solver.solve` continues as ``start``.
-        reach: local tension over that at the base, of each tendon without friction: 1 up to its
+        shape: state of a single loaded arm, from which `Solver.solve` continues as ``start``.
+        reach: local tension over that at the base of each tendon, without friction: 1 up to its
             anchorage and 0 beyond, (stations, tendons).
         slid_tensions: tensions of tendons with friction at the stations [N], (..., stations,
             tendons); None without friction.
-        point_tensions: of one arm whose tendons have friction, their tensions at the points of
-            the model [N], (tendons, points): the history from which `Solver.follow` continues.
+        point_tensions: tensions at the points of the model [N], (tendons, points): the history
+            from which `Solver.follow` continues. Of a single arm whose tendons have friction.
     """
 
     model: str

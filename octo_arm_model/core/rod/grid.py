@@ -25,10 +25,10 @@ _SAME = 1e-9
 # curvature, and with it the error of an interval, grows like its inverse.
 MIN_INTERVALS = 100
 STEP_PER_RADIUS = 1.0
-# Within an interval the logarithm of the bending stiffness changes by at most this much, a place
-# of a tendon by this part of that radius, and its slope: the error of fourth order is below 1e-5.
+# Within an interval these change by at most so much, which keeps the error of fourth order below
+# 1e-5: the logarithm of the bending stiffness, the place of a tendon over that radius, its slope.
 MOST_CHANGE = 0.3
-# Changes are looked for in so many parts of such an interval: a table's are steepest inside.
+# Changes are found by sampling so many parts of an interval, as tables may be steepest inside it.
 _PARTS = 8
 
 
@@ -182,6 +182,7 @@ def _too_many_intervals(arm: Arm) -> ConfigError:
 
 
 def _most_intervals(arm: Arm) -> int:
+    """Largest number of intervals, also by the number of tendons times nodes."""
     return min(MAX_INTERVALS, MAX_TENDON_NODES // (2 * len(arm.tendons)))
 
 
@@ -210,8 +211,8 @@ def _subdivide(arm: Arm, ends: FloatArray, most: int) -> FloatArray:
         np.log(modulus * radius**4)[np.newaxis], *(place / thickness), *slope
     ])  # fmt: skip
     change = count * np.abs(np.diff(described, axis=1)).max(axis=(0, 1))
-    # By as much one of the two components of a place changes at least: that a tendon winds by
-    # whole turns within each part, its places alone do not show.
+    # A tendon may wind by whole turns within a part, which its places at the ends do not show. One
+    # of the two components of its place changes by at least the root of 1/2 of the arc it winds.
     angle = np.stack([tendon.angle.value(parts) for tendon in arm.tendons])[active]
     wound = np.abs(np.diff(angle, axis=1)) * (np.hypot(*place) / thickness)[:, 1:]
     change = np.maximum(change, math.sqrt(0.5) * count * wound.max(axis=(0, 1), initial=0.0))
@@ -231,7 +232,7 @@ def _with_knots(ends: FloatArray, panel: Panel, knots: FloatArray) -> FloatArray
     knots = knots[(knots > panel.start) & (knots < panel.stop)]
     if not knots.size:
         return ends
-    # Except those that coincide with an end up to rounding.
+    # Knots that coincide with an end up to rounding are left out.
     after = np.searchsorted(ends, knots)
     near = np.minimum(np.abs(ends[after] - knots), np.abs(knots - ends[after - 1]))
     apart = near > _SAME * panel.length

@@ -97,7 +97,10 @@ def backbone_frames(
 def node_frames(
     twist: FloatArray, grid: StationGrid, base: Frame
 ) -> tuple[FloatArray, Quaternions]:
-    """Position (..., nodes, 3) [m] and orientation of every node under ``twist``."""
+    """Position (..., nodes, 3) [m] and orientation (..., nodes) of all nodes.
+
+    Integrates ``twist`` (4 or 6, ..., nodes), see `backbone_frames`, from the pose ``base``.
+    """
     frames, (along, aside) = _end_frames(twist, grid, base)
     start, count = frames.part(slice(None, -1)), grid.step.size
     turn = Quaternions.empty(*along.shape)
@@ -119,7 +122,11 @@ def node_frames(
 def _end_frames(
     twist: FloatArray, grid: StationGrid, base: Frame
 ) -> tuple[Quaternions, tuple[FloatArray, ComplexArray]]:
-    """Frames of the interval ends, (..., intervals + 1), and `displacement` of each interval."""
+    """Integrate ``twist`` (4 or 6, ..., nodes) from the pose ``base`` over all intervals.
+
+    Returns:
+        Frames of the interval ends, (..., intervals + 1), and the `displacement` of each interval.
+    """
     screw = _magnus(twist, grid)
     # The base and then the rotation of each interval, in the axes of its own first frame.
     chain = Quaternions.empty(*screw.shape[1:-1], screw.shape[-1] + 1)
@@ -147,7 +154,10 @@ def _magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
 
 
 def _half_magnus(twist: FloatArray, grid: StationGrid) -> FloatArray:
-    """Screw of the first half of each interval, to the order the middles need."""
+    """Screw of the first half of each interval (6, ..., intervals), of lower order.
+
+    Positions and frames of the middles serve derivatives alone.
+    """
     h = grid.step
     first, last, middle = _three(twist, grid)
     screw = np.zeros((6, *first.shape[1:]))
@@ -171,7 +181,7 @@ def _add_commutator(
 
 
 def mean_twist(first: Number, middle: Number, last: Number, step: Number) -> Number:
-    """The first term of the expansion, of any component of the twist."""
+    """First term of the Magnus expansion, of any component of the twist; Simpson's rule."""
     return (4.0 * middle + first + last) * (step / 6.0)
 
 
@@ -198,7 +208,7 @@ def commutator(
 
 
 def _exponential(screw: FloatArray, rotation: Quaternions) -> Quaternions:
-    """Fill in the ``rotation`` of screws (6, ...); returns the dual part of the quaternions."""
+    """Fill in the ``rotation`` (...) of screws (6, ...); returns the move of `exponential`."""
     move = Quaternions.empty(*screw.shape[1:])
     (a, b), (c, d) = rotation, move
     (

@@ -11,8 +11,8 @@ from octo_arm_model.core.rod.grid import StationGrid
 def integrate_from_tip(values: FloatArray, grid: StationGrid) -> FloatArray:
     """Integral of ``values`` (..., nodes) from each node to the tip.
 
-    Simpson's rule to the ends of the intervals, and to their middles the rule through the same
-    three points.
+    Simpson's rule over whole intervals. From a middle to the end of its interval the parabola
+    through the same three values is integrated.
     """
     h, count = grid.step, grid.step.size
     first, last = values[..., :count], values[..., 1 : count + 1]
@@ -37,7 +37,7 @@ def integration_weights(grid: StationGrid) -> FloatArray:
 
 
 def integrate_from_base(values: FloatArray, grid: StationGrid) -> FloatArray:
-    """Integral of ``values`` (..., nodes) from the base to each node, by the same rules."""
+    """Integral of ``values`` (..., nodes) from the base; by the rules of `integrate_from_tip`."""
     h, count = grid.step, grid.step.size
     first, last = values[..., :count], values[..., 1 : count + 1]
     middle = values[..., count + 1 :]

@@ -27,9 +27,10 @@ class TendonTensions(NamedTuple):
     """Tensions of tendons with friction along them.
 
     Attributes:
-        points: at the points of the model, (tendons, batch, points), or (tendons, points) of one
-            arm [N]; of the last arm where those of a batch were solved one by one.
-        stations: at the stations, (tendons, batch, stations), or (tendons, stations) [N].
+        points: tensions at the points of the model [N], (tendons, batch, points), or (tendons,
+            points) of one arm. Where the arms of a batch were solved one by one, on points that
+            may differ, those of the last arm alone.
+        stations: tensions at the stations [N], (tendons, batch, stations), or (tendons, stations).
     """
 
     points: FloatArray
@@ -43,9 +44,9 @@ class Solution(NamedTuple):
         twist: motion of the frame per reference length, in its own axes: angular (1 + q) (tau,
             xi, k) [1/m], then linear 1 + q [-] along t (and shear along n and b, if any),
             (4 or 6, batch, nodes), or (4 or 6, nodes) of one arm.
-        residual: relative residual of the model's equations, (batch,), or one for all.
-        iterations: number of iterations, likewise.
-        shape: of one loaded arm, for continuation.
+        residual: relative residual of the model's equations [-], (batch,), or one for all arms.
+        iterations: number of iterations, (batch,), or one for all arms.
+        shape: state of a single loaded arm, for continuation.
         frames: position (..., stations, 3) [m] and orientation x, y, z, w (..., stations, 4) of
             the stations, where the model has them more accurately than by integrating the twist.
         tendons: tensions along the tendons, where these have friction.

@@ -43,24 +43,30 @@ class Condensed(NamedTuple):
     unit: Parts
 
     def moved(self, by_offset: FloatArray) -> FloatArray:
-        """D^-1 ``by_offset``, (2, ...): minus the change of d that balances this one."""
+        """D^-1 ``by_offset``, (2, ...) [m]: minus the change of d in equilibrium.
+
+        ``by_offset`` (2, ...) [N/m] is a change of the gradient of the energy by d at fixed d.
+        """
         nn, nb, bb = self.compliance
         n, b = by_offset
         return np.stack([nn * n + nb * b, nb * n + bb * b])
 
     def answer(self, by_offset: FloatArray) -> FloatArray:
-        """C D^-1 ``by_offset``: decrease of the gradient by strain, (n, ...), as d follows."""
+        """C D^-1 ``by_offset``, (n, ...): decrease of the gradient by the strain.
+
+        As d follows a change ``by_offset`` (2, ...) [N/m] of the gradient by d.
+        """
         n, b = self.moved(by_offset)
         lost: FloatArray = self.mixed[0] * n + self.mixed[1] * b
         return lost
 
     def shortening(self, by_offset: FloatArray) -> FloatArray:
-        """Decrease of |u| as d follows a change ``by_offset`` (2, ...) of the gradient by d."""
+        """Decrease of |u| as d follows a change ``by_offset`` (2, ...) [N/m] of the gradient."""
         lost: FloatArray = np.add.reduce(self.pull * self.moved(by_offset))
         return lost
 
     def by_path(self, change: FloatArray) -> FloatArray:
-        """Change of the gradient by d, (2, ...), by a ``change`` (3, ...) of u at fixed d."""
+        """Change (2, ...) [N/m] of the gradient by d, by a ``change`` (3, ...) of u alone."""
         t, n, b = self.strain[:3]
         along = sum(e * c for e, c in zip(self.unit, change, strict=True))
         across = np.stack(sheath_pull(t, n, b, *change))

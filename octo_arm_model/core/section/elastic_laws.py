@@ -52,7 +52,7 @@ class Law(Protocol):
 
 
 def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Number, Number, Number]:
-    """Fields of `Density` of the law linear, of numbers or arrays."""
+    """`Density` of the law linear, for numbers or arrays."""
     zero = 0.0 * (stretch + bend)
     return stretch - 1.0, zero + 0.125, zero + 1.0, zero, zero
 
@@ -60,9 +60,11 @@ def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Numbe
 def neo_hookean_slopes(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number, Number]:
-    """First two of `Density` of the law neo_hookean, of numbers or arrays, and parts of them.
+    """First derivatives in the `Density` of the law neo_hookean, for numbers or arrays.
 
-    The latter are w, 1 / (lambda + w), 1 / w and their product over 3.
+    Returns:
+        Both, then w of `NeoHookean`, 1 / (lambda + w), 1 / w, and a third of the product of the
+        last two.
     """
     # The root of lambda^2 - z; NaN where a fibre has no length left.
     w = np.sqrt(stretch * np.abs(stretch) - bend)
@@ -76,7 +78,7 @@ def neo_hookean_slopes(
 def neo_hookean_density(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
-    """`Density` of the law neo_hookean, of numbers or arrays."""
+    """`Density` of the law neo_hookean, for numbers or arrays."""
     by_stretch, by_bend, w, over, over_w, third = neo_hookean_slopes(stretch, bend)
     square = over_w * over_w
     mixed, twice = square * over * third, stretch + w + w
@@ -90,7 +92,7 @@ def neo_hookean_density(
 
 
 def incompressible_widening(stretch: Number) -> tuple[Number, Number, Number]:
-    """lambda^(-1/2) and its first two derivatives, of numbers or arrays."""
+    """lambda^(-1/2) and its first two derivatives, for numbers or arrays."""
     over = 1.0 / stretch
     width = np.sqrt(over)
     slope = -0.5 * width * over
@@ -107,7 +109,7 @@ class LinearElastic:
         return Density(*linear_density(stretch, bend))
 
     def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The first two of these."""
+        """The first derivatives alone, see `Law`."""
         return linear_density(stretch, bend)[:2]
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -130,7 +132,7 @@ class NeoHookean:
         return Density(*neo_hookean_density(stretch, bend))
 
     def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The first two of these."""
+        """The first derivatives alone, see `Law`."""
         return neo_hookean_slopes(stretch, bend)[:2]
 
     def widening(self, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -18,15 +18,15 @@ straight tendons in planes through the midline.
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.formulas import bending_factors, tendon_direction
-from octo_arm_model.core.section.paper_balance import SectionStiffness
+from octo_arm_model.core.section.elastic_sections import ElasticSections, Widening
+from octo_arm_model.core.section.formulas import tendon_direction
 from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.tendons.planar_tendons import PlanarTendons
 from octo_arm_model.core.section.tendons.tendon_sums import transmission
@@ -35,38 +35,24 @@ from octo_arm_model.core.section.tendons.tendon_tables import TendonTables, by_s
 if TYPE_CHECKING:
     from octo_arm_model.core.section.condensed import Condensed
 
-# That of the sections and its two derivatives; numbers where there is none.
-Widening: TypeAlias = tuple[Number, Number, Number]
-
 MOST_PULLED = 64  # sets of tendons that pull whose tables are kept
 
 
-class SectionEnergy:
+class SectionEnergy(ElasticSections):
     """The energies of the cross sections of an arm at given nodes, independent of each other.
 
-    Arrays of strain are (n, batch, nodes) for n strains, those of tendons (tendons, batch, nodes).
+    Arrays of tendons are (tendons, batch, nodes).
 
     Attributes:
-        law: the elastic law.
-        s: arc coordinate of each node [m].
-        strains: how many strains a cross section has: 4, or 6 with shear.
         planar: whether tendons cannot twist an unloaded arm, so that its first strain is zero.
-        stiffness: of the undeformed cross sections, (1, nodes) as all that follows: operations
-            on arrays of one shape take NumPy a third of the time.
-        radius: reference radius at each node [m].
-        squared_radius: its square [m^2], likewise.
-        lever_max: the larger of ``radius`` and the offset of the outermost tendon [m], likewise.
+        lever_max: larger of R and the offset of the outermost tendon [m], (1, nodes).
         active: 1 up to the anchorage of a tendon and 0 beyond, (tendons, 1, nodes).
-        transmission: local tension over that at the base of each tendon, likewise.
-        x: offset of each tendon along n where it acts, else zero [m], likewise.
-        y: along b.
-        dx: slope of ``x`` [-].
-        dy: slope of ``y`` [-].
-        squared_slope: sum of their squares.
-        twice: 2 E A R^2 [N m^2], (1, nodes).
-        fourth: 2 R^2 times that, (1, nodes).
-        shear_stiffness: G A [N], (1, nodes).
-        poisson: Poisson's ratio [-], (1, nodes).
+        transmission: local tension of each tendon over that at its base [-], (tendons, 1, nodes).
+        x: offset of each tendon along n where it acts, else zero [m], (tendons, 1, nodes).
+        y: offset along b, of the same shape.
+        dx: slope of ``x`` [-], of the same shape.
+        dy: slope of ``y`` [-], of the same shape.
+        squared_slope: sum of the squares of both slopes, of the same shape.
     """
 
     # Names of the tables with an axis of tendons.
@@ -78,17 +64,11 @@ class SectionEnergy:
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
     ) -> None:
         """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
-        self.law, self.s = law, nodes
-        self.strains = 6 if shear else 4
-        stiffness = SectionStiffness.at(arm, nodes)
-        self.stiffness = SectionStiffness(*(part[np.newaxis] for part in stiffness))
-        self.radius = arm.body.radius(nodes)[np.newaxis]
+        super().__init__(arm, nodes, law, shear)
         self.active = (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)[
             :, np.newaxis
         ]
         self.transmission = transmission(arm, nodes, section)[:, np.newaxis]
-        self.poisson = arm.material.poisson_ratio_at(nodes)[np.newaxis]
-        self.shear_stiffness = arm.material.shear_modulus_at(nodes) * np.pi * self.radius**2
         # Offsets along n and b and their slopes, zero where the tendon does not act.
         self.x, self.y, self.dx, self.dy = (
             np.ascontiguousarray(table[:, np.newaxis]) * self.active
@@ -102,9 +82,6 @@ class SectionEnergy:
         scale = max(float(np.max(lever)), 1e-300)
         self.planar = not shear and float(routing_torque.max()) <= 1e-14 * scale
         self.squared_slope = self.dx**2 + self.dy**2
-        self.squared_radius = self.radius**2
-        self.twice = 2.0 * self.stiffness.axial * self.squared_radius
-        self.fourth = 2.0 * self.squared_radius * self.twice
         self._pulled: dict[bytes, SectionEnergy] = {}
         self._tabulated: TendonTables | None = None
 
@@ -166,10 +143,6 @@ class SectionEnergy:
             length = np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
         return u_t, u_n, u_b, length
 
-    def widening(self, stretch: FloatArray) -> Widening:
-        """See `Widening`, for a ``stretch`` (batch, nodes)."""
-        return self.law.widening(stretch) if self.law.widens else (1.0, 0.0, 0.0)
-
     def stretches(self, strain: FloatArray, local_tensions: FloatArray) -> FloatArray:
         """Stretch |u| of every tendon, (tendons, batch, nodes)."""
         return self.stretching(strain, self.widening(strain[3])[0])[3]
@@ -213,14 +186,13 @@ class SectionEnergy:
     ) -> FloatArray:
         """Gradient (n, batch, nodes) of the whole energy, for a `widening` and its derivative."""
         gradient = self.tendon_gradient(strain, local_tensions, width, slope)
-        by_stretch, by_bend = self.law.slopes(strain[3], self._bend(strain[1:3]))
-        self._add_stress(strain, by_stretch, self.twice * by_bend, gradient)
+        self.add_stress(strain, gradient)
         return gradient
 
     def tendon_gradient(
         self, strain: FloatArray, local_tensions: FloatArray, width: Number, slope: Number
     ) -> FloatArray:
-        """Gradient (n, batch, nodes) of sum T |u|, as `gradient`."""
+        """Gradient (n, batch, nodes) of sum T |u|, with arguments of `gradient`."""
         tables = self._tables()
         u, length = tables.directions(strain, width)
         pull = (local_tensions / length) * u
@@ -251,46 +223,5 @@ class SectionEnergy:
         Both are NaN where a fibre has no positive length, see `Density`.
         """
         gradient, hessian = self.tendon_derivatives(strain, local_tensions, widening)
-        self._add_material(strain, gradient, hessian)
+        self.add_elastic(strain, gradient, hessian)
         return gradient, hessian
-
-    def material(self, strain: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `derivatives`, of the elastic energy."""
-        gradient, hessian = np.zeros_like(strain), np.zeros((len(strain), *strain.shape))
-        self._add_material(strain, gradient, hessian)
-        return gradient, hessian
-
-    def _bend(self, bending: FloatArray) -> FloatArray:
-        """What elastic laws call z, of two curvatures (2, batch, nodes)."""
-        bend: FloatArray = np.add.reduce(bending * bending) * self.squared_radius
-        return bend
-
-    def _add_material(self, strain: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
-        """Add those of the elastic energy."""
-        bending = strain[1:3]
-        f = self.law.density(strain[3], self._bend(bending))
-        once, both, second = bending_factors(
-            f.by_bend, f.by_stretch_bend, f.by_bend_bend, self.twice, self.fourth
-        )
-        self._add_stress(strain, f.by_stretch, once, gradient)
-        hessian[0, 0] += self.stiffness.torsion
-        hessian[1:3, 1:3] += (second * bending)[:, np.newaxis] * bending
-        hessian[1, 1] += once
-        hessian[2, 2] += once
-        across = both * bending
-        hessian[1:3, 3] += across
-        hessian[3, 1:3] += across
-        hessian[3, 3] += self.stiffness.axial * f.by_stretch_stretch
-        if self.strains == 6:
-            hessian[4, 4] += self.shear_stiffness
-            hessian[5, 5] += self.shear_stiffness
-
-    def _add_stress(
-        self, strain: FloatArray, by_stretch: FloatArray, once: FloatArray, gradient: FloatArray
-    ) -> None:
-        """Add the gradient of the elastic energy; ``once`` as of `bending_factors`."""
-        gradient[0] += self.stiffness.torsion * strain[0]
-        gradient[1:3] += once * strain[1:3]
-        gradient[3] += self.stiffness.axial * by_stretch
-        if self.strains == 6:
-            gradient[4:] += self.shear_stiffness * strain[4:]

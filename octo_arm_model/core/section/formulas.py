@@ -60,7 +60,10 @@ def offset_direction(
 def unit_change(
     u_t: Number, u_n: Number, u_b: Number, over: Number, c_t: Number, c_n: Number, c_b: Number
 ) -> tuple[Number, Number, Number, Number]:
-    """Changes of |u| and of u / |u| by a change c of u; from u / |u| and ``over`` = 1 / |u|."""
+    """Changes of |u| and of u / |u| by a change c of u.
+
+    From (u_t, u_n, u_b) = u / |u| and ``over`` = 1 / |u|.
+    """
     along = u_t * c_t + u_n * c_n + u_b * c_b
     return (
         along,
@@ -77,7 +80,8 @@ def offset_gradient(
 ) -> tuple[Number, Number, Number, Number]:  # fmt: skip
     """Derivative of `tendon_gradient` by the tendon's distance from the midline.
 
-    From u / |u| and its derivative c; (out_x, out_y) is the unit vector of `offset_direction`.
+    (u_t, u_n, u_b) is u / |u| and (c_t, c_n, c_b) its derivative. (out_x, out_y) is the unit
+    vector from the midline to the tendon, (out_dx, out_dy) its slope.
     """
     t, n, b, stretch = tendon_gradient(c_t, c_n, c_b, slope, x, y, dx, dy)
     more = tendon_gradient(u_t, u_n, u_b, slope, out_x, out_y, out_dx, out_dy)
@@ -154,10 +158,11 @@ def condensed_terms(
 def bending_factors(
     by_bend: Number, stretch_bend: Number, bend_bend: Number, twice: Number, fourth: Number
 ) -> tuple[Number, Number, Number]:
-    """Factors of the Hessian of the elastic energy by the two curvatures c and the stretch.
+    """Factors (once, both, second) in the Hessian of the elastic energy.
 
-    Of 1 and of c in their derivatives with the stretch, and of c c^T; the first times c is also
-    the gradient. From the `Density` of the law, ``twice`` E A R^2 and ``fourth`` 2 R^2 times that.
+    With c the two curvatures, its block by c is once 1 + second c c^T, its column by c and the
+    stretch is both c, and the gradient by c is once c. From derivatives of the `Density` of the
+    law, ``twice`` = 2 E A R^2 and ``fourth`` = 4 E A R^4.
     """
     return twice * by_bend, twice * stretch_bend, fourth * bend_bend
 
@@ -168,7 +173,10 @@ def bending_terms(
 ) -> tuple[Number, ...]:  # fmt: skip
     """Gradient and Hessian of the elastic energy by n, b and stretch, without torsion.
 
-    From the `Density` of the law, E A and the square of the radius.
+    From the derivatives in the `Density` of the law, ``axial`` = E A and ``squared`` = R^2.
+
+    Returns:
+        Gradient by n, b and stretch, then the lower half of the Hessian, row by row.
     """
     twice = 2.0 * axial * squared
     once, both, second = bending_factors(
@@ -214,12 +222,18 @@ def unscaled_hessian(
 
 
 def planar_start(load: Number, force: Number, softening: Number) -> tuple[Number, Number, Number]:
-    """Approximate equilibrium of a section bent in one plane: straight stretch, stretch, bend.
+    """Approximate equilibrium of a cross section that is bent in one plane.
 
-    For ``load``, the moment over E A and the radius, ``force`` of compression over E A, and
-    bending stiffness that sheaths take over 2 E A and the square of the radius. The bend is the
-    curvature times the radius. Correct to first order for every law, near the balance of rubber
-    for much larger loads, and a possible state for any.
+    Exact to first order in the loads for every law, near the equilibrium of rubber for much larger
+    loads, and a possible state for any.
+
+    Args:
+        load: moment over E A R [-].
+        force: compressive force over E A [-].
+        softening: loss of bending stiffness by sheaths, over 2 E A R^2 [-].
+
+    Returns:
+        Stretch without the moment, stretch, and curvature times R [-].
     """
     # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
     stress = 1.0 + force + force + force * force / (1.0 + force)
@@ -236,7 +250,11 @@ def planar_step(
     by_stretch: Number, by_bend: Number, stretch_stretch: Number, stretch_bend: Number,
     bend_bend: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Stretch and bend after a Newton step, from the `Density` of the law at z = bend^2."""
+    """Stretch and bend (curvature times R) [-] after a Newton step.
+
+    For arguments of `planar_start`; the derivatives are those of the `Density` of the law at the
+    ``stretch`` and z = ``bend``^2.
+    """
     twice, secant = bend + bend, by_bend - softening
     left, moved = by_stretch + force, twice * secant - load
     cross = twice * stretch_bend

@@ -15,8 +15,8 @@ _STATIONS = 101  # of the integrals
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     """Default upper bounds of tensions [N], of `Arm.tension_shape`.
 
-    For each tendon the smaller of the tension that compresses the cross section at its anchorage
-    by ``part``, and of that which alone bends the arm by 4 pi, both to first order.
+    For each tendon the smaller of two tensions, both to first order: the one that compresses the
+    cross section at its anchorage by ``part`` [-], and the one that alone bends the arm by 4 pi.
     """
     highest = np.empty(len(arm.tendons))
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):

@@ -40,10 +40,11 @@ class Minimum(NamedTuple):
 
 
 def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatArray:
-    """Scaled strain of least energy if all tendons were parallel to the midline.
+    """Approximate scaled strain (n, batch, nodes) of least energy, to start from.
 
-    Their force and moment do not depend on the strain, and the section bends in one plane. The two
-    unknowns, stretch and curvature times radius, take an inexpensive step of Newton's method.
+    As if all tendons were parallel to the midline: force and moment of ``local_tensions``
+    (tendons, batch, nodes) [N] then do not depend on the strain, and the section bends in one
+    plane. Stretch and curvature times radius follow from `planar_start` and one Newton step.
     """
     moment_n, moment_b, force = energy.resultants(local_tensions) / energy.stiffness.axial
     moment = np.sqrt(moment_n * moment_n + moment_b * moment_b)
@@ -53,7 +54,7 @@ def initial_strain(energy: SectionEnergy, local_tensions: FloatArray) -> FloatAr
     f = energy.law.density(stretch, bend * bend)
     stretch, bend = planar_step(stretch, bend, load, force, softening, *f)
     curvature = bend / energy.radius
-    # The straight state where the bent one is impossible or NaN.
+    # Begin with the straight state where the bent one is impossible or NaN.
     fails = ~can_be(energy, stretch, np.abs(curvature))
     if np.count_nonzero(fails):
         stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
@@ -109,7 +110,10 @@ def minimise(energy: SectionEnergy, local_tensions: FloatArray, start: FloatArra
 def _descend(
     energy: SectionEnergy, local_tensions: FloatArray, strain: FloatArray, scale: FloatArray
 ) -> Minimum:
-    """`minimise` by Newton's method with a line search."""
+    """`minimise` from ``strain`` by Newton's method with a line search.
+
+    ``scale`` is the `force_scale`.
+    """
     over = 1.0 / scale
     step: FloatArray | None = None
     slope = np.zeros(0)

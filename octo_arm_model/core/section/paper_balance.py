@@ -39,7 +39,11 @@ def curvatures(
     p_t: Number, p_n: Number, p_b: Number, first_n: Number, first_b: Number,
     second_n: Number, second_b: Number, torsion: Number, bending: Number,
 ) -> tuple[Number, Number, Number]:  # fmt: skip
-    """Strains (tau, xi, k) [1/m] of a cross section whose imbalance of moments is p [N m]."""
+    """Strains (tau, xi, k) [1/m] at which the imbalance of moments is p [N m], see `renda2012`.
+
+    From first [N m] and second moments [N m^2] of the tendons, see `TendonSums`, torsional and
+    bending stiffness [N m^2]. With p = 0 it is the equilibrium (8a).
+    """
     return (
         p_t / (torsion + (second_n + second_b)),
         (p_n - first_b) / (bending + second_b),
@@ -51,7 +55,7 @@ def mixed_curvatures(
     first_n: Number, first_b: Number, second_n: Number, second_b: Number, mixed: Number,
     bending: Number,
 ) -> tuple[Number, Number]:  # fmt: skip
-    """Curvatures (xi, k) [1/m] in equilibrium, coupled by the mixed second moment."""
+    """Curvatures (xi, k) [1/m] in equilibrium where the ``mixed`` second moment couples them."""
     about_n, about_b = bending + second_b, bending + second_n
     determinant = about_n * about_b - mixed * mixed
     return (
@@ -71,7 +75,7 @@ def imbalance_of(
     tau: Number, xi: Number, k: Number, first_n: Number, first_b: Number,
     second_n: Number, second_b: Number, torsion: Number, bending: Number,
 ) -> tuple[Number, Number, Number]:  # fmt: skip
-    """The imbalance p [N m] of strains (tau, xi, k) [1/m]: the inverse of `curvatures`."""
+    """Imbalance p [N m] of moments at strains (tau, xi, k) [1/m]; the inverse of `curvatures`."""
     return (
         tau * (torsion + (second_n + second_b)),
         xi * (bending + second_b) + first_b,
@@ -80,7 +84,10 @@ def imbalance_of(
 
 
 def added_curvature(first: Number, second: Number, bending: Number) -> Number:
-    """Jump (11) of a curvature at an anchorage [1/m], from moments of the tendons ending there."""
+    """Jump (11) of a curvature at an anchorage [1/m].
+
+    From the ``first`` and ``second`` moments of the tendons that end there, and E J.
+    """
     return first / (second + bending)
 
 

@@ -11,7 +11,10 @@ from octo_arm_model.core.section.formulas import offset_direction, offset_gradie
 
 
 class ParameterDerivatives:
-    """Derivatives of a `SectionEnergy` at fixed strain by nu, tendon offsets and sheaths.
+    """Derivatives of a `SectionEnergy` at fixed strain by parameters of the arm.
+
+    These are Poisson's ratio nu, the tendons' distances from the midline and the stiffness of
+    their sheaths.
 
     Attributes:
         outwards: components along n and b of the unit vector from the midline to each tendon, and

@@ -34,9 +34,11 @@ class Tendons(Protocol):
     Attributes:
         has_torsion: whether torsion is one of the unknowns.
         softening: loss of bending stiffness by sheaths at the last strain [N m^2].
-        torsion: torsional stiffness of the tendons there [N m^2].
-        coupling: second derivatives by torsion and the two curvatures there, (2, batch, nodes).
-        imbalance: largest residual of the offsets in the sheaths there, over the lever arm.
+        torsion: torsional stiffness of the tendons at the last strain [N m^2].
+        coupling: second derivatives by torsion and each of the two curvatures at the last strain
+            [N m^2], (2, batch, nodes).
+        imbalance: largest residual of the offsets in the sheaths at the last strain, over the
+            lever arm [-].
     """
 
     has_torsion: bool
@@ -46,7 +48,10 @@ class Tendons(Protocol):
     imbalance: float
 
     def gradient(self, strain: FloatArray) -> FloatArray:
-        """Gradient of the energy of tendons and sheaths at ``strain``, then the last strain."""
+        """Gradient of the energy of tendons and sheaths at ``strain``.
+
+        ``strain`` is the last strain from then on.
+        """
 
     def stiffened(self, step: FloatArray) -> FloatArray:
         """Change of the gradient by a ``step`` from the last strain; without torsion only."""
@@ -70,9 +75,10 @@ def balance(
     energy: SectionEnergy, tendons: Tendons, strain: FloatArray, scale: FloatArray,
     tolerance: float,
 ) -> Balance | None:  # fmt: skip
-    """Equilibrium from ``strain``, see `Tendons`, to a residual within ``tolerance`` of ``scale``.
+    """Equilibrium of cross sections, by steps from ``strain``, whose rows are those of `Tendons`.
 
-    For ``scale`` see `newton.force_scale`. None where convergence is slow.
+    To a residual of at most ``tolerance`` times ``scale``, see `newton.force_scale`, of the same
+    rows. None where convergence is slow.
     """
     over, axial = 1.0 / scale, energy.stiffness.axial
     previous = np.inf

@@ -32,7 +32,7 @@ def to_scaled(law: Law, twist: FloatArray) -> FloatArray:
 
 
 def _scaled(energy: SectionEnergy, twist: FloatArray, width: Number) -> FloatArray:
-    """`to_scaled` of a known ``width``."""
+    """`to_scaled` where the widening ``width`` is known."""
     if not energy.law.widens:
         return twist
     strain = twist.copy()
@@ -47,7 +47,7 @@ def gradient_by_twist(
     width, slope, _ = energy.widening(twist[3])
     gradient = energy.gradient(_scaled(energy, twist, width), local_tensions, width, slope)
     if energy.law.widens:
-        # As `unscale_gradient`, whose widening is known here.
+        # The formula of `unscale_gradient`, with the widening that is known here.
         gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
         gradient[:3] *= width
     return gradient
@@ -56,9 +56,10 @@ def gradient_by_twist(
 def derivatives_by_twist(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) by the ``twist``.
+    """Gradient (n, batch, nodes) and Hessian (n, n, batch, nodes) of the energy by the ``twist``.
 
-    Of the energy of the sections and of tendons under ``local_tensions`` (tendons, batch, nodes).
+    The energy is that of the cross sections and of their tendons under ``local_tensions``
+    (tendons, batch, nodes) [N].
     """
     widening = energy.widening(twist[3])
     strain = _scaled(energy, twist, widening[0])
@@ -96,9 +97,9 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
 
 
 def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:
-    """Change of the scaled strain by a ``change`` (n, columns, nodes) of ``twist`` (n, 1, nodes).
+    """Change (n, columns, nodes) of the scaled strain, to first order, of one arm.
 
-    First order, for one arm.
+    By a ``change`` (n, columns, nodes) of its ``twist`` (n, 1, nodes).
     """
     if not energy.law.widens:
         return change

@@ -21,20 +21,24 @@ from octo_arm_model.bags.sensor_topics import (
 from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import BagError, MeasurementError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.kinematics import Pose
 from octo_arm_model.estimation.parameters import PREFIX
-from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.experiment.estimating.camera_check import CameraCheck, CameraFrames
-from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.measured_topics import MIDLINES, MeasuredTopics
 from octo_arm_model.experiment.recording.recording import Stamped, assemble
 from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.curves import without_spikes
 from octo_arm_model.experiment.shapes.observations import Pairing, base_first, camera_offset
+from octo_arm_model.experiment.shapes.steady_windows import reading_noise
 from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
 from octo_arm_model.wire.refusals import Refusals
+
+_TIMES = 3.0  # standard deviations that the largest change of a tension may be
 
 
 @dataclass(frozen=True)
@@ -142,13 +146,29 @@ def read_recorded(
     )  # fmt: skip
 
 
+def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:
+    """Noise and rate of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], as received.
+
+    The rate is that of which the largest change from one reading to the next is three standard
+    deviations; each reading is the median of three, so that one wrong reading is no change.
+    """
+    if len(time) < 3:
+        return TensionStatistics(0.0, 0.0)
+    order = np.argsort(time, kind='stable')
+    time, tensions = time[order], tensions[order]
+    middle = without_spikes(tensions)[1:-1]
+    elapsed = np.diff(time[1:-1])
+    is_later = elapsed > 0.0
+    change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(elapsed[is_later, np.newaxis])
+    rate = float(change.max()) / _TIMES if change.size else 0.0
+    return TensionStatistics(reading_noise(tensions), rate)
+
+
 def _pose_of(alignment: Alignment | None) -> PoseOf | None:
     """Pose of every frame that is not base_frame."""
     if alignment is None:
         return None
-    x, y, z = alignment.shift.tolist()
-    a, b, c, d = alignment.quaternion.tolist()
-    pose = Pose((x, y, z), (a, b, c, d))
+    pose = Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
     return lambda frame, stamp_ns: pose
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -83,39 +84,39 @@ def identify(
         )
 
 
+@dataclass
 class _Fit:
-    """A fit of some unknowns, to be repeated without those that the data leave open."""
+    """A fit of some unknowns, to be repeated without those that the data leave open.
 
-    def __init__(
-        self,
-        shapes: Sequence[MeasuredShape],
-        parameters: Mapping[str, Any],
-        model: str,
-        fits: Sequence[str],
-        alignment: Alignment | None,
-        loss: str,
-    ) -> None:
-        """As `identify`."""
-        self._shapes, self._parameters, self._model, self._fits = shapes, parameters, model, fits
-        self._readings = Readings.of(shapes)
+    Its fields are the arguments of `identify`.
+    """
+
+    shapes: Sequence[MeasuredShape]
+    parameters: Mapping[str, Any]
+    model: str
+    fits: Sequence[str]
+    alignment: Alignment | None
+    loss: str
+
+    def __post_init__(self) -> None:
+        self._readings = Readings.of(self.shapes)
         self._loads = steps_by_load(self._readings.tensions)
         self._folds = folds_of(self._loads)
-        self._loss = loss
-        self._losses: tuple[str, ...] = (loss,)
-        if loss == AUTO:  # where nothing can be held back the robust one
+        self._losses: tuple[str, ...] = (self.loss,)
+        if self.loss == AUTO:  # where nothing can be held back the robust one
             self._losses = LOSSES if self._folds else (SOFT_L1,)
-        if alignment is None:
-            alignment = Alignment.none()
-            if 'alignment' in fits:
-                alignment = fit_alignment(shapes, parameters, model)
-        self._alignment = alignment
+        self._alignment = self.alignment or (
+            fit_alignment(self.shapes, self.parameters, self.model)
+            if 'alignment' in self.fits
+            else Alignment.none()
+        )
         self._every = self._unknowns(())
-        every = Problem(shapes, self._every)
+        every = Problem(self.shapes, self._every)
         self._before = misfit_of(every.all_residuals(self._every.start), every.length)
 
     def _unknowns(self, without: Collection[str]) -> Unknowns:
         return Unknowns(
-            self._parameters, self._model, self._fits, self._readings, self._alignment, without
+            self.parameters, self.model, self.fits, self._readings, self._alignment, without
         )
 
     def without(
@@ -127,12 +128,12 @@ class _Fit:
         problem, fitted = self._determined(left_out)
         tensions = self._readings.tensions
         nothing = Identification(
-            model=self._model,
-            loss=self._loss,
+            model=self.model,
+            loss=self.loss,
             estimates={u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns},
             undetermined=tuple(left_out.values()),
             before=self._before,
-            parameters=self._parameters,
+            parameters=self.parameters,
             alignment=self._alignment,
             tensions=tensions,
         )
@@ -154,7 +155,7 @@ class _Fit:
         best = held_back.better(tried)
         progress(total, total)
         found = _with_fit(nothing, problem, best, used)
-        notes = notes_on(problem, best, found, loose=loose, fits=self._fits, tried=tried)
+        notes = notes_on(problem, best, found, loose=loose, fits=self.fits, tried=tried)
         return dataclasses.replace(found, notes=tuple(notes))
 
     def _determined(
@@ -165,7 +166,7 @@ class _Fit:
         What else is open is added to ``left_out``.
         """
         while (unknowns := self._unknowns(tuple(left_out))).unknowns:
-            problem = Problem(self._shapes, unknowns)
+            problem = Problem(self.shapes, unknowns)
             start = unknowns.start
             # Checked before: with an undetermined direction the minimisation does not converge.
             found = open_direction(np.concatenate(problem.jacobian(start)), unknowns, start)

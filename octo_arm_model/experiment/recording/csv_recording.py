@@ -20,6 +20,7 @@ from octo_arm_model.experiment.recording.measured_points import (
     Measured,
     MeasuredPoints,
 )
+from octo_arm_model.experiment.recording.recording import Stamped
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.tension_fields import NONE
 
@@ -45,10 +46,8 @@ class CsvSources:
     columns: Mapping[str, str] = field(default_factory=dict)
 
 
-def csv_tensions(
-    table: CsvTable, config: Config, refusals: Refusals
-) -> tuple[list[int], list[FloatArray]]:
-    """Stamps [ns] and tensions (tendons,) [N] of the rows; ``refusals`` count those left out.
+def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
+    """Tensions of the rows of a table; ``refusals`` count those left out.
 
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
@@ -61,26 +60,24 @@ def csv_tensions(
     readings = np.stack(columns, axis=1)
     rows = readings.reshape(-1, *arm.tension_shape)
     try:
-        return stamps, list(config.load_cells.tensions(arm, rows).reshape(readings.shape))
+        tensions = config.load_cells.tensions(arm, rows).reshape(readings.shape)
+        return Stamped(str(table.path), stamps, list(tensions))
     except TensionError:
         pass
-    kept: list[int] = []
-    tensions: list[FloatArray] = []
+    found = Stamped(str(table.path), [], [])
     table.count.expect(len(stamps))
     for stamp, row in zip(stamps, rows):
         table.count.add()
         try:
-            tensions.append(config.load_cells.tensions(arm, row).ravel())
-            kept.append(stamp)
+            found.rows.append(config.load_cells.tensions(arm, row).ravel())
+            found.stamps.append(stamp)
         except TensionError as error:
-            refusals.count(str(table.path), str(error))
-    return kept, tensions
+            refusals.count(found.source, str(error))
+    return found
 
 
-def csv_displacements(
-    table: CsvTable, arm: Arm, refusals: Refusals
-) -> tuple[list[int], list[FloatArray]]:
-    """Stamps [ns] and encoder readings (tendons,) [m] of the rows, NaN of tendons without.
+def csv_displacements(table: CsvTable, arm: Arm, refusals: Refusals) -> Stamped:
+    """Encoder readings of the rows of a table, NaN of tendons without an encoder.
 
     ``refusals`` count the rows that have none.
 
@@ -101,7 +98,8 @@ def csv_displacements(
     reads = np.isfinite(rows).any(axis=1)
     for _ in range(np.count_nonzero(~reads)):
         refusals.count(str(table.path), NO_READING)
-    return [stamp for stamp, read in zip(stamps, reads) if read], list(rows[reads])
+    kept = [stamp for stamp, read in zip(stamps, reads) if read]
+    return Stamped(str(table.path), kept, list(rows[reads]))
 
 
 def csv_frames(

@@ -19,7 +19,7 @@ from octo_arm_model.experiment.recording.csv_recording import (
 )
 from octo_arm_model.experiment.recording.csv_table import read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
-from octo_arm_model.experiment.recording.recording import Recording, Stamped, assemble
+from octo_arm_model.experiment.recording.recording import Recording, assemble
 from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
@@ -125,13 +125,12 @@ def _gather(
     pulled = reeled_in = None
     if files.tensions is not None:
         table = read_csv(files.tensions, files.columns, count)
-        pulled = Stamped(str(files.tensions), *csv_tensions(table, config, refusals))
+        pulled = csv_tensions(table, config, refusals)
     elif bag is not None:
         pulled = bag.tensions(config, refusals, count)
     if files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
-        found = csv_displacements(table, config.arm, refusals)
-        reeled_in = Stamped(str(files.displacements), *found)
+        reeled_in = csv_displacements(table, config.arm, refusals)
     elif bag is not None:
         reeled_in = bag.displacements(config, refusals, count)
     for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -21,16 +21,24 @@ from std_msgs.msg import String
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
+from octo_arm_model.ros.client.published import (
+    PublishedShape,
+    PublishedStrains,
+    covariance_of,
+    force_of,
+    shape_of,
+    strains_of,
+    tip_deviation_of,
+)
 from octo_arm_model.ros.client.topic import Meter, Topic
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
-from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.cdr.covariance import COVARIANCE, BackboneCovariance, read_covariance
+from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS
+from octo_arm_model.wire.cdr.covariance import COVARIANCE, BackboneCovariance
 from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
@@ -44,39 +52,8 @@ DETAILS: dict[str, Any] = {
     TIP_WRENCH: WrenchStamped,
     CONTACT: WrenchStamped,
 }
-_UNIT = 1e-3  # by which the length of a quaternion may be off
 _MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # names in diagnostics, and characters of each
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-class PublishedShape(NamedTuple):
-    """One shape as the node published it.
-
-    Attributes:
-        position: of the stations in `base_frame`, base first, (stations, 3) [m].
-        quaternion: their orientation x, y, z, w, (stations, 4).
-        stamp: stamp of the tensions it was solved for [s].
-        received: time of arrival [s].
-    """
-
-    position: FloatArray
-    quaternion: FloatArray
-    stamp: float
-    received: float
-
-
-class PublishedStrains(NamedTuple):
-    """Strains as the node published them, each (stations,); see `Backbone`."""
-
-    model: str
-    s: FloatArray
-    tau: FloatArray
-    xi: FloatArray
-    k: FloatArray
-    q: FloatArray
-
-
-_STRAINS = PublishedStrains._fields[1:]
 
 
 class ArmClient:
@@ -167,21 +144,16 @@ class ArmClient:
             return
         message = decoded(data, DETAILS[name])
         if name == 'strains':
-            parts = [_finite(part, getattr(message, part), len(message.s)) for part in _STRAINS]
-            strains = PublishedStrains(message.model, *parts)
-            if (strains.q <= -1.0).any():
-                raise MessageError('q compresses the arm to nothing')
-            self.strains = strains
+            self.strains = strains_of(message)
         elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
         elif name == COVARIANCE:
-            self._read_covariance(message)
+            self.covariance = None
+            self.covariance = covariance_of(message)
         elif name in (TIP_WRENCH, CONTACT):
-            force = message.wrench.force
-            self.force = _finite('force', [force.x, force.y, force.z])
+            self.force = force_of(message)
         else:
-            covariance = _finite('covariance', message.pose.covariance).reshape(6, 6)
-            self.tip_deviation = np.sqrt(_variances('covariance', covariance)[:3])
+            self.tip_deviation = tip_deviation_of(message)
 
     @property
     def problem(self) -> str:
@@ -240,48 +212,13 @@ class ArmClient:
         except OctoArmError:
             self.tensions = None  # of another arm, whose description has not arrived yet
 
-    def _read_covariance(self, message: Any) -> None:
-        self.covariance = None
-        found = read_covariance(message)
-        _variances('pose', _finite('pose', found.pose))
-        _variances('contact', _finite('contact', found.contact))
-        # NaN is that of what acts all along.
-        if np.isinf(found.contact_s):
-            raise MessageError('contact_s is infinite')
-        self.covariance = found
-
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
-        stamp, poses = read_poses(data)
-        if len(poses) < 2:
-            return  # not the poses of a backbone
-        _finite('poses', poses)
-        if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
-            raise MessageError('poses have quaternions that are not of length 1')
         received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
-        self.shape = PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
+        shape = shape_of(data, received)
+        if shape is None:
+            return
+        self.shape = shape
         # The publisher's sequence number counts skipped shapes as well; some middleware has none.
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
         self._meter.count(received, number)
-
-
-def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
-    """``values`` of a message, as many as ``size`` if given.
-
-    Raises:
-        MessageError: if they are not so many, or one is not finite or beyond `LARGEST`.
-    """
-    array = np.asarray(values, np.float64)
-    if size is not None and array.size != size:
-        raise MessageError(f'{name} has {array.size} numbers, expected {size}')
-    if not (np.abs(array) <= LARGEST).all():
-        raise MessageError(f'{name} holds numbers that are not finite, or beyond {LARGEST:g}')
-    return array
-
-
-def _variances(name: str, covariance: FloatArray) -> FloatArray:
-    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
-    found = np.diagonal(covariance, axis1=-2, axis2=-1)
-    if (found < 0.0).any():
-        raise MessageError(f'{name} has variances below zero')
-    return found

@@ -39,6 +39,8 @@ def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> Comma
             the message has the name of the file and the line.
     """
     if name in MOVEMENTS:
+        if objection := MOVEMENTS[name].objection(arm):
+            raise ProfileError(objection)
         return MOVEMENTS[name].profile(arm, highest)
     if Path(name).suffix in ('.csv', '.yaml', '.yml'):
         if highest is not None:

@@ -40,27 +40,23 @@ class Movement:
 
     Attributes:
         description: a line for lists of movements.
-        profile: computes it for an arm and largest tensions [N]; None for `default_highest`.
+        profile: computes it for an arm that is not objected to, and largest tensions [N]; None
+            for `default_highest`.
         objection: the reason why it is not for an arm; empty if it is.
     """
 
     description: str
     profile: Callable[[Arm, ArrayLike | None], CommandProfile]
-    objection: Callable[[Arm], str]
+    objection: Callable[[Arm], str] = lambda arm: ''
 
 
 # Of the paper -----------------------------------------------------------------------------------
 
 
-def _postures(
-    postures: Sequence[Tensions], preset: str, arm: Arm, highest: ArrayLike | None
-) -> CommandProfile:
+def _postures(postures: Sequence[Tensions], arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     """From rest through ``postures`` and back, each held for `HOLD_TIME`."""
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
-    objection = _paper_objection(postures, preset, arm)
-    if objection:
-        raise ProfileError(objection)
     rest = np.zeros(len(arm.tendons))
     rows = [rest] * 2 + [np.ravel(posture) for posture in postures for _ in range(2)] + [rest] * 2
     times = np.cumsum([0.0] + [HOLD_TIME, MOVE_TIME] * len(postures) + [HOLD_TIME, MOVE_TIME])
@@ -92,7 +88,7 @@ def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str
 def _of_paper(preset: str, description: str, *postures: Tensions) -> Movement:
     return Movement(
         description,
-        functools.partial(_postures, postures, preset),
+        functools.partial(_postures, postures),
         functools.partial(_paper_objection, postures, preset),
     )
 
@@ -136,9 +132,6 @@ def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
 
 def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     """Section 6.1 of the paper: tensions whose bending plane turns at a constant rate."""
-    objection = _rotating_objection(arm)
-    if objection:
-        raise ProfileError(objection)
     times = np.arange(0.0, TURNS * TURN_TIME + 0.5 * SAMPLE, SAMPLE)
     rise = np.clip(np.minimum(times, times[-1] - times) / (0.5 * TURN_TIME), 0.0, 1.0)
     angle = 2.0 * np.pi / TURN_TIME * times[:, np.newaxis] - 0.5 * np.pi * np.arange(4)
@@ -151,10 +144,6 @@ def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
 def _rotating_objection(arm: Arm) -> str:
     count = len(arm.sections[0].tendons)
     return '' if count == 4 else f'rotating takes four tendons in section 1, this arm has {count}'
-
-
-def _no_objection(arm: Arm) -> str:
-    return ''
 
 
 _RAMP = np.array([0.0, MOVE_TIME, MOVE_TIME + HOLD_TIME, 2.0 * MOVE_TIME + HOLD_TIME])
@@ -177,16 +166,12 @@ MOVEMENTS = {
     'ramps': Movement(
         'each tendon in turn pulled, held and let go at a steady rate',
         functools.partial(_one_by_one, _RAMP, np.array([0.0, 1.0, 1.0, 0.0]), 'linear'),
-        _no_objection,
     ),
     'steps': Movement(
         'each tendon in turn pulled and let go at once',
         functools.partial(_one_by_one, _STEP, np.array([0.0, 1.0, 0.0]), 'steps'),
-        _no_objection,
     ),
     'sweeps': Movement(
-        f'each tendon in turn pulled in a sine of {SWEEP[0]} to {SWEEP[1]} Hz',
-        _sweep,
-        _no_objection,
+        f'each tendon in turn pulled in a sine of {SWEEP[0]} to {SWEEP[1]} Hz', _sweep
     ),
 }

@@ -13,7 +13,8 @@ from octo_arm_model.analysis.inverse import Inverse
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.ros.client.client import ArmClient, PublishedShape, PublishedStrains
+from octo_arm_model.ros.client.client import ArmClient
+from octo_arm_model.ros.client.published import PublishedShape, PublishedStrains
 from octo_arm_model.simulation.profiles.limits import tendon_limits
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.page import numbers

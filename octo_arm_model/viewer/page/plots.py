@@ -7,7 +7,7 @@ from viser import uplot
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.ros.client.client import PublishedStrains
+from octo_arm_model.ros.client.published import PublishedStrains
 
 _LABELS = (
     ('torsion τ [1/m]', 'tau', 1.0),

@@ -1,18 +1,17 @@
 """Frames of sensors from /tf_static and /tf, and messages that wait for them."""
 
-import time
+import functools
 import types
 
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
 
 from geometry_msgs.msg import TransformStamped
-from live_nodes import DEADLINE
-from rclpy.executors import SingleThreadedExecutor
+from live_nodes import spin_until
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -33,26 +32,14 @@ TOPIC = '/measured/tip_pose'
 
 
 @pytest.fixture
-def node(context):
-    node = rclpy.create_node('listener', context=context)
-    yield node
-    node.destroy_node()
+def node(make_node):
+    return make_node('listener')
 
 
 @pytest.fixture
-def wait(node, context):
+def wait(node):
     """Spins the node until a condition holds."""
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def wait(condition):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.1)
-
-    yield wait
-    executor.shutdown()
+    return functools.partial(spin_until, node.executor)
 
 
 def link(child, x, nanoseconds=0, w=1.0):
@@ -88,12 +75,12 @@ def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capf
     frames.close()
 
 
-def test_policies_of_transforms_are_overridden_although_they_are_heard_later(context):
+def test_policies_of_transforms_are_overridden_although_they_are_heard_later(make_node):
     given = [
         Parameter(f'qos_overrides./{topic}.subscription.depth', value=depth)
         for topic, depth in (('tf', 7), ('tf_static', 8))
     ]
-    node = rclpy.create_node('overridden', context=context, parameter_overrides=given)
+    node = make_node('overridden', parameter_overrides=given)
     frames = SensorFrames(node)
     with pytest.raises(ConfigError, match='overrides nothing'):
         check_overrides(node)
@@ -105,15 +92,13 @@ def test_policies_of_transforms_are_overridden_although_they_are_heard_later(con
         asked(frames, 'lens')
     depths = {one.topic_name: one.qos_profile.depth for one in node.subscriptions}
     assert (depths['/tf'], depths['/tf_static']) == (7, 8)
-    node.destroy_node()
 
 
-def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(context):
+def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(make_node):
     given = Parameter('qos_overrides./tf.subscription.depth', value=-1)
-    node = rclpy.create_node('overridden', context=context, parameter_overrides=[given])
+    node = make_node('overridden', parameter_overrides=[given])
     with pytest.raises(ConfigError, match='depth is -1'):
         SensorFrames(node).open()
-    node.destroy_node()
 
 
 @pytest.fixture

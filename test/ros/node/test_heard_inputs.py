@@ -4,11 +4,10 @@ import types
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
 
 from octo_arm_model import load_config
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
@@ -69,10 +68,8 @@ def test_who_hears_nothing_to_answer_is_silent(clock, heard, topic, is_silent):
     assert heard.silent(LIMIT) == (['silent for 3.0 s'] if is_silent else [])
 
 
-def test_messages_that_are_refused_are_no_silence(clock, context):
-    node = rclpy.create_node('octo_arm', context=context)
-    executor, said = SingleThreadedExecutor(context=context), []
-    executor.add_node(node)
+def test_messages_that_are_refused_are_no_silence(clock, make_node):
+    node, said = make_node('octo_arm'), []
     node.create_subscription(DiagnosticArray, '/diagnostics', said.append, 10)
     diagnostics = Diagnostics(node)
     config = load_config(preset_path('renda2012_table4'))
@@ -84,11 +81,9 @@ def test_messages_that_are_refused_are_no_silence(clock, context):
     def heard_of_input():
         said.clear()
         while not said:
-            executor.spin_once(timeout_sec=1.0)
+            node.executor.spin_once(timeout_sec=1.0)
         return said[-1].status[1].message
 
     assert heard_of_input() == '1 refused: /tendon_tensions: too short'
     clock.now += 3.0
     assert heard_of_input() == '/tendon_tensions is silent for 3.0 s'
-    executor.shutdown()
-    node.destroy_node()

@@ -2,10 +2,9 @@
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
@@ -19,18 +18,14 @@ START = 5000 * 10**9  # [ns]
 
 
 @pytest.fixture
-def node(context):
+def node(make_node):
     simulated = [Parameter('use_sim_time', value=True)]
-    node = rclpy.create_node('clocked', context=context, parameter_overrides=simulated)
-    yield node
-    node.destroy_node()
+    return make_node('clocked', parameter_overrides=simulated)
 
 
 @pytest.fixture
-def advance(node, context):
+def advance(node):
     """Lets the clock of the node be another time [ns]."""
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
     publisher = node.create_publisher(Clock, '/clock', 10)
 
     def advance(nanoseconds):
@@ -38,10 +33,9 @@ def advance(node, context):
         message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
         while node.get_clock().now().nanoseconds != nanoseconds:
             publisher.publish(message)
-            executor.spin_once(timeout_sec=0.1)
+            node.executor.spin_once(timeout_sec=0.1)
 
-    yield advance
-    executor.shutdown()
+    return advance
 
 
 @pytest.mark.parametrize(('step', 'is_ahead'), [(80, False), (10, True)])

@@ -6,6 +6,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 import rclpy
+from live_nodes import spin_until
 from octo_arm_msgs.srv import Solve
 from rclpy.executors import SingleThreadedExecutor
 
@@ -29,14 +30,6 @@ def executor(request, context):
     yield node, made
     made.shutdown()
     node.destroy_node()
-
-
-def spin_until(executor, condition):
-    for _ in range(100_000):
-        if condition():
-            return
-        executor.spin_once(timeout_sec=0.01)
-    raise AssertionError('it did not happen')
 
 
 def test_pieces_take_turns_and_what_arrives_is_heard_between_two(executor):

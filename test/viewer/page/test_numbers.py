@@ -14,7 +14,7 @@ pytest.importorskip('viser', reason='needs viser')
 from octo_arm_model import SolveError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.client.client import PublishedShape, PublishedStrains
+from octo_arm_model.ros.client.published import PublishedShape, PublishedStrains
 from octo_arm_model.viewer.page import numbers
 
 CONFIG = load_config(preset_path('renda2012_table4'))

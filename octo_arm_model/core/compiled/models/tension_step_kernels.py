@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.core.compiled.numerics.dense_kernels import factorise, solve_transposed
 from octo_arm_model.core.hints import FloatArray
 
 EXCHANGES = 40  # of tendons between slack and taut in one step, at most
@@ -27,33 +28,22 @@ def solve_some(
     """
     (index,) = np.nonzero(some)
     n = index.size
-    system, side = np.empty((n, n)), np.empty(n)
+    system, side, pivots = np.empty((n, n)), np.empty((1, n)), np.empty(n, np.int64)
     for i in range(n):
-        side[i] = right[index[i]]
+        side[0, i] = right[index[i]]
         for k in range(right.size):
             if not some[k]:
-                side[i] -= matrix[index[i], k] * found[k]
+                side[0, i] -= matrix[index[i], k] * found[k]
         for j in range(n):
-            system[i, j] = matrix[index[i], index[j]]
-    largest = 0.0
-    for j in range(n):
-        pivot = j + np.argmax(np.abs(system[j:, j]))
-        largest = max(largest, abs(system[pivot, j]))
-        if not abs(system[pivot, j]) > SINGULAR * largest:
-            return False
-        for k in range(n):
-            system[j, k], system[pivot, k] = system[pivot, k], system[j, k]
-        side[j], side[pivot] = side[pivot], side[j]
-        for i in range(j + 1, n):
-            factor = system[i, j] / system[j, j]
-            side[i] -= factor * side[j]
-            for k in range(j, n):
-                system[i, k] -= factor * system[j, k]
-    for j in range(n - 1, -1, -1):
-        for k in range(j + 1, n):
-            side[j] -= system[j, k] * side[k]
-        side[j] /= system[j, j]
-        found[index[j]] = side[j]
+            system[j, i] = matrix[index[i], index[j]]
+    if not factorise(system, pivots):
+        return False
+    over = np.abs(np.diag(system))  # 1 / pivots
+    if n and not over.min() > SINGULAR * over.max():
+        return False
+    solve_transposed(system, pivots, side)
+    for i in range(n):
+        found[index[i]] = side[0, i]
     return True
 
 

@@ -81,26 +81,20 @@ def set_material(tables: SectionTables, block: int, rows: FloatArray) -> None:
     first, count = tables.blocks[block]
     axial, torsion = tables.axial[first : first + count], tables.torsion[first : first + count]
     squared = tables.squared[first : first + count]
-    if tables.widens:
-        for i in range(count):
-            n, b, stretch = rows[N + i], rows[B + i], rows[S + i]
-            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(stretch, (n * n + b * b) * squared[i])
-            (
-                rows[G_N + i], rows[G_B + i], rows[G_S + i],
-                rows[NN + i], rows[BN + i], rows[BB + i],
-                rows[SN + i], rows[SB + i], rows[SS + i],
-            ) = bending_terms(n, b, f_s, f_z, f_ss, f_sz, f_zz, axial[i], squared[i])  # fmt: skip
+    for i in range(count):
+        n, b, stretch = rows[N + i], rows[B + i], rows[S + i]
+        bend = (n * n + b * b) * squared[i]
+        if tables.widens:
+            density = neo_hookean_density(stretch, bend)
             rows[WIDTH + i], rows[SLOPE + i], rows[BEND + i] = incompressible_widening(stretch)
-    else:
-        for i in range(count):
-            n, b, stretch = rows[N + i], rows[B + i], rows[S + i]
-            f_s, f_z, f_ss, f_sz, f_zz = linear_density(stretch, (n * n + b * b) * squared[i])
-            (
-                rows[G_N + i], rows[G_B + i], rows[G_S + i],
-                rows[NN + i], rows[BN + i], rows[BB + i],
-                rows[SN + i], rows[SB + i], rows[SS + i],
-            ) = bending_terms(n, b, f_s, f_z, f_ss, f_sz, f_zz, axial[i], squared[i])  # fmt: skip
+        else:
+            density = linear_density(stretch, bend)
             rows[WIDTH + i], rows[SLOPE + i], rows[BEND + i] = 1.0, 0.0, 0.0
+        (
+            rows[G_N + i], rows[G_B + i], rows[G_S + i],
+            rows[NN + i], rows[BN + i], rows[BB + i],
+            rows[SN + i], rows[SB + i], rows[SS + i],
+        ) = bending_terms(n, b, *density, axial[i], squared[i])  # fmt: skip
     for i in range(count):
         rows[G_T + i], rows[TT + i] = torsion[i] * rows[T + i], torsion[i]
         rows[NT + i], rows[BT + i], rows[ST + i], rows[OFFSET_LEFT + i] = 0.0, 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""How large loads may be: what bounds them wherever they enter.
+"""Bounds of loads and tensions, checked wherever they enter.
 
 No material bears a strain of a tenth of `LARGEST_STRAIN`, and under larger forces the search for a
 balance only takes long and fails.
@@ -31,7 +31,7 @@ class LoadLimits:
     """
 
     def __init__(self, stiffness: SectionStiffness) -> None:
-        """For an arm of ``stiffness`` at its nodes."""
+        """Derive the limits from the ``stiffness`` of the arm at its nodes."""
         axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
         self.force = LARGEST_STRAIN * axial
         # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
@@ -57,7 +57,7 @@ class LoadLimits:
             )
 
     def check_tip_wrench(self, wrench: FloatArray) -> None:
-        """Check ``wrench`` (..., 6) [N, N m].
+        """Check the force and the moment of a ``wrench`` (..., 6) on the tip [N, N m].
 
         Raises:
             LoadError: if it is too large.
@@ -68,7 +68,7 @@ class LoadLimits:
             raise LoadError(f'moment on the tip is {largest:.4g} N m, expected {self._moment}')
 
     def check_loads(self, loads: Loads, resultants: Resultants) -> None:
-        """Check ``loads`` and what they put on the cross sections of a straight rod.
+        """Check ``loads``, and their ``resultants`` on the cross sections of the straight rod.
 
         Raises:
             ArmDefinitionError: if one is too large, or all together are.
@@ -87,7 +87,7 @@ class LoadLimits:
 
 
 def tip_wrench_of(given: ArrayLike) -> FloatArray:
-    """Return ``given`` (..., 6) as a float array.
+    """Return the wrench ``given`` (..., 6) [N, N m] as a float array.
 
     Raises:
         LoadError: if it is not six finite numbers.

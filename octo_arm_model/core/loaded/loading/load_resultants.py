@@ -34,9 +34,9 @@ def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
 
 
 def dead_resultants(arm: Arm, rod: Collocation | DeformedRod, loads: Loads) -> Resultants:
-    """What those of ``loads`` on ``arm`` that are fixed in base_frame put on cross sections.
+    """Resultants of the dead ``loads`` on ``arm``, which are fixed in base_frame.
 
-    But the wrench on the tip; at the points of ``rod``.
+    On the cross sections at the points of ``rod``; without the wrench on the tip.
 
     Raises:
         ArmDefinitionError: if gravity acts on an arm of no density.
@@ -60,9 +60,9 @@ class LoadTable:
     Attributes:
         scaled: dead loads whose magnitudes change, if there are any.
         others: loads of other kinds.
-        is_empty: whether there is nothing.
+        is_empty: whether there are no loads but the tendons and the wrench on the tip.
         has_moments: whether a point load has a moment, or a load of another kind may have one.
-        straight: resultants on the straight rod.
+        straight: resultants of all loads on the straight rod.
         without_tangent: name of a load that states no tangent stiffness, or ''.
     """
 
@@ -91,7 +91,7 @@ class LoadTable:
 
     @property
     def dead(self) -> Resultants:
-        """Of all loads that are fixed in base_frame, but the wrench on the tip."""
+        """Resultants of all loads that are fixed in base_frame, without the wrench on the tip."""
         force, moment = self._fixed
         if self.scaled is not None:
             for magnitude, part in zip(self.scaled.magnitudes, self._parts, strict=True):
@@ -99,7 +99,7 @@ class LoadTable:
         return Resultants(force, moment)
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """Resultants of all loads on ``rod`` but the wrench on its tip."""
+        """Resultants of all loads on the deformed ``rod``, without the wrench on its tip."""
         force, moment = self.dead
         for load in self.others:
             more = load.resultants(rod)
@@ -115,6 +115,9 @@ class LoadTable:
         return not (self.has_moments or any(tip_wrench[3:].tolist()))
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
-        """How they change with the shape, where that is known; see ``without_tangent``."""
+        """Derivatives of the resultants by the shape of ``rod``.
+
+        Of loads that state them; ``without_tangent`` names one that does not.
+        """
         found = (load.tangents(rod) for load in self.others)
         return tuple(tangent for tangents in found for tangent in tangents or ())

@@ -22,7 +22,7 @@ class RodPoints:
     """
 
     def __init__(self, collocation: Collocation, orientation: Quaternions) -> None:
-        """Of the ``orientation`` (points,) of the cross sections at the points."""
+        """Take the ``orientation`` (points,) of the cross sections at the points."""
         self._collocation, self._orientation = collocation, orientation
         self.s = collocation.s
 
@@ -40,7 +40,7 @@ class RodPoints:
 
 
 def read_at(collocation: Collocation, s: float) -> Readout:
-    """What values at the points are at ``s`` [m], in the element that ends there."""
+    """Interpolation from the points to ``s`` [m], in the element that contains or ends at it."""
     place = np.array([s])
     return collocation.readout(place, place)
 
@@ -62,9 +62,10 @@ class WithTangents:
         tangents: tuple[Tangent, ...],
         count: int,
     ) -> None:
-        """Of ``linearised`` about a state of this ``rotation`` and ``tangent`` u' at the points.
+        """Add ``tangents`` to the system ``linearised`` about a state.
 
-        ``count`` is the number of strains.
+        ``rotation`` (3, 3, points) and ``tangent`` u' (3, points) are those of the state, and
+        ``count`` is the number of strains, 4 or 6.
 
         Raises:
             ConvergenceError: if the system is singular.
@@ -88,7 +89,11 @@ class WithTangents:
         self._sign = int(sign)
 
     def _turns(self, response: Response) -> FloatArray:
-        """Rotations of the cross sections of all tangents, (3 tangents, columns)."""
+        """Rotation vectors, in a ``response``, of the cross sections of all tangents.
+
+        Returns:
+            (3 x number of tangents, columns) [rad].
+        """
         return np.concatenate(
             [readout.interpolate(response.turn)[..., 0] for readout in self._readouts]
         )
@@ -99,7 +104,7 @@ class WithTangents:
         return self._linearised.sign * self._sign
 
     def solve(self, imbalance: FloatArray) -> Response:
-        """Response to small ``imbalance`` (n, columns, points), in the axes of cross sections."""
+        """Response to small ``imbalance`` (n, columns, points), in axes of the cross sections."""
         direct = self._linearised.solve(imbalance)
         turns = np.linalg.solve(self._system, self._turns(direct))
         return Response(

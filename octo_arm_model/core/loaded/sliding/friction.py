@@ -37,9 +37,9 @@ from octo_arm_model.core.section.tendons.tendon_tangents import (
 )
 
 NO_FRICTION = 1e-30  # coefficient of friction that is none
-# Angles by which tendons in sheaths turn are right to this [rad], after at most so many steps.
+# Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
-SAME = 1e-8  # part by which tensions of one tendon may differ by rounding
+SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
 
 
 class Turning(NamedTuple):
@@ -84,19 +84,19 @@ class Friction:
 
     Attributes:
         coefficient: mu of every tendon [-], (tendons,).
-        mu: likewise, but none is zero, (tendons, 1, 1).
+        mu: the coefficients with `NO_FRICTION` in place of zero, (tendons, 1, 1).
         points: how many points there are.
         energy: of the cross sections at the points.
         collocation: the points.
         names: of the tendons.
-        pull: which tendons of the arm they are, (tendons of the arm,).
+        pull: which tendons of the arm these are, (tendons of the arm,).
     """
 
     def __init__(self, arm: Arm, energy: SectionEnergy, collocation: Collocation) -> None:
         """Prepare for ``arm`` and its ``energy`` at the points of ``collocation``."""
         self.coefficient, self.points = np.array(arm.friction), collocation.s.size
         self.names, self._gives_way = arm.tendon_names, bool(arm.sheath_stiffness)
-        # That of the smallest number is as none, and can be divided by.
+        # So small a coefficient has no effect, and can be divided by.
         self.mu = np.maximum(self.coefficient, NO_FRICTION)[:, np.newaxis, np.newaxis]
         self.energy, self.collocation = energy, collocation
         rule = collocation.rule
@@ -106,7 +106,10 @@ class Friction:
         self._pulled: dict[bytes, Friction] = {}
 
     def pulled(self, tensions: FloatArray) -> Friction:
-        """That of the tendons alone that pull in any arm, of ``tensions`` (batch, tendons)."""
+        """The friction of those tendons alone that are under tension in any arm.
+
+        ``tensions`` (batch, tendons) [N] are those at the base.
+        """
         pull: NDArray[np.bool_] = np.asarray(tensions.any(axis=0))
         key = pull.tobytes()
         some = self._pulled.get(key)
@@ -121,15 +124,15 @@ class Friction:
         return some
 
     def of_all(self, local_tensions: FloatArray) -> FloatArray:
-        """Its ``local_tensions`` (tendons, ...) as of all tendons of the arm; others are slack."""
+        """Extend ``local_tensions`` (tendons, ...) by zeros to all tendons of the arm."""
         along = np.zeros((self.pull.size, *local_tensions.shape[1:]))
         along[self.pull] = local_tensions
         return along
 
     def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
-        """How tendons turn under ``twist`` (4 or 6, batch, points).
+        """How the tendons turn in arms of the ``twist`` (4 or 6, batch, points).
 
-        Their ``local_tensions`` (tendons, batch, points) [N] count where sheaths give way.
+        Their ``local_tensions`` (tendons, batch, points) [N] matter in compliant sheaths only.
         """
         placed = self.energy
         if self._gives_way:
@@ -142,21 +145,22 @@ class Friction:
         return Turning(angle, rate, bent, kinks, found)
 
     def slide(self, tensions: FloatArray, before: FloatArray | None, turning: Turning) -> Sliding:
-        """Tendons of ``tensions`` (batch, tendons) [N] at the base.
+        """Tendons that turn as in ``turning`` under ``tensions`` (batch, tendons) [N] at the base.
 
-        ``before`` are their tensions at the points, (tendons, points) [N]; None for slack ones.
+        They slide from tensions ``before`` (tendons, points) [N]; None for slack ones.
         """
         return Sliding(*self.tensions(tensions, before, turning.angle), turning)
 
     def slide_along(
         self, twist: FloatArray, tensions: FloatArray, before: FloatArray | None
     ) -> Sliding:
-        """As `slide`, of arms of ``twist`` (4 or 6, batch, points).
+        """Tendons along arms of the ``twist`` (4 or 6, batch, points), with arguments of `slide`.
 
-        Where sheaths give way tendons turn as their tensions have it, which is iterated.
+        In compliant sheaths the angles by which tendons turn depend on the tensions, so that both
+        are iterated.
 
         Raises:
-            ConvergenceError: if that finds no end.
+            ConvergenceError: if the iteration does not converge.
         """
         local_tensions, left = self.energy.local_tensions(tensions), 0.0
         turning = self.turning(twist, local_tensions)
@@ -173,7 +177,11 @@ class Friction:
     def tensions(
         self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Tensions at the points, and which way tendons slip, for angles they turn by."""
+        """Tensions and slip at the points, see `Sliding`, for the ``angle`` of tendons [rad].
+
+        ``tensions`` (batch, tendons) and ``before`` (tendons, points) [N] are those of `slide`,
+        ``angle`` is (tendons, batch, points).
+        """
         at_base = self.energy.local_tensions(tensions)
         kept = np.exp(-self.mu * angle)
         low = at_base * kept
@@ -186,7 +194,11 @@ class Friction:
         return np.clip(held, low, high), slip
 
     def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivative by s of vectors in the axes of cross sections, and jumps between elements."""
+        """Derivative by s [1/m] of vectors ``unit`` (..., points), and their jumps.
+
+        Returns:
+            (..., points), and the jumps between elements, (..., elements - 1).
+        """
         own = self.collocation
         by_element = own.by_element(unit)
         slope = (by_element @ self._differentiate.T) / own.step[:, np.newaxis]
@@ -194,7 +206,10 @@ class Friction:
         return slope.reshape(unit.shape), ends[..., 1:, 0] - ends[..., :-1, 1]
 
     def integrate(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
-        """Integral from the base of ``rate`` (..., points), and all ``kinks`` passed."""
+        """Integral of ``rate`` (..., points) from the base to each point, with kinks.
+
+        ``kinks`` (..., elements - 1) are added beyond the border of elements where they are.
+        """
         own = self.collocation
         angle = own.integrate_from_base(rate)
         own.by_element(angle)[..., 1:, :] += np.add.accumulate(kinks, axis=-1)[..., np.newaxis]

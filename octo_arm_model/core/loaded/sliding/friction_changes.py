@@ -25,14 +25,14 @@ _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts
 class FrictionChanges:
     """Changes of the tensions at the points [N], (tendons, columns, points).
 
-    None of them changes where tendons slip and where they stick.
+    To first order, while tendons slip and stick in the same places as before.
 
     Attributes:
-        tensions: what changes, (tendons, 1, points).
+        tensions: the tensions before the change [N], (tendons, 1, points).
     """
 
     def __init__(self, friction: Friction, sliding: Sliding, twist: FloatArray) -> None:
-        """Of tendons that are ``sliding`` along one arm of ``twist`` (n, points)."""
+        """Linearise about tendons that are ``sliding`` along one arm of ``twist`` (n, points)."""
         self._friction, self._slip = friction, sliding.slip
         self.tensions = sliding.tensions
         self._twist, energy = twist[:, np.newaxis], friction.energy
@@ -42,7 +42,7 @@ class FrictionChanges:
         self._sections = energy if self._condensed is None else self._condensed.sections
 
     def by_twist(self, change: FloatArray) -> FloatArray:
-        """With a ``change`` (n, columns, points) of the twist."""
+        """Change of the tensions by a ``change`` (n, columns, points) of the twist."""
         direction = direction_by_twist(self._sections, self._twist, change)
         found = self._condensed
         if found is not None:
@@ -54,39 +54,48 @@ class FrictionChanges:
         return self._by_direction(direction, turned)
 
     def by_tension(self, change: FloatArray) -> FloatArray | float:
-        """With one of the tensions, as it moves tendons in sheaths that give way."""
+        """Change of the tensions by a ``change`` (tendons, columns, points) of the tensions [N].
+
+        Tension displaces tendons in compliant sheaths, which changes the angles they turn by.
+        Zero in rigid sheaths.
+        """
         found = self._condensed
         if found is None:
             return 0.0
         return self._by_direction(self._by_pull(found, found.pull * change))
 
     def by_base_tension(self) -> FloatArray:
-        """Per newton of each tendon's tension at the base, (tendons, points)."""
+        """Derivative by each tendon's own tension at the base [-], (tendons, points)."""
         count = self._friction.coefficient.size
         slips = self._friction.energy.local_tensions(np.ones((1, count))) * (self._slip != 0.0)
         angle = self._turning.angle
         return np.asarray((slips * np.exp(self._slip * self._friction.mu * angle))[:, 0])
 
     def by_coefficient(self) -> FloatArray:
-        """Per unit of each tendon's mu, (tendons, points)."""
+        """Derivative by each tendon's own mu [N], (tendons, points)."""
         return np.asarray((self._slip * self._turning.angle * self.tensions)[:, 0])
 
     def by_offset(self, parameters: ParameterDerivatives) -> FloatArray:
-        """Per metre of each tendon's distance from the midline, (tendons, points)."""
+        """Derivative by each tendon's own distance from the midline [N/m], (tendons, points)."""
         direction, found = parameters.direction_by_offset(self._strain), self._condensed
         if found is not None:
             direction = direction + self._by_pull(found, found.by_path(direction))
         return self._by_direction(direction)[:, 0]
 
     def by_sheath_stiffness(self) -> FloatArray:
-        """Per pascal of each tendon's sheath, (tendons, points); of no tendon if all are rigid."""
+        """Derivative by each tendon's own sheath stiffness [N/Pa], (tendons, points).
+
+        (0, points) where all sheaths are rigid.
+        """
         found = self._condensed
         if found is None:
             return np.zeros((0, self._twist.shape[2]))
         return self._by_direction(self._by_pull(found, found.offset))[:, 0]
 
     def require_derivatives(self, tensions: FloatArray) -> None:
-        """Refuse derivatives where there are none, of ``tensions`` (tendons,) at the base.
+        """Refuse derivatives where the tensions have none.
+
+        ``tensions`` (tendons,) [N] are those at the base, for the message.
 
         Raises:
             SolveError: if a tendon under tension sticks anywhere, or is so straight that turning
@@ -110,9 +119,10 @@ class FrictionChanges:
                 )
 
     def _by_pull(self, found: Condensed, by_offset: FloatArray) -> FloatArray:
-        """Change of u where the pull on tendons in their sheaths changes by ``by_offset``.
+        """Change of u (3, tendons, columns, points) as tendons move in their sheaths.
 
-        Both along (tendons, columns, points).
+        They move to balance the change ``by_offset`` (2, tendons, columns, points) of the gradient
+        of the energy by their offset.
         """
         x, y = -found.moved(by_offset)
         t, n, b, stretch = self._strain[:4]
@@ -120,9 +130,9 @@ class FrictionChanges:
         return np.stack(offset_direction(t, n, b, width, x, y, 0.0, 0.0))
 
     def _by_direction(self, change: FloatArray, turned: FloatArray | float = 0.0) -> FloatArray:
-        """With a ``change`` (3, tendons, columns, points) of u.
+        """Change of the tensions by a ``change`` (3, tendons, columns, points) of u.
 
-        And of how cross sections turn along it, ``turned`` (likewise) [1/m].
+        ``turned``, of the same shape, is the change of kappa x e by that of kappa [1/m].
         """
         friction, turning = self._friction, self._turning
         moved = turning.tangents.turned(change)

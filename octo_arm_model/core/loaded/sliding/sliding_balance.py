@@ -31,25 +31,25 @@ from octo_arm_model.core.section.strain_measures import (
     unscale_gradient,
 )
 
-TOLERANCE = 1e-9  # parts of the tensions along tendons
-MOST = 100  # steps
-# A change of the angles is found to this part of it, in so many iterations at most.
+TOLERANCE = 1e-9  # of the tensions along tendons, relative
+MOST = 100  # Newton steps
+# Relative tolerance of each step, found by iterating Volterra's equation, and most iterations.
 EXACT, MOST_INNER = 1e-2, 20
-_SLOW = 3  # steps from a known balance at which its coupling is found anew
-CHANGED = 0.2  # part by which tensions may change for what follows to be foretold
+_SLOW = 3  # number of the step from a known balance at which the coupling is computed anew
+CHANGED = 0.2  # relative change of tensions up to which a known balance predicts the next
 
 
 class Sections(Protocol):
     """Twist of cross sections under given tensions along the tendons.
 
     Attributes:
-        residual: what is left of their equations after the last call, relative, (batch,).
+        residual: relative residual of their equations after the last call [-], (batch,).
     """
 
     residual: FloatArray
 
     def begin(self, twist: FloatArray) -> None:
-        """Have the next call begin with a ``twist`` nearby, not with that of the call before."""
+        """Begin the iteration of the next call at ``twist`` (n, batch, points)."""
 
     def __call__(self, local_tensions: FloatArray) -> FloatArray:
         """Twist (n, batch, points) under ``local_tensions`` (tendons, batch, points) [N].
@@ -60,12 +60,12 @@ class Sections(Protocol):
 
 
 class Coupling(NamedTuple):
-    """What sections in balance change by with each tension at the same place.
+    """Derivatives of cross sections in balance by the local tension of each tendon.
 
     Attributes:
-        by_pull: change of the twist [1/N], (n, tendons, batch, points).
-        rates: change of the rate that each tendon turns by [rad / (N m)], (tendons, tendons,
-            batch, points).
+        by_pull: of the twist [1/(N m) and 1/N], (n, tendons, batch, points).
+        rates: of the rate at which each tendon (first axis) turns, by the tension of each (second
+            axis) [rad / (N m)], (tendons, tendons, batch, points).
     """
 
     by_pull: FloatArray
@@ -73,14 +73,14 @@ class Coupling(NamedTuple):
 
 
 class Slid(NamedTuple):
-    """A balance.
+    """A balance of arms under tendons with friction.
 
     Attributes:
-        twist: (n, batch, points).
-        sliding: the tendons along it.
-        angle: that they have turned by since the base, (tendons, batch, points) [rad].
-        coupling: nearly that of its sections.
-        steps: how many it took.
+        twist: of the cross sections, (n, batch, points).
+        sliding: tensions along the tendons.
+        angle: by which each tendon has turned since the base [rad], (tendons, batch, points).
+        coupling: of its cross sections, approximately.
+        steps: number of Newton steps.
     """
 
     twist: FloatArray
@@ -90,7 +90,10 @@ class Slid(NamedTuple):
     steps: int
 
     def is_near(self, tensions: FloatArray) -> bool:
-        """Whether it, of one arm, is one of nearly these ``tensions`` (tendons,) at the base."""
+        """Whether its tensions at the base are within `CHANGED` of ``tensions`` (tendons,) [N].
+
+        For a single arm.
+        """
         at_base = self.sliding.tensions[:, 0, 0]
         return bool((np.abs(tensions - at_base) <= CHANGED * at_base).all())
 
@@ -99,14 +102,14 @@ def balance(
     friction: Friction, sections: Sections, tensions: FloatArray, before: FloatArray | None,
     known: Slid | None = None,
 ) -> Slid:  # fmt: skip
-    """The balance of the arms that tendons of ``tensions`` (batch, tendons) [N] at the base load.
+    """Balance of arms under ``tensions`` (batch, tendons) [N] at the base alone.
 
-    ``before`` is as in `Friction.slide`; what follows is foretold from a ``known`` balance with
-    these tensions, if there is. How far a tendon has turned at a place depends on the arm up to
-    there alone, so that the iteration converges (it is one of Volterra's equations).
+    ``before`` is as in `Friction.slide`. A ``known`` balance nearby, if given, predicts the angles
+    to begin with. The angle by which a tendon has turned at a place depends on the arm up to there
+    alone, as in any equation of Volterra, so that the iteration converges.
 
     Raises:
-        ConvergenceError: if it does not.
+        ConvergenceError: if it does not converge.
     """
     now, last, left = known, 0.0, 0.0
     angle = np.zeros((friction.coefficient.size, len(tensions), friction.points))
@@ -143,9 +146,10 @@ def balance(
 def couplings(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray, turning: Turning
 ) -> Coupling:
-    """`Coupling` of cross sections in balance, ``twist`` (n, batch, points).
+    """`Coupling` of cross sections in balance at ``twist`` (n, batch, points).
 
-    Of those in which the directions of tendons hardly change.
+    Under ``local_tensions`` (tendons, batch, points) [N] of tendons that turn as in ``turning``.
+    Approximate: the change of the tendons' directions within the sections is neglected.
     """
     strain = to_scaled(energy.law, twist)
     towards = energy.lengthening(strain, local_tensions)[1]
@@ -160,9 +164,10 @@ def couplings(
 def next_angle(
     friction: Friction, angle: FloatArray, turned: FloatArray, coupling: Coupling, sliding: Sliding
 ) -> FloatArray:
-    """Nearer angles than ``angle``, at whose tensions tendons have ``turned`` otherwise.
+    """Angles (tendons, batch, points) [rad] after a Newton step from ``angle``, never negative.
 
-    ``sliding`` are the tendons at ``angle``. Angles that stay are right whatever the coupling is.
+    ``sliding`` are the tendons at ``angle``, and ``turned`` the angles by which they turn in the
+    balance under those tensions. Where both agree there is no step, however rough ``coupling`` is.
     """
     by_angle = sliding.slip * friction.mu * sliding.tensions
     left = turned - angle
@@ -176,14 +181,15 @@ def next_angle(
 
 
 def change_of(friction: Friction, angle: FloatArray, new: FloatArray) -> float:
-    """Parts by which tensions change where tendons turn by ``new`` angles, not by ``angle``."""
+    """Largest relative change of the tensions as angles change from ``angle`` to ``new``."""
     return float((friction.mu * np.abs(new - angle)).max(initial=0.0))
 
 
 def has_converged(left: float, last: float) -> bool:
-    """Whether a next step would leave nothing, which makes this part of the one before, or less.
+    """Whether the next change would be within `TOLERANCE`, after changes ``last`` and ``left``.
 
-    Not a smaller part than `EXACT`, to which it is found. False for NaN.
+    It is taken to shrink by the same ratio again, but by no more than `EXACT`, the accuracy of a
+    step. False for NaN.
     """
     if left <= TOLERANCE:
         return True
@@ -191,10 +197,10 @@ def has_converged(left: float, last: float) -> bool:
 
 
 class ExactSections:
-    """`Sections` of least energy, found from those of the call before."""
+    """`Sections` of least energy; each call begins at the result of the one before."""
 
     def __init__(self, energy: SectionEnergy) -> None:
-        """Begin without a call before."""
+        """Minimise the energies of ``energy``."""
         self._energy = energy
         self._strain: FloatArray | None = None
         self.residual: FloatArray = np.zeros(0)

@@ -1,7 +1,7 @@
 """Small changes of an arm whose tendons have friction.
 
-Their tensions change with the angles by which they turn, which change with the shape, which
-changes with their tensions: what follows is found by iteration, without a matrix.
+Tensions change with the angles by which tendons turn, these with the shape, and the shape with the
+tensions. The linear equations for the changes are solved by iteration, without a matrix.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.fixed_point import fixed_point
 from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 
-_EXACT = 1e-12  # what is left of a small change, in parts of it
-_ROUGH = 1e-2  # likewise where Newton's method needs no more to converge as fast
-_MOST = 100  # steps
+_EXACT = 1e-12  # tolerance of a small change, relative to it
+_ROUGH = 1e-2  # tolerance that suffices within Newton's method, which converges as fast with it
+_MOST = 100  # iterations
 
 
 def newton_step(problem: Equilibrium, system: System, state: State) -> Response:
@@ -41,13 +41,15 @@ def respond(
     direct: FloatArray | None = None,
     tolerance: float = _EXACT,
 ) -> tuple[Response, FloatArray | None]:
-    """Response of ``system`` to small ``imbalance`` (n, columns, points) near ``state``.
+    """Response to a small ``imbalance`` (n, columns, points) of an arm near ``state``.
 
-    ``system`` is that of tensions that stay. With friction they change with the shape, and by
-    ``direct`` (tendons, columns, points) besides [N]; ``tolerance`` is in parts of each change.
+    ``system`` is linearised at constant tensions. With friction the tensions change with the
+    shape, and by ``direct`` (tendons, columns, points) [N] at constant shape; ``tolerance`` is
+    relative to each column of that change.
 
     Returns:
-        The response, and with friction the change of the tensions at the points, as ``direct``.
+        The response, and the change of the tensions at the points (tendons, columns, points) [N];
+        None without friction.
 
     Raises:
         ConvergenceError: if the change of tensions is not found.
@@ -83,12 +85,12 @@ def tension_changes(
 ) -> FloatArray:
     """Small changes of the tensions at the points [N], (tendons, columns, points).
 
-    ``direct`` is how they change while the shape does not, and ``respond`` gives the change
-    (n, columns, points) of the twist with that of the tensions; ``tolerance`` is in parts of each
-    change.
+    ``direct`` (tendons, columns, points) is their change at constant shape, and ``respond`` gives
+    the change of the twist (n, columns, points) by a change of the tensions; ``tolerance`` is
+    relative to each column.
 
     Raises:
-        ConvergenceError: if they are not found.
+        ConvergenceError: if the iteration does not converge.
     """
     count, columns, points = direct.shape
     scale = np.abs(direct).max(axis=(0, 2), keepdims=True)

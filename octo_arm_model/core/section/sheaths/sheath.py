@@ -43,7 +43,7 @@ from octo_arm_model.core.section.formulas import (
 from octo_arm_model.core.section.quasi_newton import Tendons
 from octo_arm_model.core.section.sheaths.sheathed_tendons import SheathedTendons
 
-# Bound of `softening` in initial strains: E J is 1/8 of 2 E A R^2.
+# Bound of `softening` in initial strains; the bending stiffness E J is 1/8 of 2 E A R^2.
 MOST_SOFTENED = 0.1
 _MOST_STEPS = 30  # of Newton's method for the offsets of tendons
 _TOLERANCE = 1e-14  # of their residual, over the lever arm
@@ -61,7 +61,16 @@ def sections_of(
 
 
 class _Placed(NamedTuple):
-    """Fields as of `Condensed`; ``over`` is 1 / |u|, ``inverse`` k D^-1 (nn, nb, bb)."""
+    """Tendons at their equilibrium offsets, as far as `Condensed` needs them.
+
+    Attributes:
+        sections: see `Condensed`.
+        offset: see `Condensed`.
+        unit: see `Condensed`.
+        over: 1 / |u|, (tendons, batch, nodes).
+        pull: see `Condensed`.
+        inverse: k D^-1 [-]: nn, nb and bb.
+    """
 
     sections: SectionEnergy
     offset: FloatArray
@@ -75,9 +84,10 @@ class SheathedSections(SectionEnergy):
     """Cross sections whose tendons are displaced from their paths.
 
     Attributes:
-        sheath_compliance: 1 / k of each tendon, zero of a rigid one [1/Pa],
-            (tendons, 1, nodes).
-        farthest: largest admissible distance of a tendon from the midline [m], likewise.
+        sheath_compliance: 1 / k of each tendon [1/Pa], zero in a rigid sheath and beyond its
+            anchorage, (tendons, 1, nodes).
+        farthest: largest admissible distance of each tendon from the midline [m], (tendons, 1,
+            nodes).
     """
 
     _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_safe_force')
@@ -85,7 +95,7 @@ class SheathedSections(SectionEnergy):
     def __init__(
         self, arm: Arm, nodes: FloatArray, section: IntArray, law: Law, shear: bool = False
     ) -> None:
-        """As `SectionEnergy`."""
+        """Tabulate ``arm`` at ``nodes`` (n,), each in its ``section`` (n,)."""
         super().__init__(arm, nodes, section, law, shear)
         stiffness = np.array(arm.sheath_stiffness)
         compliance = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
@@ -125,11 +135,19 @@ class SheathedSections(SectionEnergy):
         return Condensed(moved, offset, np.stack(pull), compliance, mixed, strain, weight, unit)
 
     def placed(self, strain: FloatArray, local_tensions: FloatArray) -> SectionEnergy:
-        """As `SectionEnergy.placed`; raises as `condensed`."""
+        """These cross sections with the tendons at their offsets under ``strain``.
+
+        Raises:
+            ConvergenceError: as `condensed`.
+        """
         return self._placed(strain, local_tensions).sections
 
     def _placed(self, strain: FloatArray, local_tensions: FloatArray) -> _Placed:
-        """Offsets of the tendons by Newton's method; raises as `condensed`."""
+        """Find the offsets of the tendons by Newton's method.
+
+        Raises:
+            ConvergenceError: if it does not converge.
+        """
         t, n, b, stretch = strain[:4]
         yielding = self.sheath_compliance * local_tensions
         # Start: for tendons parallel to the midline, where that shortens them little; else zero.
@@ -156,7 +174,10 @@ class SheathedSections(SectionEnergy):
         raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
 
     def softening(self, local_tensions: FloatArray) -> FloatArray:
-        """As `SectionEnergy.softening`, for tendons along the midline; at most `MOST_SOFTENED`."""
+        """Estimated loss of bending stiffness by sheaths, over 2 E A R^2, (batch, nodes).
+
+        As if tendons were parallel to the midline, and at most `MOST_SOFTENED`.
+        """
         return np.minimum(self._softening(local_tensions), MOST_SOFTENED)
 
     def _softening(self, local_tensions: FloatArray) -> FloatArray:
@@ -166,7 +187,7 @@ class SheathedSections(SectionEnergy):
         return taken / (2.0 * self.stiffness.axial * self.squared_radius)
 
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
-        """As `SectionEnergy.tendons`."""
+        """The tendons as `quasi_newton` needs them; None where paths leave their planes."""
         return SheathedTendons(self, local_tensions) if self._in_planes else None
 
     def tendon_gradient(
@@ -179,7 +200,10 @@ class SheathedSections(SectionEnergy):
     def tendon_derivatives(
         self, strain: FloatArray, local_tensions: FloatArray, widening: Widening
     ) -> tuple[FloatArray, FloatArray]:
-        """Gradient (n, batch, nodes) and condensed Hessian (n, n, batch, nodes) of that energy."""
+        """Gradient (n, batch, nodes) and condensed Hessian (n, n, batch, nodes) by the strain.
+
+        Of the energy of tendons and sheaths, minimal over d.
+        """
         found = self.condensed(strain, local_tensions)
         gradient, hessian = SectionEnergy.tendon_derivatives(
             found.sections, strain, local_tensions, widening

@@ -88,5 +88,5 @@ class SheathedTendons:
         return p_n, p_b, over
 
     def stiffened(self, step: FloatArray) -> FloatArray:
-        """Not defined with torsion."""
+        """Never called, as torsion is among the unknowns."""
         raise NotImplementedError

@@ -32,14 +32,14 @@ class TendonLengths:
     """
 
     def __init__(self, sections: SectionEnergy, grid: StationGrid) -> None:
-        """For the cross ``sections`` at the nodes of ``grid``."""
+        """Integrate over the cross ``sections`` at the nodes of ``grid``."""
         self.sections = sections
         self.weights = sections.active[:, 0] * integration_weights(grid)
         self._slack = np.zeros_like(self.weights)
         self.under: Measure = self._under
 
     def _under(self, twist: FloatArray, tensions: FloatArray | None) -> FloatArray:
-        """A `Measure`."""
+        """The `Measure` by NumPy."""
         sections = self.sections
         strain = to_scaled(sections.law, twist[:, np.newaxis])
         along = self._slack if tensions is None else tensions
@@ -59,9 +59,10 @@ class TendonLengths:
         return self.under(self._straight, self._slack)
 
     def offset_weights(self, arm: Arm) -> FloatArray:
-        """Derivatives of the unloaded lengths by the distances from the midline at the nodes.
+        """Derivatives of unloaded lengths by the tendons' distances from the midline [-].
 
-        (tendons, nodes), for the tendons of ``arm``; zero for those that do not wind about it.
+        For the tendons of ``arm``, as a sum over nodes: (tendons, nodes). Zero for tendons that do
+        not wind about the midline.
         """
         by_offset = ParameterDerivatives(self.sections, arm).length_by_offset(
             self._straight[:, np.newaxis], self._slack[:, np.newaxis]

@@ -38,7 +38,8 @@ class TendonSums(NamedTuple):
         second_n: second moment along n [N m^2].
         second_b: second moment along b [N m^2].
         mixed: mixed second moment [N m^2]; None where it vanishes for all tensions.
-        routing_torque: moment of the tendons about t by their slopes [N m]; None likewise.
+        routing_torque: moment of the tendons about t by their slopes [N m]; None where it vanishes
+            for all tensions.
     """
 
     axial: FloatArray
@@ -51,10 +52,13 @@ class TendonSums(NamedTuple):
 
 
 def transmission(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
-    """Local tension over that at the base of each tendon at ``s`` (n,), in its ``section`` (n,).
+    """Local tension of each tendon over that at its base, at ``s`` (n,) in ``section`` (n,).
 
-    1 up to the anchorage of a frictionless tendon and 0 beyond, (tendons, n). The only source of
-    local tensions for all models and derivatives.
+    1 up to the anchorage of a frictionless tendon and 0 beyond. The only source of local tensions
+    for all models and derivatives.
+
+    Returns:
+        (tendons, n) [-].
     """
     return (arm.tendon_section[:, np.newaxis] <= section).astype(np.float64)
 

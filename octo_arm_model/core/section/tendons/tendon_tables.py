@@ -11,13 +11,14 @@ from octo_arm_model.core.hints import FloatArray, Number
 
 
 class TendonTables:
-    """Derivatives of u by n strains and the widening.
+    """Derivatives of u by the n strains and the widening.
 
     The axis of the batch has length one unless tendons are displaced from their paths.
 
     Attributes:
         by: the derivatives, (3, n + 1, tendons, batch, nodes).
-        products: scalar products of each two of them, (n + 1, n + 1, tendons, batch, nodes).
+        products: scalar products of every pair of derivatives, (n + 1, n + 1, tendons, batch,
+            nodes).
     """
 
     def __init__(

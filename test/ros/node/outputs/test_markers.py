@@ -1,14 +1,11 @@
 """The markers of the arm, over DDS."""
 
-import time
-
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import CONFIG, CONFIG_FILE, DEADLINE
-from rclpy.executors import SingleThreadedExecutor
+from live_nodes import CONFIG, CONFIG_FILE, spin_until
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
@@ -79,34 +76,24 @@ def test_every_shape_is_drawn_if_that_is_wanted(client, drawn):
     client.wait(lambda: set(stamps) <= set(drawn), 'drawings of all')
 
 
-def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(context):
+def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_node):
     """The estimator describes the arm anew whenever another hypothesis is the most probable."""
-    node = rclpy.create_node('drawing', context=context)
-    executor, actions = SingleThreadedExecutor(context=context), []
-    executor.add_node(node)
+    node, actions = make_node('drawing'), []
     node.create_subscription(
         MarkerArray, 'markers', lambda message: actions.append(message.markers[0].action), 100
     )
     publisher = node.create_publisher(MarkerArray, 'markers', 100)
     markers = MarkerPublisher(node, publisher)
 
-    def wait(condition):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.1)
-
     def draw(config):
         solver, arm = config.solver(compiled=None), config.arm
         markers.describe(MarkersWriter(arm, solver.grid.s, 'arm_base', widen=False), 0.0, arm)
         actions.clear()
         markers.publish(solver.solve(FETCHING_IN_PLANE), Stamp(1, 0))
-        wait(lambda: actions and actions[-1] == Marker.ADD)
+        spin_until(node.executor, lambda: actions and actions[-1] == Marker.ADD)
         return list(actions)
 
-    wait(publisher.get_subscription_count)
+    spin_until(node.executor, publisher.get_subscription_count)
     assert draw(CONFIG) == [Marker.DELETEALL, Marker.ADD]
     assert draw(CONFIG) == [Marker.ADD]
     assert draw(load_config(CONFIG_FILE)) == [Marker.DELETEALL, Marker.ADD]
-    executor.shutdown()
-    node.destroy_node()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octo_arm_model.experiment.estimating.tension_statistics import tension_statistics
+from octo_arm_model.experiment.estimating.recorded import tension_statistics
 
 TIME = 0.01 * np.arange(4000)
 
