@@ -202,6 +202,7 @@ class CompiledRod:
             self._spare = system
         elif not is_known:
             self._kept.keep(shape.twist, KnownSystem(system, 0.0, 0.0, kept.is_firm))
+            self._spare = self._unless_used(kept.system)
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
@@ -247,27 +248,24 @@ class CompiledRod:
         )  # fmt: skip
         outcome, self._is_differentiated = Outcome(*found), False
         if outcome.is_reused:
-            self._kept.keep(
-                state.twist,
-                KnownSystem(
-                    known.system, known.turned + outcome.turned, known.changed + changed, True
-                ),
-            )
+            turned, changed = known.turned + outcome.turned, known.changed + changed
+            self._kept.keep(state.twist, KnownSystem(known.system, turned, changed, True))
         elif outcome.sign:
             self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
-            return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
-        self._spare = system
+        if outcome.is_reused or not outcome.sign:
+            self._spare = system
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
     def _room_for_system(self) -> System:
         """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
         spare, self._spare = self._spare, None
-        if spare is None:
-            oldest = self._kept.take_oldest()
-            # Several balances may have been found by one system.
-            if oldest and all(other.system is not oldest.system for other in self._kept):
-                spare = oldest.system
+        if spare is None and (oldest := self._kept.take_oldest()):
+            spare = self._unless_used(oldest.system)
         return spare or empty_system(self._tables)
+
+    def _unless_used(self, system: System) -> System | None:
+        """The ``system``, unless any balance is kept with it, as several may be with one."""
+        return None if any(known.system is system for known in self._kept) else system
 
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system kept with the equilibrium of this very ``shape``, if any."""

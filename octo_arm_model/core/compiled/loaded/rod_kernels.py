@@ -53,6 +53,8 @@ BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
 # A step with the same system leaves about the same part of residual and turn as the one before; by
 # how many times more is allowed for where the residual is not evaluated.
 SAFETY = 10.0
+# Sum of squares of the defects of orientations before the last sweep, likewise.
+FEW_DEFECTS = 1e-12
 MOST_EXACT, MOST_REUSED = 5, 3  # see `iterate`
 
 
@@ -118,8 +120,8 @@ def iterate(
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
-    angle, convergence = np.inf, np.inf
-    # Steps that the known system makes after the first: as many take less time than another system.
+    angle, convergence, defects = np.inf, np.inf, np.inf
+    # Steps that the known system makes after the first: they take less time than another system.
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
         if is_known:
@@ -133,7 +135,8 @@ def iterate(
             find_step(tables, system, state.imbalance, step, turn)
         iterations += 1
         before, angle = angle, turn_of(tables, step)
-        if may_bound and is_near and (sign or (turned + angle <= reach and not is_exact)):
+        is_told = sign != 0 or (turned + angle <= reach and not is_exact)
+        if may_bound and is_near and is_told and defects <= FEW_DEFECTS:
             left = SAFETY * residual * max(convergence, angle / before)
             if left <= tolerance:
                 state.twist[:] = state.twist + step
@@ -145,9 +148,9 @@ def iterate(
         turn_by(turn, state.turn, new.turn)
         # A step leaves about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        left = find_turn(tables, new.twist, settled, new.turn)
+        defects = find_turn(tables, new.twist, settled, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
-        if found <= tolerance and left > DEFECTS:
+        if found <= tolerance and defects > DEFECTS:
             find_turn(tables, new.twist, DEFECTS, new.turn)
             found = find_state(tables, tensions, tip_wrench, factor, new)
         if is_known:
@@ -156,8 +159,8 @@ def iterate(
                 continue
             # Steps with the same system leave twice the part that the first does.
             left = (2.0 if is_first else 1.0) * found / residual
-            is_near = is_exact or turned + angle < reach
-            is_known = most > 0 and is_near and found * left**most <= tolerance
+            is_wanted = is_exact or turned + angle < reach
+            is_known = most > 0 and is_wanted and found * left**most <= tolerance
             most -= 1
         if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
             return residual, iterations, corrected, 0.0, 0, False
@@ -193,8 +196,9 @@ def balance(
     ``limit``.
 
     Returns:
-        The fields of `Outcome`, and the residual at first. To make one numba would call Python, which takes signals then, and
-        a handler that raises would leave numba with none, which it does not look for.
+        The fields of `Outcome`, and the residual at first. To make one numba would call Python,
+        which takes signals then, and a handler that raises would leave numba with none, which it
+        does not look for.
     """
     turn = state.turn
     for i in range(turn.shape[1]):

@@ -7,7 +7,6 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
 
-
 # Part of what unstable parts beyond an element have left of its stiffness: where as much is left,
 # a small change of shape and loads does not take an equilibrium to where it is no longer stable.
 FIRM = 0.2
