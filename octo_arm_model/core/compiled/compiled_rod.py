@@ -40,7 +40,7 @@ from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.kinematics import unit
 from octo_arm_model.core.loaded.linearised import TipAnswer
-from octo_arm_model.core.loaded.newton import Iterate
+from octo_arm_model.core.loaded.newton import SAME, Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -48,6 +48,9 @@ from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
+# Sum of changes of tensions and loads, as residuals, within which a system known before judges
+# stability.
+SAME_LOADS = 0.02
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
@@ -57,10 +60,14 @@ class KnownSystem(NamedTuple):
     Attributes:
         system: linearised about a state near that equilibrium.
         turned: sum of all bends of the arm from that state to the equilibrium [rad].
+        changed: likewise of all changes of tensions and loads, as residuals.
+        is_firm: whether the state is stable by a margin, see `stability_kernels.FIRM`.
     """
 
     system: System
     turned: float
+    changed: float = 0.0
+    is_firm: bool = False
 
 
 class CompiledRod:
@@ -78,6 +85,7 @@ class CompiledRod:
         self._kept: KeptBalances[KnownSystem] = KeptBalances()
         # Output arrays of kernels that are not used.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
+        self._spare: System | None = None  # room that the last kernel called has not used
         self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
         self._no_readings = empty_readings(0, 0)
         # Whether the last equilibrium was differentiated: then the next is expected to be, too.
@@ -189,15 +197,19 @@ class CompiledRod:
         """
         self._is_differentiated = True
         kept = self.known_about(shape)
-        system, turned = kept or KnownSystem(empty_system(self._tables), np.inf)
+        is_known = kept is not None and kept.turned == 0.0
+        system = kept.system if kept and is_known else self._room_for_system()
         sign = entry_point(kernel)(
             self.tables, self._parameters, own(condition.tensions), own(condition.tip_wrench),
-            state_of(shape), turned == 0.0, system, *arrays,
+            state_of(shape), is_known, system, *arrays,
         )  # fmt: skip
         if sign == 0:
             raise ConvergenceError('the balance under load', np.inf, 0)
-        if kept is not None:
-            self._kept.keep(shape.twist, KnownSystem(system, 0.0))
+        if kept is None:
+            self._spare = system
+        elif not is_known:
+            self._kept.keep(shape.twist, KnownSystem(system, 0.0, 0.0, kept.is_firm))
+            self._spare = self._unless_used(kept.system)
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
@@ -230,23 +242,37 @@ class CompiledRod:
         fields = empty_state(shape.twist.shape[1])[1:] if is_used else self._unused_fields
         state = RodState(np.array(shape.twist), *fields)
         tip_wrench = own(condition.tip_wrench)
-        known = self.known_about(shape) or self._nothing_known
-        system = self._nothing_known.system if wanted == READ_ONLY else self._room_for_system()
-        found = self._kernel(
+        known, reach = self.known_about(shape) or self._nothing_known, 0.0
+        has_energy = self._loads.has_energy(tip_wrench)
+        if known.is_firm and has_energy and wanted == READINGS:
+            reach = SAME - known.turned
+        system = self._room_for_system()
+        *found, changed = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
-            tolerance, self._loads.has_energy(tip_wrench), wanted,
-            known is not self._nothing_known, known.system, self._is_differentiated, orientation,
-            state, system, compliance, change, readings,
+            tolerance, has_energy, wanted, known is not self._nothing_known, known.system, reach,
+            SAME_LOADS - known.changed, self._is_differentiated, orientation, state, system,
+            compliance, change, readings,
         )  # fmt: skip
         outcome, self._is_differentiated = Outcome(*found), False
-        if outcome.sign:
-            self._kept.keep(state.twist, KnownSystem(system, outcome.turned))
+        if outcome.is_reused:
+            turned, changed = known.turned + outcome.turned, known.changed + changed
+            self._kept.keep(state.twist, KnownSystem(known.system, turned, changed, True))
+        elif outcome.sign:
+            self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
+        if outcome.is_reused or not outcome.sign:
+            self._spare = system
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
 
     def _room_for_system(self) -> System:
         """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
-        oldest = self._kept.take_oldest()
-        return empty_system(self._tables) if oldest is None else oldest.system
+        spare, self._spare = self._spare, None
+        if spare is None and (oldest := self._kept.take_oldest()):
+            spare = self._unless_used(oldest.system)
+        return spare or empty_system(self._tables)
+
+    def _unless_used(self, system: System) -> System | None:
+        """The ``system``, unless any balance is kept with it, as several may be with one."""
+        return None if any(known.system is system for known in self._kept) else system
 
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system kept with the equilibrium of this very ``shape``, if any."""

@@ -93,9 +93,9 @@ find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FO
 find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, 1.0, _FOUR)
 _NO_SYSTEM = system_kernels.system_of(0, 0)
 balance = _made(
-    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, False,
-    np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)), np.zeros((4, 0, 6)),
-    readout_kernels.empty_readings(0, 0),
+    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, 0.0,
+    0.0, False, np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)),
+    np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
 )  # fmt: skip
 slide_rod = _made(
     sliding_rod_kernels.slide_rod, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0, 1.0, True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Generic, TypeVar
 
 from octo_arm_model.core.hints import FloatArray
@@ -21,6 +22,10 @@ class KeptBalances(Generic[_K]):
         """Begin empty."""
         # By the identity of the array, which is held so that it stays the only one of that.
         self._kept: dict[int, tuple[FloatArray, _K]] = {}
+
+    def __iter__(self) -> Iterator[_K]:
+        """What is known of each."""
+        return (known for _, known in self._kept.values())
 
     def about(self, array: FloatArray) -> _K | None:
         """Data of the equilibrium of this ``array``, which becomes the one used last; or None."""

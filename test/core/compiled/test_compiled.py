@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import subprocess
 import sys
@@ -734,6 +735,29 @@ def test_what_was_factorised_stays_known_as_long_as_arms_are_followed_from_it(
     for part in np.linspace(1.0, 1.1, 40):
         solver.solve(part * tensions, start=last)
     assert settle.__self__.known_about(last.shape) is not None
+
+
+def test_small_movements_are_made_by_the_system_before_until_they_add_up() -> None:
+    loads = Loads(gravity=(0.0, 2.0, -5.0))
+    solver = Solver(HELICAL, 'exact', loads=loads, compiled=True)
+    tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
+    found = solver.solve(tensions)
+    statics = solver._statics
+    assert isinstance(statics, Exact) and found.shape is not None
+    settle = statics._rod(statics.rods.level_of(found.shape.twist)).settle
+    assert isinstance(settle, types.MethodType)
+    systems = []
+    for part in np.linspace(1.0, 1.1, 400):
+        found = solver.solve(part * tensions, start=found)
+        assert found.shape is not None
+        known = settle.__self__.known_about(found.shape)
+        assert known.turned <= 0.1 and known.changed <= 0.02
+        systems.append(known.system)
+    new = np.count_nonzero([a is not b for a, b in itertools.pairwise(systems)])
+    assert 3 <= new < 200
+    fresh = Solver(HELICAL, 'exact', loads=loads, compiled=True).solve(1.1 * tensions)
+    np.testing.assert_allclose(found.position, fresh.position, atol=1e-11)
+    np.testing.assert_allclose(found.k, fresh.k, atol=1e-9)
 
 
 def test_derivatives_by_several_things_are_those_by_each_alone() -> None:

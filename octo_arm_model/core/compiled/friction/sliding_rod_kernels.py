@@ -58,27 +58,27 @@ def slide_rod(
     tip_wrench: FloatArray, factor: float, tolerance: float, has_energy: bool, wanted: int,
     is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
     system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
-) -> tuple[float, int, float, float, int, bool, bool, bool]:  # fmt: skip
+) -> tuple[float, int, float, float, int, bool, bool, bool, bool, bool]:  # fmt: skip
     """`find_sliding_balance`, and what `rod_kernels.search` finds with tensions that stay.
 
     Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
     elements do not resolve tensions along tendons.
 
     Returns:
-        As `rod_kernels.balance`; an infinite residual where tensions are not found.
+        The fields of `Outcome`; an infinite residual where tensions are not found.
     """
     residual, systems, sign, corrected, sticks, is_resolved = find_sliding_balance(
         tables, friction, tensions, before, tip_wrench, factor, tolerance, is_known, known, state,
         slip, system,
     )  # fmt: skip
     if systems < 0:
-        return np.inf, 0, corrected, 0.0, 0, False, False, False
+        return np.inf, 0, corrected, 0.0, 0, False, False, False, False, False
     normalise(state.turn)
     # Where a tendon begins to stick strains have a kink, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
         tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
-        False, residual, sign, state, system, compliance, change, readings,
+        0.0, False, residual, sign, state, system, compliance, change, readings,
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
@@ -89,7 +89,7 @@ def slide_rod(
     turned = np.inf if sign else found.turned
     return (
         found.residual, systems + found.iterations, corrected, turned, found.sign, found.is_least,
-        found.is_definite, is_read,
+        found.is_firm, False, found.is_definite, is_read,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import (
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState, into_axes
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_definite
-from octo_arm_model.core.compiled.numerics.products import add_products, add_runs
+from octo_arm_model.core.compiled.numerics.products import add_products, add_runs, multiply
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
 from octo_arm_model.core.hints import FloatArray
 
@@ -181,12 +181,12 @@ def read_changes(
             within = tables.to_stations[done : done + s * count].reshape(s, count)
             values = tables.at_stations[done : done + s * count].reshape(s, count)
             poses = pose[start : start + count].reshape(count, 6 * columns)
-            np.dot(within.T, flat, poses)
+            multiply(within, flat, poses)
             for i in range(count):
                 out = poses[i]
                 for j in range(out.size):
                     out[j] += total[j]
-            np.dot(values.T, flat_local, flat_found[:count])
+            multiply(values, flat_local, flat_found[:count])
             for k in range(4):
                 row = at_station[k, :count]
                 row[:] = 0.0

@@ -34,7 +34,7 @@ def respond(
                 factor, start = -h * at_points[3 + p, first + j], p * columns
                 for i in range(columns):
                     carried[j, start + i] = factor * imbalance[3, first + j, i]
-        np.dot(tables.to_end_columns.T, carried, moved)
+        multiply(tables.to_end_columns, carried, moved)
         for j in range(s):
             at = first + j
             over = 1.0 / at_points[9, at]
@@ -47,7 +47,7 @@ def respond(
                         + c * imbalance[2, at, i] - d * imbalance[3, at, i]
                     )  # fmt: skip
         solve_columns(system.factors[element], system.pivots[element], sides)
-        np.dot(system.to_moment[element], sides, before)
+        multiply(system.to_moment[element].T, sides, before)
         for p in range(3):
             start = p * columns
             for i in range(columns):

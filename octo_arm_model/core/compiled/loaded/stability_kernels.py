@@ -7,8 +7,12 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
 
+# Part of what unstable parts beyond an element have left of its stiffness: where as much is left,
+# a small change of shape and loads does not take an equilibrium to where it is no longer stable.
+FIRM = 0.2
 
-def is_minimum(system: System) -> bool:
+
+def is_minimum(system: System, margin: float) -> bool:
     """Whether an equilibrium is a minimum of the energy, from a ``system`` linearised about it.
 
     For loads with a potential. The second variation of the energy is a quadratic form of the bends
@@ -24,6 +28,8 @@ def is_minimum(system: System) -> bool:
     has. K is, if the pivots of its factors are positive without row exchange (Sylvester), its rows
     being those of the symmetric form but for positive weights. The stretch, eliminated before,
     requires positive axial stiffness.
+
+    With a ``margin``, C (1 - margin) + C S C has to be.
 
     Also False where an element by itself, with its end free, is unstable or rows were exchanged:
     stability is then decided by other criteria.
@@ -41,7 +47,7 @@ def is_minimum(system: System) -> bool:
         flexibility, beyond = system.ends[element, :3, 3:], system.by_turn[element + 1]
         for i in range(3):
             for j in range(3):
-                linked[i, j] = flexibility[i, j]
+                linked[i, j] = (1.0 - margin) * flexibility[i, j]
                 for k in range(3):
                     for m in range(3):
                         linked[i, j] -= flexibility[k, i] * beyond[k, m] * flexibility[m, j]

@@ -114,17 +114,58 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
         solve_transposed(factors, pivots, rows)
         right[:] = rows.T
         return
-    for i in range(n):
-        subtract_rows(right, factors[:i, i], 0, i)
-        over, out = factors[i, i], right[i]
-        for c in range(out.size):
-            out[c] *= over
-    for i in range(n - 2, -1, -1):
-        subtract_rows(right, factors[i + 1 :, i], i + 1, i)
+    # In groups of four rows, since few rows at a time are mostly loaded and stored.
+    for first in range(0, n, 4):
+        last = min(first + 4, n)
+        for i in range(first, last):
+            subtract_rows(right, factors[:first, i], 0, i)
+        solve_upper(factors, right, first, last)
+    for first in range(n - 1 - (n - 1) % 4, -1, -4):
+        last = min(first + 4, n)
+        for i in range(first, last):
+            subtract_rows(right, factors[last:, i], last, i)
+        solve_lower(factors, right, first, last)
     for i in range(n - 1, -1, -1):
-        out, other = right[i], right[pivots[i]]
-        for c in range(out.size):
-            out[c], other[c] = other[c], out[c]
+        if pivots[i] != i:
+            out, other = right[i], right[pivots[i]]
+            for c in range(out.size):
+                out[c], other[c] = other[c], out[c]
+
+
+def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
+    """Forward substitution of the rows of ``right`` from ``first`` to ``last``, four at most."""
+    if last - first < 4:
+        for i in range(first, last):
+            subtract_rows(right, factors[first:i, i], first, i)
+            right[i] *= factors[i, i]
+        return
+    f = factors[first:last, first:last]
+    one, two, three, four = right[first], right[first + 1], right[first + 2], right[first + 3]
+    p, q, r, s = f[0, 0], f[1, 1], f[2, 2], f[3, 3]
+    f_1, f_2, f_3, g_2, g_3, h_3 = f[0, 1], f[0, 2], f[0, 3], f[1, 2], f[1, 3], f[2, 3]
+    for k in range(one.size):
+        a = p * one[k]
+        b = q * (two[k] - f_1 * a)
+        c = r * (three[k] - f_2 * a - g_2 * b)
+        d = s * (four[k] - f_3 * a - g_3 * b - h_3 * c)
+        one[k], two[k], three[k], four[k] = a, b, c, d
+
+
+def solve_lower(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
+    """Back substitution of the rows of ``right`` from ``first`` to ``last``, four at most."""
+    if last - first < 4:
+        for i in range(last - 1, first - 1, -1):
+            subtract_rows(right, factors[i + 1 : last, i], i + 1, i)
+        return
+    f = factors[first:last, first:last]
+    one, two, three, four = right[first], right[first + 1], right[first + 2], right[first + 3]
+    f_1, f_2, f_3, g_2, g_3, h_3 = f[1, 0], f[2, 0], f[3, 0], f[2, 1], f[3, 1], f[3, 2]
+    for k in range(one.size):
+        d = four[k]
+        c = three[k] - h_3 * d
+        b = two[k] - g_2 * c - g_3 * d
+        one[k] -= f_1 * b + f_2 * c + f_3 * d
+        two[k], three[k] = b, c
 
 
 def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int) -> None:

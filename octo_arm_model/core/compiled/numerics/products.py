@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 
@@ -76,12 +74,33 @@ def add_run(
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (m, columns), the transposed ``matrix`` (n, m) times ``rows`` (n, columns).
 
-    All of them are C-contiguous.
+    For matrices so small that a call of BLAS would take longer.
     """
-    if rows.shape[1] > 1:
-        np.dot(matrix.T, rows, out)
+    n, (many, columns) = len(matrix), out.shape
+    out[:] = 0.0
+    if columns == 1:
+        # C-contiguous, so that loops go along the one column.
+        add_products(rows.reshape(rows.size), matrix, out.reshape(out.size))
         return
-    # A call of BLAS would take longer.
-    vector = out.reshape(out.size)
-    vector[:] = 0.0
-    add_products(rows.reshape(rows.size), matrix, vector)
+    for j in range(many):
+        row, i = out[j], 0
+        # In groups, so that `row` is loaded and stored less often.
+        while i + 8 <= n:
+            a, b, c, d = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
+            e, f, g, h = matrix[i + 4, j], matrix[i + 5, j], matrix[i + 6, j], matrix[i + 7, j]
+            some = rows[i : i + 8]
+            for k in range(columns):
+                row[k] += (
+                    (a * some[0, k] + b * some[1, k]) + (c * some[2, k] + d * some[3, k])
+                    + ((e * some[4, k] + f * some[5, k]) + (g * some[6, k] + h * some[7, k]))
+                )  # fmt: skip
+            i += 8
+        while i + 2 <= n:
+            a, b, some = matrix[i, j], matrix[i + 1, j], rows[i : i + 2]
+            for k in range(columns):
+                row[k] += a * some[0, k] + b * some[1, k]
+            i += 2
+        if i < n:
+            a = matrix[i, j]
+            for k in range(columns):
+                row[k] += a * rows[i, k]

@@ -55,6 +55,17 @@ def test_least_energy_is_seen_where_the_whole_second_variation_is_positive(seed:
     assert missed <= 1 and min(seen) >= 5, seen
 
 
+def test_instability_is_seen_where_it_is_come_upon_in_small_steps() -> None:
+    # Each step would be so small that a system known from the one before could make it.
+    solver = Solver(COLUMN, 'exact', material='linear', compiled=True)
+    found = None
+    for part in np.arange(0.75, 1.05, 0.0005):
+        found = solver.solve(np.zeros((1, 4)), (-part * EULER, 0, 0, 0, 0, 0), start=found)
+        aside = float(np.hypot(*found.tip[1:]))
+        assert aside < 1e-9 if part < 0.9999 else part < 1.0001 or aside > 1e-3
+    assert found is not None and np.hypot(*found.tip[1:]) > 0.05
+
+
 def _loaded_rod(law: str) -> LoadedRod:
     loads = Loads(points=(PointLoad(0.4, (0.0, 0.0, 1e-9)),))
     statics = Solver(COLUMN, 'exact', material=law, loads=loads, compiled=True)._statics
