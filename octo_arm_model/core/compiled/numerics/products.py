@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 
