@@ -24,8 +24,6 @@ class Estimate:
         state: what the vector of the state holds.
         mean: of the state, (n,).
         root: root of its covariance, (n, n).
-        backbone: shape in the mean, or a tenth of a standard deviation off at most, with the
-            tensions and the wrench on the tip estimated.
         innovations: of the measurements of this time.
         normalised_square: of all measurements of this time that were accepted, and of how many
             numbers; see `Innovation`.
@@ -37,7 +35,6 @@ class Estimate:
     state: State
     mean: FloatArray
     root: FloatArray
-    backbone: Backbone
     innovations: tuple[Innovation, ...]
     normalised_square: tuple[float, int]
     log_likelihood: float
@@ -48,6 +45,17 @@ class Estimate:
     def covariance(self) -> FloatArray:
         """Covariance of the state, (n, n)."""
         return self.root @ self.root.T
+
+    @functools.cached_property
+    def backbone(self) -> Backbone:
+        """Shape in the mean, with the tensions and the wrench on the tip estimated.
+
+        To first order from a state nearby: a tenth of a standard deviation off at most.
+        """
+        at, shape = self._at, self._at.solved
+        if at.x is not self.mean:
+            shape = at.change.moved(shape, self.mean - at.x)
+        return at.model.real(self.mean, shape)
 
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:
@@ -103,7 +111,6 @@ def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Esti
         at.model.state,
         belief.mean,
         belief.root,
-        at.model.real(belief.mean, updated.shape),
         updated.innovations,
         updated.normalised_square,
         updated.log_likelihood,

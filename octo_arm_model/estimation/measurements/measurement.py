@@ -93,6 +93,13 @@ class Measurement(abc.ABC):
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
 
+    def second(self, at: Prediction) -> FloatArray | None:
+        """Second derivatives of what is predicted by the state, nearly, (m, state, state).
+
+        None where nothing tells them but differences.
+        """
+        return None
+
     def check_size(self, expected: int, what: str) -> None:
         """Check how many numbers there are; ``what`` they should be, in words.
 
@@ -117,6 +124,18 @@ def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray
     if len(measurements) == 1:
         return measurements[0].jacobian(at)
     return np.concatenate([one.jacobian(at) for one in measurements])
+
+
+def seconds(measurements: Sequence[Measurement], at: Prediction) -> tuple[FloatArray, bool]:
+    """Their second derivatives, zero of those that do not give any, and whether all do."""
+    found = [one.second(at) for one in measurements]
+    size = at.x.size
+    given = [
+        np.zeros((one.value.size, size, size)) if second is None else second
+        for one, second in zip(measurements, found, strict=True)
+    ]
+    is_whole = all(second is not None for second in found)
+    return given[0] if len(given) == 1 else np.concatenate(given), is_whole
 
 
 def noise_root(measurements: Sequence[Measurement]) -> FloatArray:
