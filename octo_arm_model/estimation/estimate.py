@@ -28,7 +28,7 @@ class Estimate:
         normalised_square: of all measurements of this time that were accepted, and of how many
             numbers; see `Innovation`.
         log_likelihood: of all of them, a refused one as if it were at the gate.
-        prior_stddev: of the state had nothing been measured, (n,).
+        elapsed: since the first time of all [s].
     """
 
     time: float
@@ -38,8 +38,13 @@ class Estimate:
     innovations: tuple[Innovation, ...]
     normalised_square: tuple[float, int]
     log_likelihood: float
-    prior_stddev: FloatArray
+    elapsed: float
     _at: Prediction = field(repr=False)
+
+    @functools.cached_property
+    def prior_stddev(self) -> FloatArray:
+        """Of the state had nothing been measured, (n,)."""
+        return self.state.prior_stddev(self.elapsed)
 
     @functools.cached_property
     def covariance(self) -> FloatArray:
@@ -103,7 +108,7 @@ class Estimate:
         return unlearnt(self.root, self.prior_stddev, self.state.names)
 
 
-def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Estimate:
+def estimate_of(time: float, elapsed: float, updated: Updated) -> Estimate:
     """The `Estimate` that ``updated`` is."""
     at, belief = updated.at, updated.belief
     return Estimate(
@@ -114,6 +119,6 @@ def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Esti
         updated.innovations,
         updated.normalised_square,
         updated.log_likelihood,
-        prior_stddev,
+        elapsed,
         at,
     )

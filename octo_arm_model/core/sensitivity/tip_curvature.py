@@ -21,63 +21,74 @@ where an arm turns far for small strains.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.vectors import cross
 
 _MOST = 24  # pieces of the arm: the error of the integrals is a thousandth then
 
 
 def tip_curvature(
-    position: FloatArray, by_force: FloatArray, by: FloatArray, force: FloatArray
+    position: FloatArray,
+    by_force: FloatArray,
+    by: FloatArray,
+    force: FloatArray,
+    integrate: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Second derivatives of the tip's position by quantities that are no forces on it.
 
     ``position`` (stations, 3) is that of stations, ``by_force`` and ``by`` their changes of pose
     (stations, 6, ...) by forces on the tip along all axes and by n quantities, ``force`` (3,) acts
-    on the tip. Returns them, (3, n, n), and for each axis k what the first of two quantities adds
-    that is a unit force along it, (k, 3, n).
+    on the tip; ``integrate`` is `add_up` in machine code, if there is. Returns them, (3, n, n),
+    and for each axis k what the first of two quantities adds that is a unit force along it,
+    (k, 3, n).
     """
     some = _some(len(position))
-    at = position[some].T[:, :, np.newaxis]
-    change = np.concatenate([by_force[some], by[some]], axis=2).transpose(1, 0, 2).copy()
-    middle, turned = 0.5 * (change[:, 1:] + change[:, :-1]), change[3:, 1:] - change[3:, :-1]
-    turn, lever = middle[3:], at[:, -1:] - 0.5 * (at[:, 1:] + at[:, :-1])
-    beyond = change[:3, -1:] - middle[:3] - cross(turn, np.broadcast_to(lever, turn.shape))
-    y, z = [1, 2, 0], [2, 0, 1]
-    second = _products(turned[y], beyond[z]) - _products(turned[z], beyond[y])
-    second += second.transpose(0, 2, 1)
-    unit, own = slice(0, 3), slice(3, None)
-    found = second[:, own, own]
-    if force.any():
-        # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
-        f_turned, f_beyond = (np.tensordot(force, one, 1) for one in (turned, beyond))
-        of_turn, of_turned, of_beyond = turn[..., own], turned[..., own], beyond[..., own]
-        third = _products(
-            _across(turn[..., unit], of_beyond) + _across(beyond[..., unit], of_turn),
-            f_turned[:, own],
-        ) - _products(
-            _across(turn[..., unit], of_turned) + _across(turned[..., unit], of_turn),
-            f_beyond[:, own],
-        )  # fmt: skip
-        for number in range(3):
-            turning = f_turned[:, number, np.newaxis] * of_beyond
-            turning -= f_beyond[:, number, np.newaxis] * of_turned
-            third[number] += _products(of_turn, turning).sum(axis=0)
-        found = found + third + third.transpose(0, 2, 1)
-    return found, second[:, unit, own]
+    change = np.concatenate([by_force[some], by[some]], axis=2).transpose(1, 0, 2)
+    total = change.shape[2]
+    second = np.empty((6, total, total))
+    at = position[some].T.copy()
+    (integrate or add_up)(at, np.ascontiguousarray(change), force.copy(), second)
+    return second[3:, 3:, 3:], second[:3, :3, 3:]
 
 
-def _products(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Integrals (..., m, n) of products of values (..., pieces, m) and (..., pieces, n)."""
-    return left.swapaxes(-1, -2) @ right
+def add_up(at: FloatArray, change: FloatArray, force: FloatArray, second: FloatArray) -> None:
+    """Fill in the ``second`` derivatives of the tip's position, (6, columns, columns).
 
-
-def _across(unit: FloatArray, other: FloatArray) -> FloatArray:
-    """Scalar products (3, pieces, n) of vectors (3, pieces, 3) and (3, pieces, n)."""
-    return np.einsum('ksi,ksn->isn', unit, other)
+    First D2 p, then that and D3 (F p), both (3, columns, columns). Stations are ``at`` (3,
+    stations); the ``change`` of their pose (6, stations, columns) by a unit ``force`` (3,) along
+    each axis comes first.
+    """
+    middle = 0.5 * (change[:, 1:] + change[:, :-1])
+    turn, turned = middle[3:], change[3:, 1:] - change[3:, :-1]
+    beyond = np.empty_like(turned)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        lever_i = (at[i, -1] - 0.5 * (at[i, 1:] + at[i, :-1])).reshape(-1, 1)
+        lever_j = (at[j, -1] - 0.5 * (at[j, 1:] + at[j, :-1])).reshape(-1, 1)
+        beyond[k] = change[k, -1] - middle[k] - (turn[i] * lever_j - turn[j] * lever_i)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        product = np.dot(turned[i].T, beyond[j]) - np.dot(turned[j].T, beyond[i])
+        second[k] = product + product.T
+        second[3 + k] = second[k]
+    if not force.any():
+        return
+    # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
+    f_turned = force[0] * turned[0] + force[1] * turned[1] + force[2] * turned[2]
+    f_beyond = force[0] * beyond[0] + force[1] * beyond[1] + force[2] * beyond[2]
+    total = change.shape[2]
+    turns = np.ascontiguousarray(turn).reshape(-1, total)
+    for i in range(3):
+        own = slice(i, i + 1)
+        along = (turn[:, :, own] * beyond + beyond[:, :, own] * turn).sum(axis=0)
+        across = (turn[:, :, own] * turned + turned[:, :, own] * turn).sum(axis=0)
+        both = f_turned[:, own] * beyond - f_beyond[:, own] * turned
+        product = np.dot(turns.T, both.reshape(-1, total))
+        product += np.dot(along.T, f_turned) - np.dot(across.T, f_beyond)
+        second[3 + i] += product + product.T
 
 
 @functools.lru_cache(maxsize=64)

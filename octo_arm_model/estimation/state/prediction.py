@@ -27,7 +27,6 @@ from octo_arm_model.core.errors import (
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.tip_curvature import tip_curvature
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange
@@ -188,11 +187,8 @@ class ArmModel:
             return None
         state = self.state
         shaping, force = state.shaping, state.tip_force
-        by, by_unit = tip_curvature(
-            backbone.position,
-            change.by_tip_force,
-            change.pose[:, :, shaping],
-            backbone.tip_wrench[_FORCE],
+        by, by_unit = self.solver.tip_curvature(
+            backbone, change.by_tip_force, change.pose[:, :, shaping]
         )
         found = np.zeros((3, state.size, state.size))
         found[:, shaping[:, np.newaxis], shaping] = by

@@ -54,10 +54,10 @@ class StateChange:
         """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
         return self._chained([one.change.pose for one in self._parts])
 
-    @functools.cached_property
+    @property
     def tip(self) -> FloatArray:
         """The same of the tip alone, (6, state)."""
-        return self._chained([one.change.tip for one in self._parts])
+        return self.pose[-1]
 
     @functools.cached_property
     def strain(self) -> FloatArray:
@@ -75,10 +75,12 @@ class StateChange:
         Stations alone: what `Solver.solve` starts from stays.
         """
         pose, strain = self.pose @ by, self.strain @ by
-        half = 0.5 * pose[:, 3:]
-        turned = Quaternions.from_xyzw(np.insert(half, 3, 1.0, axis=1))
+        x, y, z = (0.5 * pose[:, 3:]).T
         quaternion = np.empty_like(backbone.quaternion)
-        unit(turned.times(Quaternions.from_xyzw(backbone.quaternion))).write_xyzw(quaternion)
+        turned = Quaternions(1.0 + 1j * x, y + 1j * z).times(
+            Quaternions.from_xyzw(backbone.quaternion)
+        )
+        unit(turned).write_xyzw(quaternion)
         tau, xi, k, q = strain.T
         return dataclasses.replace(
             backbone,

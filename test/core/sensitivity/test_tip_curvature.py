@@ -52,3 +52,18 @@ def test_they_are_the_differences_of_first_derivatives(
         off = np.linalg.norm((found - expected)[:, part, 3:])
         assert off < 0.02 * np.linalg.norm(expected[:, part, 3:])
     assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(expected)
+
+
+def test_machine_code_and_numpy_agree() -> None:
+    pytest.importorskip('numba')
+    shape = Solver(ROD, 'exact', 40).solve([TENSIONS], [0.05, -0.04, 0.07, 0.0, 0.0, 0.0])
+    found = []
+    for is_compiled in (False, True):
+        solver = Solver(ROD, 'exact', 40, compiled=is_compiled)
+        by = solver.sensitivity(shape)
+        assert by.by_tip_wrench is not None
+        found.append(
+            solver.tip_curvature(shape, by.by_tip_wrench.pose[..., :3], by.by_tension.pose)
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.abs(other).max())
