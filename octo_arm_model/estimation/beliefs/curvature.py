@@ -61,6 +61,10 @@ class Curvature(NamedTuple):
             return self
         return self._replace(second=self.second + (given - self.given), given=given)
 
+    def halfway(self, given: FloatArray) -> Curvature:
+        """The same, halfway to where that is ``given``."""
+        return self if given is self.given else self.moved(0.5 * (self.given + given))
+
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""
         away = np.linalg.norm((jacobian - self.jacobian) * stddev)

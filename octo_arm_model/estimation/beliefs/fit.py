@@ -126,7 +126,7 @@ def fit(
         by = gain(prior.root, jacobian, noise)
         change = at.x - before.x
         given, _ = seconds(measurements, at)
-        known = known.moved(0.5 * (known.given + given))
+        known = known.halfway(given)
         is_right = known.foretells(change, jacobian, stddev)
         known = known.after(change, jacobian, scale).moved(given)
         if not is_right:
